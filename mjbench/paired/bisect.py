@@ -77,12 +77,7 @@ class VersionMeasurer(ABC):
 
 @dataclass(frozen=True)
 class SearchRange:
-    """What is searched for changes.
-
-    Attributes:
-      old: the baseline, as results name it; `new` is the last version.
-      versions: after the baseline, one or more, the last one included.
-    """
+    """What is searched for changes: `versions` after the baseline, one or more, up to `new`."""
 
     target: str
     kind: VersionKind
@@ -98,11 +93,7 @@ def search(
     earlier: Sequence[Record] = (),
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[BisectMeasured]:
-    """Yield what is measured; the last record says which versions changed the time of something.
-
-    Args:
-      earlier: of a search that is continued; they are not measured again.
-    """
+    """Yield what is measured; the last record says which versions changed the time of something."""
     return _Searcher(measurer, searched, min_effect, earlier, clock).run()
 
 
@@ -111,10 +102,7 @@ def short_name(version: VersionRow, kind: VersionKind) -> str:
 
 
 class _Searcher:
-    """One search, and its results.
-
-    Generators yield what is measured, and return what follows from it.
-    """
+    """One search: generators yield what is measured, and return what follows from it."""
 
     def __init__(
         self,

@@ -70,11 +70,6 @@ def _with(spec: ReleaseSpec, needed: Sequence[str]) -> ReleaseSpec:
 
 
 def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTargets]:
-    """Install all environments, and draw the workloads; return the models in each pair of them.
-
-    Raises:
-      BuildError: packages cannot be installed together.
-    """
     origins = [environment_sides.install(spec) for spec in comparison.specs]
     caches = {spec.key: pool.new_folder() for spec in comparison.specs}
     pairs = []

@@ -18,11 +18,7 @@ from mjbench.releases.installs import ReleaseSpec
 
 @dataclass(frozen=True)
 class EnvironmentComparison:
-    """Functions to compare in a baseline and in candidates.
-
-    Attributes:
-      functions: in files that are relative to the root of the file system.
-    """
+    """Functions to compare in a baseline and in candidates; files are relative to the root."""
 
     baseline: ReleaseSpec
     candidates: Sequence[ReleaseSpec]
@@ -52,11 +48,6 @@ def parse_functions(texts: Sequence[str], cwd: Path) -> list[FunctionName]:
 
 
 def install_all(comparison: EnvironmentComparison) -> list[FunctionTargets]:
-    """Install all environments that are missing; return the functions in each pair of them.
-
-    Raises:
-      BuildError: packages cannot be installed together.
-    """
     specs = (comparison.baseline, *comparison.candidates)
     origins = [install(spec) for spec in specs]
     return [

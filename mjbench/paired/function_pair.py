@@ -43,12 +43,7 @@ class SteppedRun:
 
 @dataclass(frozen=True)
 class FunctionTarget:
-    """A function in one revision, or in one environment.
-
-    Attributes:
-      function: as the user named it, such as `bench.py::step`.
-      release: that its processes import, with packages beside it.
-    """
+    """A function in one revision, or in one environment: a release with packages beside it."""
 
     function: str
     revision: Revision | None
@@ -89,11 +84,6 @@ FunctionTargets = tuple[FunctionTarget, FunctionTarget]
 
 
 def observe(pool: WorkerPool, target: FunctionTarget, role: str) -> FunctionFacts:
-    """Return what a fresh process finds out about a function.
-
-    Raises:
-      UnavailableError: it cannot be imported, or raises.
-    """
     process = pool.start(target.release, target.name(role))
     try:
         pool.wait_for(process, target.release)
@@ -105,11 +95,7 @@ def observe(pool: WorkerPool, target: FunctionTarget, role: str) -> FunctionFact
 
 @dataclass(frozen=True)
 class CallPlan:
-    """What each block of two sides does.
-
-    Attributes:
-      both_s: about how many seconds a block takes, of both sides together.
-    """
+    """What each block of two sides does, and about how many seconds it takes of both together."""
 
     count: int
     both_s: float

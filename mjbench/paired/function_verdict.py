@@ -21,7 +21,7 @@ from mjbench.paired.function_pair import (
     RevisionPair,
     observe,
 )
-from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, judge
+from mjbench.paired.judgement import MIN_LAUNCHES, Judgement
 from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
 from mjbench.paired.pair_rule import LaunchRule, Sufficiency
 from mjbench.paired.records import (
@@ -34,7 +34,7 @@ from mjbench.paired.records import (
 )
 from mjbench.paired.time_limit import ENDING_ERRORS, TimeLimit, ending_of
 from mjbench.paired.timed_function import FunctionFacts
-from mjbench.paired.verdict import VerdictPlan, package_versions
+from mjbench.paired.verdict import VerdictPlan, judge_launches, package_versions
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.pip import BuildError
 from mjbench.status import ExitCode, Status
@@ -73,14 +73,9 @@ class _FunctionRule(LaunchRule):
 
     def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
         judgement = judge_launches(launches, self._plan)
+        assert judgement is not None, "there is a launch"
         self._on_launch(judgement)
         return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
-
-
-def judge_launches(launches: Sequence[LaunchRow], plan: VerdictPlan) -> Judgement:
-    log_ratios = [launch.log_ratio for launch in launches]
-    effect, confidence, precision = plan.min_effect, plan.confidence, plan.precision
-    return judge(log_ratios, effect, confidence, precision, family=plan.family)
 
 
 def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow | None:
@@ -237,7 +232,7 @@ class _Decision:
         baseline, candidate = self._targets
         observed, launches, run = self._observed, self._launches, candidate.run
         detail, metric = ending.detail, self._plan.sizes.metric
-        judgement = judge_launches(launches, self._plan) if launches else None
+        judgement = judge_launches(launches, self._plan)
         if judgement is not None:
             verdict = judgement.verdict if ending.status == Status.OK else None
         control = control_row(self._control, self._plan.confidence)

@@ -24,7 +24,6 @@ class Judgement:
     """What launches show about the ratio of candidate time to baseline time.
 
     Attributes:
-      ratio: estimate of candidate time over baseline time.
       enough: whether more launches are unnecessary for the verdict and precision asked for.
       e_slower: e-value against "not slower" (see `anytime.Fit.e_values`); 1 or less is no evidence.
     """

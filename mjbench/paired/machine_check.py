@@ -34,11 +34,7 @@ _CLOCK_ROUNDS, _CLOCK_STEPS = 80, 500
 
 @dataclass(frozen=True)
 class Noise:
-    """What launches of identical targets showed.
-
-    Attributes:
-      deviation: standard deviation of their log ratios.
-    """
+    """What launches of identical targets showed."""
 
     launches: int
     deviation: float
@@ -83,10 +79,7 @@ def noise(pool: WorkerPool, seconds: float = CHECK_S) -> Noise:
 
 
 def clock_share() -> float | None:
-    """Return the share of a cart-pole's step that the timer of MuJoCo's Python package takes.
-
-    None in releases that install none.
-    """
+    """Return the share of MuJoCo's timer in a cart-pole's step; None in releases without one."""
     model = models.load(models.resolve(MODEL))
     if not has_clock(model):
         return None

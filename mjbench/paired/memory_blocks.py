@@ -98,7 +98,7 @@ def prepare_peak(
 
 @activity("measuring the arena")
 def prepare_arena(worker: Worker) -> int:
-    """Do a workload, and have blocks say the most bytes of its arena; return how many ns it took."""
+    """Do a workload, and have blocks say the peak of its arena; return how many ns it took."""
     most_bytes, begin = 0, time.perf_counter_ns()
 
     def look(data: mujoco.MjData) -> None:

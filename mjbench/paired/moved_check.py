@@ -105,7 +105,6 @@ class Averaging:
     """How the launches of a comparison place the libraries of both targets.
 
     Attributes:
-      is_on: whether they are moved from launch to launch.
       problem: why they cannot be; empty where they are, or were not to be.
     """
 

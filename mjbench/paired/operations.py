@@ -45,12 +45,7 @@ Prepare = Callable[[ModelSource, int], PreparedOperation]
 
 @dataclass(frozen=True)
 class Operation:
-    """Something that programs do with a model.
-
-    Attributes:
-      title: in Python, as people write it.
-      repeats: how often a block does it.
-    """
+    """Something that programs do with a model; a block does it `repeats` times."""
 
     name: str
     title: str

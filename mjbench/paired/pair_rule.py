@@ -22,11 +22,7 @@ from mjbench.status import Status
 
 @dataclass(frozen=True)
 class Sufficiency:
-    """What a rule says of the launches so far.
-
-    Attributes:
-      has_answer: whether they are not for nothing if time is up.
-    """
+    """What a rule says of launches: they are enough, or not for nothing if time is up."""
 
     is_enough: bool
     has_answer: bool
@@ -53,11 +49,7 @@ class Launched:
 
 
 class LaunchRule(StopRule[LaunchRow]):
-    """When launches of two sides are enough; none begins after their time limit.
-
-    Class attributes:
-      purpose: what they are for, such as `a verdict`.
-    """
+    """When launches of two sides suffice for their purpose; none begins after the time limit."""
 
     purpose: ClassVar[str]
 
@@ -123,12 +115,7 @@ class PairRule(LaunchRule):
 
     @abstractmethod
     def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        """Return the placements of the targets' libraries, launch by launch.
-
-        Raises:
-          InputError: a release does not exist.
-          MachineError: a release cannot be installed, or moved.
-        """
+        """Return the placements of the targets' libraries, launch by launch."""
 
     @abstractmethod
     def min_launches(self) -> int:

@@ -88,10 +88,7 @@ def enter(model: ModelRecord, variants: Sequence[Variant]) -> RaceRecord:
 
 
 def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
-    """Return the records that need not be measured again when a run is continued.
-
-    Those are of models whose race and whose variants all ended, none by a failure.
-    """
+    """Return the records of models that are not measured again: all ended, none by a failure."""
     done: list[Record] = []
     for model in records:
         if not isinstance(model, ModelRecord):

@@ -35,12 +35,7 @@ MIN_LAUNCHES = 9
 
 @dataclass(frozen=True)
 class SpreadPlan:
-    """How many launches a model gets.
-
-    Attributes:
-      time_limit_s: seconds from when the model is loaded, after which no launch begins; see
-        `time_limit`.
-    """
+    """How many launches each residue gets, within seconds from when the model is loaded."""
 
     launches: int = 14
     time_limit_s: float = 180.0

@@ -130,9 +130,6 @@ def prepare(
     """Load both models, draw the workload, and see what each target does with it.
 
     The files of the result last as long as the pool.
-
-    Args:
-      time_limit: starts when the models are loaded.
     """
     with loaded(pool, targets, time_limit, roles) as (processes, models):
         chosen = _choose_sizes(targets, sizes, processes, time_limit)
@@ -147,10 +144,7 @@ def loaded(
     time_limit: TimeLimit,
     roles: tuple[str, str] = ROLES,
 ) -> Iterator[tuple[Sequence[WorkerProcess], tuple[Path, Path]]]:
-    """Yield processes that have loaded the models of two targets, and files of both, compiled.
-
-    The files last as long as the pool. See `prepare` for the arguments.
-    """
+    """Yield processes that have loaded the models of two targets, and files of both, compiled."""
     processes: list[WorkerProcess] = []
     try:
         for i, (target, name) in enumerate(zip(targets, describe(targets, roles), strict=True)):
@@ -305,10 +299,7 @@ def _widths(fields: Mapping[str, np.ndarray]) -> dict[str, int]:
 def _rows_to_time(
     targets: Sequence[Target], observed: tuple[Observed, Observed], shared: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the simulations that each target is timed with: as many, and none that diverges.
-
-    Where the workload is shared they are the same ones.
-    """
+    """Return the simulations that each target is timed with: as many, and none that diverges."""
     for target, result in zip(targets, observed, strict=True):
         if not result.healthy.any():
             raise InputError(

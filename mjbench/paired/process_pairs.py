@@ -20,11 +20,7 @@ Equip = Callable[[Sequence[WorkerProcess]], None]
 
 @dataclass(frozen=True, eq=False)
 class ProcessPair:
-    """The processes of one launch.
-
-    Attributes:
-      core: that they are measured on; None for all, and before they are.
-    """
+    """The processes of one launch, and the core that they are measured on; None for all."""
 
     processes: tuple[WorkerProcess, WorkerProcess]
     placements: PlacementPair

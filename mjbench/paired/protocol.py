@@ -40,11 +40,7 @@ BOTH = (0, 1)
 
 
 class LaunchedPair(Targets[LaunchRow]):
-    """Two sides, which can be launched as often as it takes once they are prepared.
-
-    Attributes:
-      work: what both do; None until they are prepared.
-    """
+    """Two sides, which can be launched as often as it takes once they are prepared."""
 
     def __init__(
         self,
@@ -57,8 +53,6 @@ class LaunchedPair(Targets[LaunchRow]):
         """Start nothing yet.
 
         Args:
-          releases: that the processes of baseline and candidate import.
-          names: of both, for error messages.
           time_limit: starts with the work.
           placements: returns those of the releases' libraries, launch by launch, as
             `placement.schedule` yields them.

@@ -26,8 +26,7 @@ _SHARE_OF_START = 0.25
 class RaceBudget:
     """The time that a race, and the launches after it, may take.
 
-    Attributes:
-      end_s: when they end, by `clock`. One launch is begun even after that.
+    One launch is begun even after that.
     """
 
     end_s: float
@@ -99,10 +98,7 @@ class _RaceRule(StopRule[RaceLaunch]):
         return []
 
     def _next_slow(self) -> list[int]:
-        """Return the variants of the next launch of those that start slowly, whatever the budget.
-
-        The plain loop is beside them.
-        """
+        """Return the variants of the next launch of those that start slowly: it has no budget."""
         slow = [i for i in self.record.slow if i in self.record.able]
         has_enough = self._final_launches_of(slow) >= MIN_FINAL_LAUNCHES
         return [] if not slow or has_enough else [0, *slow]

@@ -268,11 +268,6 @@ class LaunchRow:
     compilations: Pair[Compilation] | None = None
 
     def __post_init__(self) -> None:
-        """Check the sizes.
-
-        Raises:
-          ValueError: there are not four blocks for each order.
-        """
         if len(self.orders) != len(self.ns) or any(len(quad) != 4 for quad in self.ns):
             raise ValueError("ns has four times for each order")
         if not set(self.orders) <= {"ABBA", "BAAB"}:

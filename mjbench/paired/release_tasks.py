@@ -50,7 +50,6 @@ class ReleaseTask(ABC):
     """Something that is timed in two releases, the reference and another.
 
     Attributes:
-      failure: why there are no more before they are; None while there may be.
       all_blocks_s: see `time_limit.quad_count`: the shortest so far. The number of blocks of a
         layout follows from it, so that a disturbed block does not decide it.
     """

@@ -17,11 +17,7 @@ from mjbench.store.runs import Record
 
 @dataclass(frozen=True)
 class _RevisionMeasurer(VersionMeasurer):
-    """Measures commits of the user's code.
-
-    Attributes:
-      comparison: of both ends; its one function has the text of the last commit.
-    """
+    """Measures commits of the user's code: its one function has the text of the last commit."""
 
     comparison: RevisionComparison
     commits: Sequence[Commit]
@@ -60,9 +56,6 @@ def search(
     earlier: Sequence[Record] = (),
 ) -> Iterator[BisectMeasured]:
     """Yield what is measured, and which commits changed the time of a function.
-
-    Args:
-      earlier: of a search that is continued; they are not measured again.
 
     Raises:
       InputError: the candidate does not come after the baseline.

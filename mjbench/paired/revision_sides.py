@@ -227,7 +227,6 @@ def function_source(
 
     Args:
       layout: tree by whose packages the file is imported as a module.
-      folders: to import from, besides the file's own.
     """
     module, file = function.module, ""
     if function.file is not None:

@@ -90,8 +90,7 @@ def run(
 ) -> Iterator[tuple[CaseRow, TrialRecord | Failure]]:
     """Yield a trial of each case, or how it failed.
 
-    A model that cannot do the work, or whose target failed, is not tried again with the same builds
-    and callback.
+    A model that failed is not tried again with the same builds and callback.
     """
     failed: set[CaseRow] = set()
     for case in cases:
@@ -100,11 +99,14 @@ def run(
         if at_any_slowdown in failed:
             continue
         try:
-            result = verdict.decide(pool, case.baseline, case.candidate, plan)
-            yield row, record_of(case, result)
+            yield row, trial(pool, case, plan)
         except (InputError, MachineError) as error:
             failed.add(at_any_slowdown)
             yield row, failure_of(error)
+
+
+def trial(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
+    return record_of(case, verdict.decide(pool, case.baseline, case.candidate, plan))
 
 
 def record_of(case: Case, result: PairedResult) -> TrialRecord:
@@ -139,11 +141,7 @@ def record_of(case: Case, result: PairedResult) -> TrialRecord:
 
 
 def summary(trials: Sequence[TrialRecord], min_effect: float = MIN_EFFECT) -> list[SelfcheckRow]:
-    """Return what the trials say, a row for each case.
-
-    Rows are sorted by arm, model and slowdown; rows that differ in none of them are in the order of
-    their first trials.
-    """
+    """Return what the trials say, a row for each case, by arm, model and slowdown."""
     groups: dict[tuple[CaseRow, bool], list[TrialRecord]] = {}
     for record in trials:
         groups.setdefault((record.case(), record.averaged), []).append(record)

@@ -70,9 +70,6 @@ def parse(baseline: str, candidate: str) -> tuple[Target, Target]:
     """Return the targets that two texts such as `path=rollout,threads=2` describe.
 
     A model, path or release that one text leaves out is the other's.
-
-    Raises:
-      InputError: a text has an unknown key, or a value that does not fit it.
     """
     first, second = _settings(baseline), _settings(candidate)
     shared = {key: first.get(key, second.get(key, value)) for key, value in _DEFAULTS.items()}
@@ -99,12 +96,6 @@ def of_releases(
 
 
 def check_metric(metric: Metric, path_names: Iterable[str]) -> None:
-    """Refuse paths whose releases cannot be compared by a metric.
-
-    Raises:
-      InputError: the metric is of the plain loop only, and other paths are named; or it is of paths
-        that compile.
-    """
     refusal = METRICS[metric].refusal
     if METRICS[metric].measured == Measured.COMPILATION:
         raise InputError(f"--metric {metric} {refusal}: `mjbench versions … --paths mjx`")
@@ -114,11 +105,7 @@ def check_metric(metric: Metric, path_names: Iterable[str]) -> None:
 
 
 def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
-    """Refuse targets that cannot be compared by a metric, or that it does not tell apart.
-
-    Raises:
-      InputError: see `check_metric`; or a target has a setting that makes no difference to it.
-    """
+    """Refuse targets that cannot be compared by a metric, or that it does not tell apart."""
     check_metric(metric, [target.path for target in targets])
     spec = METRICS[metric]
     for target in targets:
@@ -135,11 +122,6 @@ def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
 
 
 def find_path(name: str) -> paths.SteppingPath:
-    """Return a path that a target can step by.
-
-    Raises:
-      InputError: there is no such path, or it is an accelerated one.
-    """
     path = paths.find(name)
     if path.compiles:
         raise InputError(

@@ -76,11 +76,7 @@ def launch_s(all_blocks_s: float, nsection: int = 1) -> float:
 
 
 class TimeLimit:
-    """How long one verdict may take.
-
-    Attributes:
-      min_launches: how many launches it needs.
-    """
+    """How long one verdict may take, which needs a number of launches."""
 
     def __init__(
         self,
@@ -111,10 +107,6 @@ class TimeLimit:
 
     def allows_another(self, launches: int, before_s: float, can_judge: bool) -> bool:
         """Return whether another launch fits, if it takes as long as the average one.
-
-        Args:
-          before_s: what was spent before the first of them.
-          can_judge: whether they are enough for a verdict.
 
         Raises:
           OutOfTimeError: it does not, and they are not.

@@ -44,8 +44,6 @@ class FunctionSource:
       name: of the function, or of a class and its method: `Class.method`.
       file: that the module stands for; empty where it is found by its name.
       text: of that file, which may be another revision's; None likewise.
-      folders: to import from, before all others, or after them.
-      are_first: whether those come before all others.
     """
 
     name: str
@@ -62,8 +60,6 @@ class CodeOrigin:
     """Where code of the user's package must come from.
 
     Attributes:
-      packages: names of packages and modules of the revision.
-      folders: that they may lie in.
       checkout: no module may come from there, unless it lies in one of `folders` or in the
         environment of the process.
     """
@@ -78,9 +74,7 @@ class FunctionFacts:
     """What a process found out about a function.
 
     Attributes:
-      problem: why they cannot; empty otherwise.
       calls: that last as long as a block.
-      misplaced: a module that is not the revision's, and its file; empty without one.
       versions: of what is the same on both sides of a fair comparison, by name.
       compilation: of what it runs; None where nothing is compiled first.
     """
@@ -253,11 +247,7 @@ def _versions() -> dict[str, str]:
 
 @activity("importing the benchmark")
 def import_function(worker: Worker, source: FunctionSource, calls_it: bool = False) -> None:
-    """Import a function.
-
-    Args:
-      calls_it: whether to call it, too, so that what it does only once is done.
-    """
+    """Import a function; call it, too, where what it does only once is to be done."""
     worker.function = TimedFunction(source)
     if calls_it:
         _finish(worker.function.fresh()())
@@ -265,13 +255,7 @@ def import_function(worker: Worker, source: FunctionSource, calls_it: bool = Fal
 
 @activity("calling the benchmark")
 def try_function(worker: Worker, origin: CodeOrigin) -> FunctionFacts:
-    """Call a function a few times, and return what is to be known before it is timed.
-
-    Raises:
-      UnavailableError: it raises.
-      InputError: it takes arguments.
-      MachineError: its result is wrong.
-    """
+    """Call a function a few times, and return what is to be known before it is timed."""
     assert worker.function is not None, "it was imported"
     try:
         function, count = worker.function.fresh(), 1
@@ -350,13 +334,10 @@ def compilation_of(worker: Worker) -> Compilation | None:
 def prepare_function(
     worker: Worker, cores: Sequence[int], count: int, metric: Metric = Metric.TIME
 ) -> int:
-    """Set a function up in fresh memory, and run a block of calls.
+    """Set a function up in fresh memory; return the nanoseconds of a block, warm-ups included.
 
     Every call keeps in step with those of the other side, so a function that keeps state is timed
     in the same states there.
-
-    Returns:
-      How many nanoseconds a block takes, untimed warm-ups included.
     """
     imported = worker.function
     assert imported is not None, "it was imported"

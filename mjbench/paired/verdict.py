@@ -49,7 +49,6 @@ class VerdictPlan:
     """How certain a verdict must be, and what it may cost.
 
     Attributes:
-      min_effect: smallest change of time that matters.
       precision: half-width of the interval at which to stop in any case.
       time_limit_s: seconds from when the models are loaded, after which no launch begins; see
         `time_limit`.
@@ -72,7 +71,6 @@ class PairedResult(Launched):
     """How a comparison ended.
 
     Attributes:
-      averaging: whether launches moved the libraries; None where the comparison ended before that.
       judgement: of the launches that moved them, or of all if none did; None without any.
     """
 
@@ -234,7 +232,7 @@ class _VerdictRule(PairRule):
     def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
         work = self._pair.work
         log_scale = _log_scale(work.work_check if work else None, self._plan)
-        judgement = _judge_launches(launches, self._plan, log_scale)
+        judgement = judge_launches(launches, self._plan, log_scale)
         assert judgement is not None, "there is a launch"
         self._on_launch(judgement)
         return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
@@ -291,7 +289,7 @@ def decide(
         candidate=candidate,
         metric=plan.sizes.metric,
         averaging=rule.averaging,
-        judgement=_judge_launches(launched.launches, plan, log_scale),
+        judgement=judge_launches(launched.launches, plan, log_scale),
         as_shipped=(_judge_as_shipped(launched.launches, plan, log_scale) if has_moved else None),
     )
 
@@ -311,12 +309,7 @@ def decide_each(
     earlier: Sequence[VerdictRecord],
     on_progress: Progress,
 ) -> Iterator[PairedResult]:
-    """Yield the verdict on each pair of baseline and candidate; the last may be interrupted.
-
-    Args:
-      on_progress: called after each launch with what all launches say so far, and about which share
-        of all pairs is done.
-    """
+    """Yield the verdict on each pair but those of `earlier`; the last may be interrupted."""
     done = {sides_key(record.sides) for record in earlier}
     for number, (baseline, candidate) in enumerate(pairs):
         if sides_key([baseline.row(), candidate.row()]) in done:
@@ -349,9 +342,10 @@ def launches_to_judge(launches: Sequence[LaunchRow]) -> Sequence[LaunchRow]:
     return [launch for launch in launches if launch.placements.is_moved] or launches
 
 
-def _judge_launches(
-    launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float
+def judge_launches(
+    launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float = 0.0
 ) -> Judgement | None:
+    """Judge launches, with `log_scale` added to their log ratios; None without any."""
     used = launches_to_judge(launches)
     if not used:
         return None

@@ -79,7 +79,6 @@ class Worker:
 
     Attributes:
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
-      padding: memory that moves whatever is allocated after it.
     """
 
     model: "mujoco.MjModel"
@@ -118,11 +117,7 @@ class Worker:
     def start_release(
         self, version: str, check_files: bool, seed: int, move: "Move | None" = None
     ) -> None:
-        """Import MuJoCo, and make sure that it is the release meant.
-
-        Args:
-          check_files: whether to check the whole install, rather than the version alone.
-        """
+        """Import MuJoCo, and make sure that it is the release meant."""
         self.rng.seed(seed)
         self.padding = [*memory_layout.mapped(self.rng)]
         # MuJoCo's types lie elsewhere, too: the bindings look them up by their address

@@ -40,12 +40,7 @@ class Done(Generic[Answer]):
 
 @dataclass(frozen=True)
 class Move:
-    """How to move the libraries of a release.
-
-    Attributes:
-      movable_file: a pickled `MovableInstall`.
-      others: the folder of what lies beside the package.
-    """
+    """How to move the libraries of a release; `others` is the folder of what lies beside it."""
 
     movable_file: Path
     others: Path
@@ -66,7 +61,6 @@ class StepCost:
     """What a step costs.
 
     Attributes:
-      step_s: seconds of a step at the start, as they are now.
       settling_nstep: steps of the run along which starts are to be sampled, if nothing bounds it.
       most_nstep: steps of a simulation that the user's files have controls for; None for any
         number.

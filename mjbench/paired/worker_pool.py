@@ -47,8 +47,6 @@ class _Program:
 class WorkerPool:
     """Starts processes in the environment of any release, and ends all of them when it closes.
 
-    Used as a context manager.
-
     Attributes:
       limit_s: seconds without an answer after which a process is killed.
       immovable: why releases cannot be moved, by their key (see `moved_check`).
@@ -136,8 +134,6 @@ class WorkerPool:
           seeds: of the launch that it is of; None for those used last.
 
         Raises:
-          InputError: there is no such release.
-          MachineError: it cannot be installed, or no process can be started.
           ImmovableError: its libraries cannot be moved.
         """
         self._install(release)

@@ -25,11 +25,7 @@ _MAX_FAILURE_BYTES = 1 << 16
 
 
 class WorkerProcess:
-    """A worker, seen from its parent: it does tasks in the order they were asked for.
-
-    Attributes:
-      name: for error messages, such as `baseline (MuJoCo 4.0.0, cartpole)`.
-    """
+    """A worker, seen from its parent: it does tasks in the order they were asked for."""
 
     def __init__(
         self,
