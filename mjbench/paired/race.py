@@ -98,7 +98,7 @@ class _RaceRule(StopRule[RaceLaunch]):
         return []
 
     def _next_slow(self) -> list[int]:
-        """Return the variants of the next launch of those that start slowly: it has no budget."""
+        """Return the plain loop and those that start slowly, until they have launches enough."""
         slow = [i for i in self.record.slow if i in self.record.able]
         has_enough = self._final_launches_of(slow) >= MIN_FINAL_LAUNCHES
         return [] if not slow or has_enough else [0, *slow]

@@ -76,7 +76,7 @@ def launch_s(all_blocks_s: float, nsection: int = 1) -> float:
 
 
 class TimeLimit:
-    """How long one verdict may take, which needs a number of launches."""
+    """How long one verdict may take; it needs `min_launches`."""
 
     def __init__(
         self,
