@@ -128,8 +128,8 @@ def launch_once(pool: "WorkerPool") -> None:
         pair.launch()
     finally:
         pair.close()
-        if pair.is_prepared:
-            pair.baseline_workload.unlink()  # it would last as long as the pool
+        if pair.work:
+            pair.work.baseline_workload.unlink()  # it would last as long as the pool
 
 
 def main() -> int:

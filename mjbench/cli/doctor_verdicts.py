@@ -15,7 +15,7 @@ from mjbench.simulation import engine_library
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
-    from mjbench.paired.selfcheck_cases import Case
+    from mjbench.paired.selfcheck import Case
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.store.runs import Record
 
@@ -79,8 +79,7 @@ def doctor_verdicts(
       mjbench doctor --verdicts cartpole --slowdowns 0,1 --trials 20
     """
     from mjbench.api.session import Item, Measurement, input_files, pinning_notes
-    from mjbench.paired import selfcheck as checks
-    from mjbench.paired import selfcheck_cases
+    from mjbench.paired import selfcheck
     from mjbench.paired.selfcheck_records import trial_records
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.kinds import SELFCHECK
@@ -94,12 +93,12 @@ def doctor_verdicts(
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         done = trial_records(earlier)
-        remaining = selfcheck_cases.remaining(cases, trials, done)
+        remaining = selfcheck.remaining(cases, trials, done)
         with (
-            checks.busy_neighbour_core() if busy else contextlib.nullcontext(),
+            selfcheck.busy_neighbour_core() if busy else contextlib.nullcontext(),
             WorkerPool() as pool,
         ):
-            for number, (case, ended) in enumerate(checks.run(pool, remaining, plan), len(done)):
+            for number, (case, ended) in enumerate(selfcheck.run(pool, remaining, plan), len(done)):
                 name = f"{case.model}, {describe_case(case)}"
                 if isinstance(ended, Failure):
                     yield Item(failure=Failure(ended.status, f"{name}: {ended.detail}"))
@@ -129,18 +128,16 @@ def doctor_verdicts(
 def _cases(
     names: Sequence[str], slowdowns: Sequence[float], functions: Sequence[str], between_builds: bool
 ) -> list["Case"]:
-    from mjbench.paired import selfcheck_cases
+    from mjbench.paired import selfcheck
     from mjbench.releases.release import NO_CHANGE_PAIRS
     from mjbench.simulation import models
 
     few = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
-    cases = [selfcheck_cases.slowed(source, share) for source in few for share in slowdowns]
-    cases += [selfcheck_cases.inside_step(source, name) for source in few for name in functions]
+    cases = [selfcheck.slowed(source, share) for source in few for share in slowdowns]
+    cases += [selfcheck.inside_step(source, name) for source in few for name in functions]
     if between_builds:
         sources = [models.resolve(name) for name in names or models.shipped()]
         cases += [
-            selfcheck_cases.between_builds(source, pair)
-            for source in sources
-            for pair in NO_CHANGE_PAIRS
+            selfcheck.between_builds(source, pair) for source in sources for pair in NO_CHANGE_PAIRS
         ]
     return cases

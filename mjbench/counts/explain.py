@@ -21,7 +21,6 @@ from mjbench.counts.records import (
 )
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import verdict
 from mjbench.paired.judgement import exact_verdict
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
@@ -266,4 +265,4 @@ def verdicts(
             baselines[count.model] = count
         for count in counter.count(candidate, missing) if missing else ():
             row = verdict_row(baselines[count.model], count, comparison.min_effect)
-            yield verdict.record_of(row)
+            yield VerdictRecord(**vars(row))

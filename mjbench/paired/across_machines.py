@@ -49,7 +49,6 @@ class Conditions:
 
     @classmethod
     def of(cls, header: RunHeader) -> "Conditions":
-        """Return the conditions that the header of a run says; the usual ones where it does not."""
         arguments = header.arguments
         sizes = arguments.get("sizes")
         asked: Mapping[str, Any] = sizes if isinstance(sizes, dict) else {}
@@ -64,11 +63,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class MachineRow:
-    """A verdict that was measured on a machine.
-
-    Attributes:
-      files: of its models, start states and controls, where they are the user's.
-    """
+    """A verdict that was measured on a machine."""
 
     machine: str
     row: VerdictRow
@@ -118,17 +113,14 @@ class MachineComparison:
     machines: Sequence[MachineVerdict]
 
     def of_outcome(self, outcome: MachinesOutcome) -> list[MachineVerdict]:
-        """Return the machines that count as something."""
         return [verdict for verdict in self.machines if verdict.outcome == outcome]
 
     @property
     def names_change(self) -> bool:
-        """Whether it is slower or faster on any machine."""
         return any(verdict.outcome in _CHANGES for verdict in self.machines)
 
     @property
     def ratios(self) -> list[Ratio]:
-        """The ratios of machines that measured one."""
         return [verdict.ratio for verdict in self.machines if verdict.ratio is not None]
 
     @property
@@ -157,12 +149,10 @@ class AcrossMachines:
 
     @property
     def verdicts(self) -> list[MachineVerdict]:
-        """All verdicts of all machines."""
         return [verdict for comparison in self.comparisons for verdict in comparison.machines]
 
 
 def rows_of(runs: Sequence[Run], machines: Sequence[str]) -> list[MachineRow]:
-    """Return the verdicts of runs."""
     return [
         MachineRow(
             machine,
@@ -177,7 +167,6 @@ def rows_of(runs: Sequence[Run], machines: Sequence[str]) -> list[MachineRow]:
 
 
 def _file_names(row: VerdictRow) -> list[str]:
-    """Return the names of what a comparison may have been given as files."""
     starts = [row.starts.file, row.starts.controls_file] if row.starts else []
     return [*(side.model for side in row.sides), *filter(None, starts)]
 
@@ -292,7 +281,6 @@ def _machine_verdict(
 
 
 def _why_undecided(rows: Sequence[VerdictRow]) -> str:
-    """Return why the measurements of a machine decide nothing."""
     decided = _decided(rows)
     if not decided:
         return "; ".join(dict.fromkeys(row.detail or row.status.value for row in rows))
@@ -309,7 +297,6 @@ def _why_undecided(rows: Sequence[VerdictRow]) -> str:
 
 
 def _width(ratio: Ratio) -> float:
-    """Return how wide an interval is, as a factor; infinity where an end is missing."""
     return float("inf") if ratio.low is None or ratio.high is None else ratio.high / ratio.low
 
 
@@ -332,5 +319,4 @@ def _comparison(
 
 
 def _of_type(value: Any, usual: Any) -> Any:
-    """Return a value of a header where it has the type of the usual one; else that one."""
     return value if type(value) is type(usual) else usual

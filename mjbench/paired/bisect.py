@@ -77,13 +77,7 @@ class VersionMeasurer(ABC):
 
 @dataclass(frozen=True)
 class SearchRange:
-    """What is searched for changes.
-
-    Attributes:
-      target: the function or the model, as the user named it.
-      old: the baseline, as results name it; `new` is the last version.
-      versions: after the baseline, one or more, the last one included.
-    """
+    """What is searched for changes: `versions` after the baseline, one or more, up to `new`."""
 
     target: str
     kind: VersionKind
@@ -99,25 +93,16 @@ def search(
     earlier: Sequence[Record] = (),
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[BisectMeasured]:
-    """Yield what is measured; the last record says which versions changed the time of something.
-
-    Args:
-      min_effect: smallest change that matters, as a share.
-      earlier: of a search that is continued; they are not measured again.
-    """
+    """Yield what is measured; the last record says which versions changed the time of something."""
     return _Searcher(measurer, searched, min_effect, earlier, clock).run()
 
 
 def short_name(version: VersionRow, kind: VersionKind) -> str:
-    """Return what sentences call a version."""
     return short_commit(version.name) if kind == VersionKind.COMMIT else version.name
 
 
 class _Searcher:
-    """One search, and its results.
-
-    Generators yield what is measured, and return what follows from it.
-    """
+    """One search: generators yield what is measured, and return what follows from it."""
 
     def __init__(
         self,
@@ -171,7 +156,6 @@ class _Searcher:
         )
 
     def _decide(self, first: int, last: int) -> _Steps[VerdictRecord]:
-        """Compare two versions; see `VersionMeasurer.decide`."""
         comparison = self._known_comparisons.get((first, last))
         if comparison is None:
             begin_s = self._clock()
@@ -293,7 +277,6 @@ def _is_change(record: VerdictRecord) -> bool:
 
 
 def _log_change(record: VerdictRecord) -> float:
-    """Return the log ratio of a change."""
     assert record.ratio is not None, "a change has a ratio"
     return math.log(record.ratio.estimate)
 

@@ -35,23 +35,13 @@ class LargeArray:
     shape: tuple[int, ...]
     digest: str
 
-    def differs_from(self, other: "LargeArray") -> bool:
-        """Return whether the arrays are certainly others: whole numbers are not rounded."""
-        is_exact = np.dtype(self.dtype).kind in "biu" and self.dtype == other.dtype
-        return is_exact and self.digest != other.digest
-
 
 _Value = np.ndarray | LargeArray | str
 
 
 @dataclass(frozen=True, eq=False)
 class Leaf:
-    """A part of a result.
-
-    Attributes:
-      place: within the result, such as `[0].qpos`; empty for the whole.
-      value: an array of numbers, or a text that is equal where the parts are.
-    """
+    """A part of a result; `place` is within it, such as `[0].qpos`, and empty for the whole."""
 
     place: str
     value: _Value
@@ -59,11 +49,7 @@ class Leaf:
 
 @dataclass(frozen=True)
 class ResultsCheck:
-    """How the results of two processes compare.
-
-    Attributes:
-      detail: where they first differ, or why they were not compared; empty where they are the same.
-    """
+    """How the results of two processes compare."""
 
     outcome: ResultsOutcome
     detail: str = ""
@@ -77,11 +63,7 @@ class ResultsCheck:
 
 
 def leaves(result: object) -> list[Leaf]:
-    """Return the parts of what a call returned; none where it returned None.
-
-    Raises:
-      TypeError: it has a part that cannot be compared.
-    """
+    """Return the parts of what a call returned; TypeError where one cannot be compared."""
     return [] if result is None else list(_leaves("", result, _DEPTH))
 
 
@@ -164,7 +146,8 @@ def _difference(old: _Value, new: _Value) -> tuple[float | None, str]:
     if isinstance(old, LargeArray) and isinstance(new, LargeArray):
         if old == new:
             return 0.0, ""
-        return None, "other whole numbers" if old.differs_from(new) else ""
+        are_whole = np.dtype(old.dtype).kind in "biu" and old.dtype == new.dtype
+        return None, "other whole numbers" if are_whole and old.digest != new.digest else ""
     if isinstance(old, LargeArray) or isinstance(new, LargeArray):
         return None, ""
     if np.array_equal(old, new, equal_nan=old.dtype.kind in "fc" and new.dtype.kind in "fc"):

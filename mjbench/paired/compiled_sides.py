@@ -39,7 +39,6 @@ class CompiledComparison:
 
     @property
     def specs(self) -> list[ReleaseSpec]:
-        """All environments, the baseline first."""
         return [self.baseline, *self.candidates]
 
 
@@ -71,13 +70,6 @@ def _with(spec: ReleaseSpec, needed: Sequence[str]) -> ReleaseSpec:
 
 
 def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTargets]:
-    """Install all environments, and draw the workloads; return the models in each pair of them.
-
-    Raises:
-      InputError: the index has no such release for this Python, or a model cannot be loaded.
-      BuildError: packages cannot be installed together.
-      MachineError: a release cannot be installed.
-    """
     origins = [environment_sides.install(spec) for spec in comparison.specs]
     caches = {spec.key: pool.new_folder() for spec in comparison.specs}
     pairs = []
@@ -103,7 +95,6 @@ def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTa
 
 
 def _draw(pool: WorkerPool, comparison: CompiledComparison, source: ModelSource) -> DrawnWorkload:
-    """Return a workload, which the baseline draws for all."""
     sizes = comparison.sizes
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     request = SampleRequest(sizes.nbatch or NBATCH, nstep, sizes.hold, sizes.seed, sizes.starts)

@@ -49,11 +49,7 @@ def compiled_step(
     not end in finite numbers.
 
     Args:
-      workload_file: a pickled `PortableWorkload`.
       cache: folder of compiled programs, which processes of one environment share.
-
-    Raises:
-      UnavailableError: a package is missing, or the engine does not take the model.
     """
     path = _available(path_name)
     _use_cache(path, cache)
@@ -71,9 +67,6 @@ def compilation(source: ModelSource, path_name: str, workload_file: Path) -> Pre
 
     Its result is that of `compiled_step`, too. MuJoCo Warp compiles once in a process, so only its
     first call is such.
-
-    Raises:
-      UnavailableError: as `compiled_step`.
     """
     path = _available(path_name)
     workload = _workload(path, source, workload_file)
@@ -113,7 +106,6 @@ def _requests(path: AcceleratedPath) -> list[str]:
 def _compiled(
     path: AcceleratedPath, workload: Workload, resources: Resources, requests: Sequence[str]
 ) -> tuple[Compiled, Compilation]:
-    """Compile the program of a workload, and run it once; return also what that took."""
     compiled = path.prepare(workload, {}, resources)
     compiled.clear()
     begin_s = time.perf_counter()
@@ -124,7 +116,6 @@ def _compiled(
 
 
 def _available(path_name: str) -> AcceleratedPath:
-    """Return a path, with the environment that it needs in this process."""
     path = accelerated_path(path_name)
     if reason := path.unavailable():
         raise UnavailableError(reason)
@@ -156,7 +147,6 @@ def _result(compiled: Compiled, workload: Workload) -> dict[str, np.ndarray]:
 
 
 def _use_cache(path: AcceleratedPath, folder: Path) -> None:
-    """Have what a path compiles stored in a folder, and read from it."""
     if "warp" in path.packages:
         os.environ[CACHE_VARIABLE] = str(folder)
     if "jax" not in path.packages:

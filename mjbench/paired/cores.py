@@ -1,4 +1,4 @@
-"""Which core a launch runs on, and how processes are kept on it."""
+"""Which core a launch runs on, how processes are kept on it, and how many cores threads get."""
 
 import contextlib
 import math
@@ -6,7 +6,9 @@ import random
 import time
 from collections.abc import Collection, Iterable, Iterator
 
-from mjbench.host import platforms, topology
+from mjbench.host import machine, platforms, topology
+from mjbench.paired.worker import Worker
+from mjbench.paired.worker_process import WorkerProcess
 
 # The cores that this process may use; read before it pins itself to one of them.
 USABLE = platforms.affinity()
@@ -36,13 +38,7 @@ def freest_core(probe_s: float = 0.01) -> int | None:
     A busy loop runs on some cores, one after the other in random order, until it got nearly all the
     time of one. Where that never happens, the core where it got the largest share is returned. The
     loop lasts longer than Linux lets a newcomer run before others get their turn, which is some
-    milliseconds.
-
-    Args:
-      probe_s: seconds of the busy loop on each core.
-
-    Returns:
-      The core; None if this system cannot tell.
+    milliseconds. None if this system cannot tell.
     """
     allowed = sorted(platforms.affinity())
     shares: dict[int, float] = {}
@@ -54,7 +50,6 @@ def freest_core(probe_s: float = 0.01) -> int | None:
 
 
 def _share(core: int, probe_s: float) -> float:
-    """Return which share of a core's time a busy loop of so many seconds gets."""
     with pinned(core):
         begin, used = time.perf_counter(), time.thread_time()
         while time.perf_counter() - begin < probe_s:
@@ -62,8 +57,18 @@ def _share(core: int, probe_s: float) -> float:
         return (time.thread_time() - used) / (time.perf_counter() - begin)
 
 
+def countable(nthread: int) -> int:
+    """Return how many cores as many threads can get: those beyond the usable cores do not count."""
+    return min(machine.usable_cores(), nthread)
+
+
+def count(process: WorkerProcess, nthread: int) -> float | None:
+    """Return how many cores threads get in a process now; None of one thread, which has its own."""
+    nthread = countable(nthread)
+    return process.call(Worker.count_cores, nthread) if nthread > 1 else None
+
+
 def usable(core: int | None) -> list[int]:
-    """Return the cores that a process may use: one, or all where none was chosen."""
     return sorted(USABLE) if core is None else [core]
 
 
@@ -82,7 +87,6 @@ def pinned(core: int | None) -> Iterator[None]:
 
 
 def confine(pids: Iterable[int], cores: Collection[int]) -> None:
-    """Have processes run on these cores only, where the system can."""
     for pid in pids:
         with contextlib.suppress(OSError):  # it may have ended; its next answer will say so
             platforms.set_affinity(pid, cores)

@@ -18,12 +18,7 @@ from mjbench.releases.installs import ReleaseSpec
 
 @dataclass(frozen=True)
 class EnvironmentComparison:
-    """Functions to compare in a baseline and in candidates.
-
-    Attributes:
-      functions: in files that are relative to the root of the file system.
-      cwd: folder that the user is in.
-    """
+    """Functions to compare in a baseline and in candidates; files are relative to the root."""
 
     baseline: ReleaseSpec
     candidates: Sequence[ReleaseSpec]
@@ -39,16 +34,11 @@ class EnvironmentComparison:
 
     @property
     def root(self) -> Path:
-        """The root of the file system."""
         return Path(self.cwd.anchor)
 
 
 def parse_functions(texts: Sequence[str], cwd: Path) -> list[FunctionName]:
-    """Return the functions that texts name.
-
-    Raises:
-      InputError: one names none, or there is no such file.
-    """
+    """Return the functions that texts name."""
     root = Path(cwd.anchor)
     functions = [revision_sides.parse_function(text, cwd, root) for text in dict.fromkeys(texts)]
     for each in functions:
@@ -58,13 +48,6 @@ def parse_functions(texts: Sequence[str], cwd: Path) -> list[FunctionName]:
 
 
 def install_all(comparison: EnvironmentComparison) -> list[FunctionTargets]:
-    """Install all environments that are missing; return the functions in each pair of them.
-
-    Raises:
-      InputError: the index has no such release for this Python.
-      BuildError: packages cannot be installed together.
-      MachineError: a release cannot be installed.
-    """
     specs = (comparison.baseline, *comparison.candidates)
     origins = [install(spec) for spec in specs]
     return [

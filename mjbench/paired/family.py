@@ -21,7 +21,6 @@ class Family:
     """What is certain about the comparisons of a family.
 
     Attributes:
-      slower: comparisons whose candidate is slower, and not because of where its code lies.
       undecided: those that are inconclusive or failed, or whose change is not certain enough for
         their number or may be due to where code lies.
     """
@@ -33,7 +32,6 @@ class Family:
 
 
 def confidence_of(header: RunHeader) -> float:
-    """Return the confidence that the command of a run was given, or the usual one."""
     confidence = header.arguments.get("confidence")
     if isinstance(confidence, float) and 0 < confidence < 1:
         return confidence
@@ -52,7 +50,7 @@ def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
     """Return what comparisons show together.
 
     Args:
-      confidence: such as 0.99; of the slower ones that are named, a share of at most
+      confidence: of the slower ones that are named, a share of at most
         1 - confidence is expected to be false alarms, and so of the faster ones.
     """
     changes: dict[Verdict, list[VerdictRow]] = {}

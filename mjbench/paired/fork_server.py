@@ -37,12 +37,7 @@ MAX_MARK_BYTES, _FILES = 256, 2
 
 
 def main(control: int, parent: int) -> None:
-    """Fork a worker for every request on the inherited socket, until the process `parent` hangs up.
-
-    Args:
-      control: descriptor of a socket that keeps messages apart.
-      parent: process id of the parent, which becomes the parent of the workers, too.
-    """
+    """Fork a worker for every request on the inherited socket, until `parent` hangs up."""
     child.die_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in _MODULES:
@@ -124,7 +119,6 @@ def _orphan(writer: int) -> None:
 
 
 def _work(mark: str, connection: int, output: int, parent: int) -> None:
-    """Be a worker."""
     from mjbench.paired import worker
 
     os.setsid()

@@ -18,7 +18,6 @@ class ForkedWorker:
     Attributes:
       mark: that what it starts has in its environment (`child.MARK`).
       is_awaited: whether its server has not said yet that it forked it, and may still do so.
-      deadline_s: until when its server has time to fork it.
     """
 
     def __init__(
@@ -35,12 +34,10 @@ class ForkedWorker:
         return self._process.pid if self._process else self._server.process.pid
 
     def adopt(self, pid: int) -> None:
-        """Note that it was forked, and has become a child of this process."""
         self._process = child.AdoptedChild(pid, self.mark)
         self.is_awaited = False
 
     def wait(self, timeout_s: float | None = None) -> int | None:
-        """Wait until it has ended (see `child.ChildProcess.wait`)."""
         self._server.await_fork(self)
         process = self._process or self._server.process
         return process.wait(timeout_s)
@@ -64,12 +61,7 @@ class ForkServerProcess:
         output_file: Path,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Take over a server.
-
-        Args:
-          control: to the program; it keeps messages apart.
-          limit_s: seconds without an answer after which the program is killed.
-        """
+        """Take over a server; `control` keeps messages apart."""
         self.process, self.has_forked = process, False
         self._control, self._output_file = control, output_file
         self._limit_s, self._clock = limit_s, clock
@@ -78,18 +70,10 @@ class ForkServerProcess:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the program has ended, by itself or because it was killed."""
         return self.process.wait(0.0) is not None
 
     def fork(self, connection: int, output_file: Path) -> ForkedWorker:
-        """Ask for a worker, without waiting for it.
-
-        Args:
-          connection: descriptor of the worker's end of its connection.
-
-        Raises:
-          MachineError: the server has ended, or the file cannot be written.
-        """
+        """Ask for a worker, without waiting for it."""
         self.has_forked = True
         mark = child.new_mark()
         worker = ForkedWorker(self, mark, output_file, self._clock() + self._limit_s)
@@ -106,7 +90,6 @@ class ForkServerProcess:
         return worker
 
     def await_fork(self, worker: ForkedWorker) -> None:
-        """Wait until it is known whether a worker was forked."""
         while worker.is_awaited:
             self._receive(worker.deadline_s)
 
@@ -151,7 +134,6 @@ class ForkServerProcess:
             self.end()
 
     def end(self) -> None:
-        """End the server, and its workers."""
         self._control.close()
         self.process.end()
         self._output_file.unlink(missing_ok=True)

@@ -1,13 +1,13 @@
 """A function of the user's code on two sides, timed in turns in fresh processes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.host import machine
 from mjbench.measuring.calls import Compilation
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.outcomes import Metric
-from mjbench.paired.pair_work import PairWork, SingleQuadWork, check_growth
+from mjbench.paired.pair_work import PairWork, check_growth
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.protocol import LaunchedPair
 from mjbench.paired.records import Pair, TargetRow
@@ -33,14 +33,7 @@ _THREADED_CORES = 1.2
 
 @dataclass(frozen=True)
 class SteppedRun:
-    """What a function does that steps a model.
-
-    Attributes:
-      path: of stepping.
-      nbatch: simulations.
-      nstep: steps of each.
-      starts: where start states came from.
-    """
+    """What a function does that steps a model."""
 
     path: str
     nbatch: int
@@ -50,15 +43,7 @@ class SteppedRun:
 
 @dataclass(frozen=True)
 class FunctionTarget:
-    """A function in one revision, or in one environment.
-
-    Attributes:
-      function: as the user named it, such as `bench.py::step`.
-      revision: None where environments are compared.
-      tree: the hash of the revision's files; empty likewise.
-      release: that its processes import, with packages beside it.
-      run: None for a function of the user's code.
-    """
+    """A function in one revision, or in one environment: a release with packages beside it."""
 
     function: str
     revision: Revision | None
@@ -70,7 +55,6 @@ class FunctionTarget:
 
     @property
     def path(self) -> str:
-        """The path of stepping; empty for a function of the user's code."""
         return self.run.path if self.run else ""
 
     def name(self, role: str) -> str:
@@ -79,11 +63,9 @@ class FunctionTarget:
 
     @property
     def label(self) -> str:
-        """What results call it: the revision, or what is installed."""
         return self.revision.name if self.revision else self.release.label
 
     def row(self) -> TargetRow:
-        """Return what results say of it."""
         return TargetRow(
             release=self.release.version,
             model=self.function,
@@ -102,13 +84,6 @@ FunctionTargets = tuple[FunctionTarget, FunctionTarget]
 
 
 def observe(pool: WorkerPool, target: FunctionTarget, role: str) -> FunctionFacts:
-    """Return what a fresh process finds out about a function.
-
-    Raises:
-      UnavailableError: it cannot be imported, or raises.
-      InputError: it takes arguments.
-      ChildError: the process crashed, hung or failed.
-    """
     process = pool.start(target.release, target.name(role))
     try:
         pool.wait_for(process, target.release)
@@ -120,12 +95,7 @@ def observe(pool: WorkerPool, target: FunctionTarget, role: str) -> FunctionFact
 
 @dataclass(frozen=True)
 class CallPlan:
-    """What each block of two sides does.
-
-    Attributes:
-      count: of calls.
-      both_s: about how many seconds a block takes, of both sides together.
-    """
+    """What each block of two sides does, and about how many seconds it takes of both together."""
 
     count: int
     both_s: float
@@ -134,7 +104,6 @@ class CallPlan:
 
     @classmethod
     def of(cls, facts: Sequence[FunctionFacts], metric: Metric = Metric.TIME) -> "CallPlan":
-        """Return the plan that fits what was found out about both sides."""
         is_threaded = any(each.cores > _THREADED_CORES for each in facts)
         count = min(each.calls for each in facts)
         if metric == Metric.GROWTH:
@@ -144,58 +113,27 @@ class CallPlan:
 
 
 class _FunctionWork(PairWork):
-    """The calls of two functions.
-
-    Class attributes:
-      calls_ahead: whether a function is called before it is measured, as what it does only once is
-        not of interest.
-    """
-
-    calls_ahead = True
+    """The calls of two functions."""
 
     def __init__(self, targets: FunctionTargets, plan: CallPlan):
+        super().__init__(plan.metric)
         self._targets, self._plan = targets, plan
         self.nthread = plan.nthread
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """See `PairWork.equip`."""
+        # what a function does only once is of no interest, unless it compiles
+        calls_it = self._metric != Metric.COMPILE
         for process, target in zip(processes, self._targets, strict=True):
-            process.ask(import_function, target.source, calls_it=self.calls_ahead)
+            process.ask(import_function, target.source, calls_it=calls_it)
 
     def compilations(self, pair: ProcessPair) -> Pair[Compilation] | None:
-        """See `PairWork.compilations`."""
         if self._targets[0].run is None:
             return None
         baseline, candidate = (process.call(compilation_of) for process in pair.processes)
         return Pair(baseline, candidate) if baseline and candidate else None
 
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        return process.call(prepare_function, allowed, self._plan.count, self._plan.metric)
-
-
-class _FunctionGrowthWork(SingleQuadWork, _FunctionWork):
-    """What calls of two functions add to memory."""
-
-
-class _FunctionPeakWork(SingleQuadWork, _FunctionWork):
-    """The most memory of two processes that call a function; the blocks of a quad only read it."""
-
-    nblock = 1
-
-
-class _CompilationWork(SingleQuadWork, _FunctionWork):
-    """What two processes compile once; the blocks of a quad only read how long that took."""
-
-    calls_ahead = False
-    nblock = 1
-
-
-_KINDS: Mapping[Metric, type[_FunctionWork]] = {
-    Metric.TIME: _FunctionWork,
-    Metric.MEMORY: _FunctionPeakWork,
-    Metric.GROWTH: _FunctionGrowthWork,
-    Metric.COMPILE: _CompilationWork,
-}
+        return process.call(prepare_function, allowed, self._plan.count, self._metric)
 
 
 class RevisionPair(LaunchedPair):
@@ -204,17 +142,16 @@ class RevisionPair(LaunchedPair):
     def __init__(
         self, pool: WorkerPool, targets: FunctionTargets, plan: CallPlan, time_limit: TimeLimit
     ):
-        """Start nothing yet."""
         baseline, candidate = targets
         names = baseline.name("baseline"), candidate.name("candidate")
         super().__init__(pool, (baseline.release, candidate.release), names, time_limit)
         self._targets, self._plan = targets, plan
 
     def _new_work(self) -> PairWork:
-        self._time_limit.start()
+        self.time_limit.start()
         plan = self._plan
         if plan.metric == Metric.GROWTH:
             check_growth(plan.both_s, self._pool)
-        work = _KINDS[plan.metric](self._targets, plan)
-        self._time_limit.check_first_launch(work.launch_s(plan.both_s))
+        work = _FunctionWork(self._targets, plan)
+        self.time_limit.check_first_launch(work.launch_s(plan.both_s))
         return work

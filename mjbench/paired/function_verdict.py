@@ -8,13 +8,12 @@ verdict needs at least. Where the baseline differs from itself, nothing is decid
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mjbench.errors import Failure, InputError, MachineError, UnavailableError
 from mjbench.measuring import anytime
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsCheck, compare
-from mjbench.paired.compilation_figures import CompilationFigures
 from mjbench.paired.function_pair import (
     CallPlan,
     FunctionTarget,
@@ -22,20 +21,20 @@ from mjbench.paired.function_pair import (
     RevisionPair,
     observe,
 )
-from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, judge
+from mjbench.paired.judgement import MIN_LAUNCHES, Judgement
 from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
-from mjbench.paired.pair_rule import Launched, LaunchRule, Sufficiency
+from mjbench.paired.pair_rule import LaunchRule, Sufficiency
 from mjbench.paired.records import (
     MAX_E_VALUE,
+    CompilationFigures,
     ControlRow,
     LaunchRow,
     Pair,
     VerdictRecord,
-    VerdictRow,
 )
 from mjbench.paired.time_limit import ENDING_ERRORS, TimeLimit, ending_of
 from mjbench.paired.timed_function import FunctionFacts
-from mjbench.paired.verdict import VerdictPlan, package_versions, record_of
+from mjbench.paired.verdict import VerdictPlan, judge_launches, package_versions
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.pip import BuildError
 from mjbench.status import ExitCode, Status
@@ -48,12 +47,10 @@ class OtherCodeError(MachineError):
 
 
 class _FixedRule(LaunchRule):
-    """Launch a fixed number of times, whatever comes of it."""
-
     purpose = "a verdict with its control"
 
-    def __init__(self, limit: TimeLimit, count: int, clock: Callable[[], float] = time.monotonic):
-        super().__init__(limit, clock)
+    def __init__(self, pair: RevisionPair, count: int, clock: Callable[[], float] = time.monotonic):
+        super().__init__(pair, clock)
         self._count = count
 
     def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
@@ -62,31 +59,23 @@ class _FixedRule(LaunchRule):
 
 
 class _FunctionRule(LaunchRule):
-    """Launch until the verdict is certain."""
-
     purpose = "a verdict"
 
     def __init__(
         self,
-        limit: TimeLimit,
+        pair: RevisionPair,
         plan: VerdictPlan,
         on_launch: Callable[[Judgement], None],
         clock: Callable[[], float],
     ):
-        super().__init__(limit, clock)
+        super().__init__(pair, clock)
         self._plan, self._on_launch = plan, on_launch
 
     def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
         judgement = judge_launches(launches, self._plan)
+        assert judgement is not None, "there is a launch"
         self._on_launch(judgement)
         return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
-
-
-def judge_launches(launches: Sequence[LaunchRow], plan: VerdictPlan) -> Judgement:
-    """Judge launches of a function; see `judgement.judge`."""
-    log_ratios = [launch.log_ratio for launch in launches]
-    effect, confidence, precision = plan.min_effect, plan.confidence, plan.precision
-    return judge(log_ratios, effect, confidence, precision, family=plan.family)
 
 
 def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow | None:
@@ -100,11 +89,7 @@ def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow 
 
 
 def check_versions(baseline: FunctionFacts, candidate: FunctionFacts) -> None:
-    """Refuse sides that ran on another Python, MuJoCo, NumPy or JAX.
-
-    Raises:
-      OtherCodeError: they did.
-    """
+    """Refuse sides that ran on another Python, MuJoCo, NumPy or JAX (OtherCodeError)."""
     for name in baseline.versions.keys() & candidate.versions.keys():
         old, new = baseline.versions[name], candidate.versions[name]
         if old != new:
@@ -117,11 +102,7 @@ def _code(target: FunctionTarget) -> tuple[str, str]:
 
 
 def check_origin(target: FunctionTarget, role: str, facts: FunctionFacts) -> None:
-    """Refuse a side that imported code of the user's that is not its revision's.
-
-    Raises:
-      OtherCodeError: it did.
-    """
+    """Refuse a side that imported other code than its revision's (OtherCodeError)."""
     if facts.misplaced:
         raise OtherCodeError(
             f"{target.name(role)} imported {facts.misplaced}, which is not the"
@@ -133,11 +114,7 @@ def check_origin(target: FunctionTarget, role: str, facts: FunctionFacts) -> Non
 def compare_results(
     baseline: FunctionFacts, again: FunctionFacts, candidate: FunctionFacts
 ) -> ResultsCheck:
-    """Return how the results of two sides compare.
-
-    Args:
-      again: of another process of the baseline, so that random results are known as such.
-    """
+    """Return how results compare; `again` is of the baseline, and shows whether its are random."""
     for facts in (baseline, candidate):
         if facts.problem:
             return ResultsCheck(ResultsOutcome.NONE, facts.problem)
@@ -155,24 +132,13 @@ class _Observed:
     candidate: FunctionFacts
     results: ResultsCheck
 
-    @property
-    def calls_s(self) -> Pair[float]:
-        return Pair(self.baseline.call_s, self.candidate.call_s)
-
 
 class _NewError(Exception):
     """The candidate can do it, and the baseline cannot."""
 
 
 def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
-    """See what both sides do.
-
-    Raises:
-      _NewError: only the candidate can do it.
-      InputError: neither can.
-      MachineError: the candidate cannot, or a process crashed, hung or failed.
-      OtherCodeError: the code is not the revisions' own.
-    """
+    """See what both sides do; raises _NewError where only the candidate can do it."""
     baseline, candidate = targets
     try:
         old = observe(pool, baseline, "baseline")
@@ -196,8 +162,6 @@ def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
 
 
 class _Decision:
-    """The verdict on one function, and what is known of it so far."""
-
     def __init__(
         self,
         pool: WorkerPool,
@@ -213,7 +177,6 @@ class _Decision:
         self._launches: Sequence[LaunchRow] = ()
 
     def run(self) -> VerdictRecord:
-        """Return the verdict; see `decide`."""
         baseline, candidate = self._targets
         if _code(baseline) == _code(candidate):
             same = "revisions have the same files" if baseline.revision else "environments are one"
@@ -238,26 +201,21 @@ class _Decision:
         """Launch the control, then both sides, until the verdict is certain or time is up."""
         baseline, limit_s = self._targets[0], self._plan.time_limit_s
         # half of the time for half of the launches
-        limit = TimeLimit(limit_s / 2, 2 * MIN_LAUNCHES, self._clock, _FixedRule.purpose)
-        rule: LaunchRule = _FixedRule(limit, MIN_LAUNCHES, self._clock)
-        ended = self._launch((baseline, baseline), calls, rule, limit)
+        pair = self._pair((baseline, baseline), calls, limit_s / 2)
+        ended = _FixedRule(pair, MIN_LAUNCHES, self._clock).run()
         self._control = ended.launches
-        if ended.is_enough:
-            left_s, count = limit_s - ended.seconds, 2 * MIN_LAUNCHES  # a budget is for both
-            limit = TimeLimit(left_s, count, self._clock, _FixedRule.purpose)
-            rule = _FunctionRule(limit, self._plan, self._on_launch, self._clock)
-            ended = self._launch(self._targets, calls, rule, limit)
+        if ended.is_enough:  # a budget is for both
+            pair = self._pair(self._targets, calls, limit_s - ended.seconds)
+            ended = _FunctionRule(pair, self._plan, self._on_launch, self._clock).run()
             self._launches = ended.launches
         verdict = Verdict.INCONCLUSIVE if ended.status == Status.OK else None
         return self._record(Failure(ended.status, ended.detail), verdict)
 
-    def _launch(
-        self, targets: FunctionTargets, calls: CallPlan, rule: LaunchRule, limit: TimeLimit
-    ) -> Launched:
-        return rule.run_pair(RevisionPair(self._pool, targets, calls, limit))
+    def _pair(self, targets: FunctionTargets, calls: CallPlan, limit_s: float) -> RevisionPair:
+        limit = TimeLimit(limit_s, 2 * MIN_LAUNCHES, self._clock, _FixedRule.purpose)
+        return RevisionPair(self._pool, targets, calls, limit)
 
     def _compiling(self, observed: _Observed) -> Pair[CompilationFigures] | None:
-        """Return what compiling took on both sides; None where they compile nothing."""
         first = observed.baseline.compilation, observed.candidate.compilation
         if first[0] is None or first[1] is None:
             return None
@@ -272,57 +230,45 @@ class _Decision:
     def _record(self, ending: Failure, verdict: Verdict | None = None) -> VerdictRecord:
         """Return the verdict as a run file stores it; `verdict` is that without any launch."""
         baseline, candidate = self._targets
-        row = VerdictRow(
+        observed, launches, run = self._observed, self._launches, candidate.run
+        detail, metric = ending.detail, self._plan.sizes.metric
+        judgement = judge_launches(launches, self._plan)
+        if judgement is not None:
+            verdict = judgement.verdict if ending.status == Status.OK else None
+        control = control_row(self._control, self._plan.confidence)
+        if verdict is not None and control is not None and not control.covers:
+            verdict, detail = Verdict.INCONCLUSIVE, detail or "the baseline differs from itself"
+        is_timed = bool(launches) and metric == Metric.TIME
+        return VerdictRecord(
             model=candidate.function,
             path=candidate.path,
             old=baseline.label,
             new=candidate.label,
             sides=(baseline.row(), candidate.row()),
-            metric=self._plan.sizes.metric,
+            metric=metric,
             status=ending.status,
-            detail=ending.detail,
+            detail=detail,
             verdict=verdict,
-            control=control_row(self._control, self._plan.confidence),
-            launches=len(self._launches),
-            pairs=2 * sum(len(launch.orders) for launch in self._launches),
+            ratio=judgement.ratio if judgement else None,
+            e_slower=min(judgement.e_slower, MAX_E_VALUE) if judgement else None,
+            e_faster=min(judgement.e_faster, MAX_E_VALUE) if judgement else None,
+            changed_work=observed.results.is_changed if observed else None,
+            nbatch=run.nbatch if run else None,
+            nstep=run.nstep if run else None,
+            starts=run.starts if run else None,
+            launches=len(launches),
+            pairs=2 * sum(len(launch.orders) for launch in launches),
             seconds=self._clock() - self._begin_s,
+            results=observed.results.outcome if observed else None,
+            results_detail=observed.results.detail if observed else "",
+            control=control,
+            calls_s=Pair(observed.baseline.call_s, observed.candidate.call_s) if observed else None,
+            slowing=statistics.median(each.slowing for each in launches) if is_timed else None,
             packages=package_versions(baseline.release, candidate.release),
+            compiling=self._compiling(observed) if observed else None,
+            samples=launches,
+            control_samples=self._control,
         )
-        if run := candidate.run:
-            row = replace(row, nbatch=run.nbatch, nstep=run.nstep, starts=run.starts)
-        if self._observed is not None:
-            row = _with_results(row, self._observed)
-            row = replace(row, compiling=self._compiling(self._observed))
-        if self._launches:
-            row = _with_judgement(row, judge_launches(self._launches, self._plan))
-            if row.metric == Metric.TIME:
-                row = replace(row, slowing=statistics.median(s.slowing for s in self._launches))
-        if row.verdict is not None and row.control is not None and not row.control.covers:
-            detail = row.detail or "the baseline differs from itself"
-            row = replace(row, verdict=Verdict.INCONCLUSIVE, detail=detail)
-        return replace(record_of(row, self._launches), control_samples=self._control)
-
-
-def _with_results(row: VerdictRow, observed: _Observed) -> VerdictRow:
-    """Return a verdict with what is known of results."""
-    results = observed.results
-    return replace(
-        row,
-        results=results.outcome,
-        results_detail=results.detail,
-        changed_work=results.is_changed,
-        calls_s=observed.calls_s,
-    )
-
-
-def _with_judgement(row: VerdictRow, judgement: Judgement) -> VerdictRow:
-    return replace(
-        row,
-        verdict=judgement.verdict if row.status == Status.OK else None,
-        ratio=judgement.ratio,
-        e_slower=min(judgement.e_slower, MAX_E_VALUE),
-        e_faster=min(judgement.e_faster, MAX_E_VALUE),
-    )
 
 
 def decide(
@@ -346,7 +292,6 @@ def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) ->
 
     Raises:
       InputError: a side cannot do it, or their results differ.
-      MachineError: a process crashed, hung or failed; the code is not the revisions' own.
     """
     try:
         observed = _observe(pool, targets)
@@ -354,8 +299,8 @@ def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) ->
         raise InputError(str(error)) from error
     if observed.results.outcome == ResultsOutcome.DIFFERENT:
         raise InputError(f"results differ: {observed.results.detail}")
-    calls, limit = CallPlan.of((observed.baseline, observed.candidate)), TimeLimit()
-    launched = _FixedRule(limit, count).run_pair(RevisionPair(pool, targets, calls, limit))
+    calls = CallPlan.of((observed.baseline, observed.candidate))
+    launched = _FixedRule(RevisionPair(pool, targets, calls, TimeLimit()), count).run()
     if launched.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
     if launched.status != Status.OK:

@@ -24,7 +24,6 @@ class Judgement:
     """What launches show about the ratio of candidate time to baseline time.
 
     Attributes:
-      ratio: estimate of candidate time over baseline time.
       enough: whether more launches are unnecessary for the verdict and precision asked for.
       e_slower: e-value against "not slower" (see `anytime.Fit.e_values`); 1 or less is no evidence.
     """
@@ -58,7 +57,7 @@ def judge(
     suffices for any number of changes in the family (see `anytime.e_benjamini_hochberg`).
 
     Args:
-      confidence: such as 0.99; of the whole procedure, however often it is called.
+      confidence: of the whole procedure, however often it is called.
       residues: of the launches' placements; None if libraries stay where they are.
     """
     evidence = anytime.evidence(log_ratios, confidence, residues)
@@ -72,7 +71,6 @@ def judge_exact(log_ratio: float, min_effect: float) -> Judgement:
 
 
 def exact_verdict(ratio: float, min_effect: float) -> Verdict:
-    """Return the verdict on a ratio that has no noise."""
     if ratio >= 1 + min_effect:
         return Verdict.SLOWER
     return Verdict.FASTER if ratio <= 1 / (1 + min_effect) else Verdict.SAME
@@ -103,7 +101,6 @@ def conclude(
 
 
 def _verdict(interval: Interval, log_effect: float) -> Verdict:
-    """Return the verdict on an interval of log ratios (see `judge`)."""
     if -log_effect < interval.low and interval.high < log_effect:
         return Verdict.SAME
     if interval.low > 0 and interval.mean > log_effect / 2:

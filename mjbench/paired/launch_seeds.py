@@ -32,10 +32,7 @@ class LaunchSeeds:
 
 
 def launches_of_a_program() -> int:
-    """Return for how many launches the programs that workers are forked from last.
-
-    It is one where workers are not forked: each of them is a program then.
-    """
+    """Return for how many launches the programs that workers are forked from last."""
     if not platforms.can_adopt():
         return 1
     return FIXED_LAUNCHES if platforms.can_fix_addresses() else RANDOM_LAUNCHES

@@ -18,11 +18,7 @@ LaunchT = TypeVar("LaunchT")
 
 
 class UnableError(Exception):
-    """A target cannot go on: it cannot run, ended its process, or returned something wrong.
-
-    Attributes:
-      position: of the target.
-    """
+    """A target cannot go on: it cannot run, ended its process, or returned something wrong."""
 
     def __init__(self, position: int, status: Status, detail: str):
         super().__init__(detail)
@@ -66,11 +62,7 @@ class StopRule(ABC, Generic[LaunchT]):
         """Take a launch into account."""
 
     def withdraw(self, error: UnableError) -> None:
-        """Go on without a target.
-
-        Raises:
-          UnableError: nothing can be measured without it.
-        """
+        """Go on without a target; raise the error where nothing can be measured without it."""
         raise error
 
 

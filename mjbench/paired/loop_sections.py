@@ -81,7 +81,6 @@ def sections(resources: Resources, count: int) -> list[LoopSection]:
     Args:
       resources: of the workload, whose model must not need a reset between simulations. Their first
         MjData is stepped, and `final_state()` is written, by this function and by the sections.
-      count: of sections, two or more, each of as many controls as the others, or of one more.
     """
     workload = resources.workload
     ncontrol = workload.nbatch * workload.ncontrol
@@ -106,9 +105,6 @@ def after_lead_in(resources: Resources) -> LoopSection:
     """Return the whole run of the path `python_loop` as one section, which follows its lead-in.
 
     The lead-in is stepped once, here. Copies of the MjData that it ends in hold what sleeps.
-
-    Args:
-      resources: of the workload, whose MjData and `final_state()` the section writes.
     """
     workload, final_state = resources.workload, resources.final_state()
     model, hold, spec = workload.model, workload.hold, compat.INTEGRATION
@@ -203,7 +199,6 @@ class TimedSteps:
     """
 
     def __init__(self, workload: Workload):
-        """Allocate what a run needs."""
         self.final_state = np.empty_like(workload.initial_state)
         self._workload = workload
         self._data = mujoco.MjData(workload.model)
@@ -211,7 +206,6 @@ class TimedSteps:
         self._ns = np.empty(workload.nbatch * workload.nstep, dtype=np.int64)
 
     def run(self) -> None:
-        """Take all steps."""
         workload, data, ns, hold = self._workload, self._data, self._ns, self._workload.hold
         model, mj_step, clock = workload.model, mujoco.mj_step, time.perf_counter_ns
         k = 0

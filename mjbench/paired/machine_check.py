@@ -34,12 +34,7 @@ _CLOCK_ROUNDS, _CLOCK_STEPS = 80, 500
 
 @dataclass(frozen=True)
 class Noise:
-    """What launches of identical targets showed.
-
-    Attributes:
-      deviation: standard deviation of their log ratios.
-      ratio: their estimate, which should be 1.
-    """
+    """What launches of identical targets showed."""
 
     launches: int
     deviation: float
@@ -61,12 +56,7 @@ class Noise:
 
 
 def noise(pool: WorkerPool, seconds: float = CHECK_S) -> Noise:
-    """Compare the cart-pole with itself for some seconds.
-
-    Raises:
-      MachineError: it cannot be compared.
-      KeyboardInterrupt: it was interrupted.
-    """
+    """Compare the cart-pole with itself for some seconds."""
     target = Target(installs.parse_release(installs.INSTALLED), models.resolve(MODEL))
     # so small an effect that no verdict ends it early
     plan = VerdictPlan(min_effect=1e-6, precision=1e-6, time_limit_s=seconds, as_shipped=True)
@@ -89,10 +79,7 @@ def noise(pool: WorkerPool, seconds: float = CHECK_S) -> Noise:
 
 
 def clock_share() -> float | None:
-    """Return the share of a cart-pole's step that the timer of MuJoCo's Python package takes.
-
-    None in releases that install none.
-    """
+    """Return the share of MuJoCo's timer in a cart-pole's step; None in releases without one."""
     model = models.load(models.resolve(MODEL))
     if not has_clock(model):
         return None

@@ -32,9 +32,6 @@ def growth_section(
     """Return a block whose reading is what 1,000 steps add to memory, with GROWTH_UNIT_BYTES.
 
     Memory that is given back is no growth: the reading is never less than the unit.
-
-    Args:
-      step: takes all steps of a block, `nstep` of them, or as many calls.
     """
     before_bytes = 0
 
@@ -67,14 +64,7 @@ def used_bytes() -> int:
 
 
 def section_of(metric: Metric, step: Callable[[], None], nstep: int) -> LoopSection:
-    """Return the blocks that say what steps took at most, once they are done, or what they add.
-
-    Args:
-      step: takes all steps of a block, `nstep` of them, or as many calls.
-
-    Raises:
-      UnavailableError: the system does not say it.
-    """
+    """Return the blocks that say what steps took at most, once they are done, or what they add."""
     if metric == Metric.MEMORY:
         step()
         return LoopSection(calls.nothing, reading=machine.peak_memory_bytes)
@@ -96,11 +86,7 @@ def prepare_growth(worker: Worker, cores: Sequence[int]) -> int:
 def prepare_peak(
     worker: Worker, file: Path, options: Mapping[str, str], workload_file: Path
 ) -> int:
-    """Load a model and do a workload, and have blocks say what this process took at most.
-
-    Returns:
-      How many nanoseconds that took.
-    """
+    """Load a model, do a workload, and have blocks say the peak; return how many ns it took."""
     begin = time.perf_counter_ns()
     worker.load_model("", file, options)
     worker.read_workload(workload_file)
@@ -112,11 +98,7 @@ def prepare_peak(
 
 @activity("measuring the arena")
 def prepare_arena(worker: Worker) -> int:
-    """Do a workload, and have blocks say how many bytes the arena of its MjData held at most.
-
-    Returns:
-      How many nanoseconds that took.
-    """
+    """Do a workload, and have blocks say the peak of its arena; return how many ns it took."""
     most_bytes, begin = 0, time.perf_counter_ns()
 
     def look(data: mujoco.MjData) -> None:
@@ -131,11 +113,7 @@ def prepare_arena(worker: Worker) -> int:
 def _stepping(
     workload: Workload, nstep: int, look: Callable[[mujoco.MjData], None] = lambda data: None
 ) -> Callable[[], None]:
-    """Return what takes `nstep` steps in the plain loop: those of a workload, again and again.
-
-    Args:
-      look: called after each simulation.
-    """
+    """Return what takes `nstep` steps in the plain loop: those of a workload, again and again."""
     model, hold = workload.model, workload.hold
     data, mj_step = mujoco.MjData(model), mujoco.mj_step
 

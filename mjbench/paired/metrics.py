@@ -32,7 +32,6 @@ class MetricSpec:
     """A metric.
 
     Attributes:
-      meaning: what is compared, for the help of `--metric`.
       suffix: what follows the name of a comparison; empty for the usual metric.
       more: what the candidate does that is worse, such as `slower`.
       less: what it does that is better.

@@ -37,8 +37,6 @@ def check(pool: WorkerPool, release: ReleaseSpec) -> None:
 
     Raises:
       ImmovableError: it cannot.
-      InputError: there is no such release.
-      MachineError: it cannot be installed.
     """
     if release.key in pool.immovable:
         raise pool.immovable[release.key]
@@ -72,12 +70,7 @@ def _check(pool: WorkerPool, release: ReleaseSpec) -> None:
 def _as_shipped(
     pool: WorkerPool, release: ReleaseSpec, process: WorkerProcess
 ) -> tuple[Path, np.ndarray]:
-    """Return the file of a workload, and the final states of a process as shipped.
-
-    Raises:
-      ImmovableError: this release cannot step the model that is looked at.
-      ChildError: it crashed, hung or failed.
-    """
+    """Return the file of a workload, and the final states of a process as shipped."""
     source = models.resolve(_MODEL)
     pool.wait_for(process, release)
     try:
@@ -96,7 +89,6 @@ def _compare(
     workload: Path,
     expected: np.ndarray,
 ) -> None:
-    """Raise ImmovableError unless a moved process reaches the expected states."""
     source = models.resolve(_MODEL)
     try:
         pool.wait_for(process, release)
@@ -113,7 +105,6 @@ class Averaging:
     """How the launches of a comparison place the libraries of both targets.
 
     Attributes:
-      is_on: whether they are moved from launch to launch.
       problem: why they cannot be; empty where they are, or were not to be.
     """
 
@@ -121,7 +112,6 @@ class Averaging:
     problem: str = ""
 
     def placements(self) -> Iterator[PlacementPair]:
-        """Return the placements of one launch after the other."""
         if self.is_on:
             return placement.schedule(random.Random())
         return itertools.repeat(AS_SHIPPED)
@@ -132,12 +122,7 @@ class Averaging:
 
 
 def averaging(pool: WorkerPool, baseline: ReleaseSpec, candidate: ReleaseSpec) -> Averaging:
-    """Return that placements are averaged, if the libraries of both releases can be moved.
-
-    Raises:
-      InputError: a release does not exist.
-      MachineError: a release cannot be installed.
-    """
+    """Return that placements are averaged, if the libraries of both releases can be moved."""
     for release in (baseline, candidate):
         try:
             check(pool, release)

@@ -5,6 +5,7 @@ numbers are such that a block takes one to a few milliseconds, or as long as the
 """
 
 import copy
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,11 +29,10 @@ _GEOM_RADIUS_M, _GEOM_DISTANCE_M = 0.1, 1.0
 
 @dataclass(frozen=True, eq=False)
 class PreparedOperation:
-    """An operation that can be timed as often as one likes.
+    """An operation that can be timed at will.
 
     Attributes:
-      result: does it once more and returns what it computed, as a vector of floats, which is to be
-        the same in all releases.
+      result: does it once more; a vector of floats, which is to be the same in all releases.
     """
 
     run: Callable[[], None]
@@ -45,13 +45,7 @@ Prepare = Callable[[ModelSource, int], PreparedOperation]
 
 @dataclass(frozen=True)
 class Operation:
-    """Something that programs do with a model.
-
-    Attributes:
-      title: in Python, as people write it.
-      model: that it is done with; empty where it builds its own.
-      repeats: how often a block does it.
-    """
+    """Something that programs do with a model; a block does it `repeats` times."""
 
     name: str
     title: str
@@ -60,15 +54,7 @@ class Operation:
     prepare: Prepare
 
     def prepared(self, file: Path) -> PreparedOperation:
-        """Return a block of it.
-
-        Args:
-          file: of the model; not read where there is none.
-
-        Raises:
-          UnavailableError: this release cannot do it.
-          InputError: it cannot load the model.
-        """
+        """Return a block of it; `file` is of the model, and not read where there is none."""
         return self.prepare(ModelSource(self.model, file), self.repeats)
 
 
@@ -167,17 +153,8 @@ def _cast_rays(source: ModelSource, repeats: int) -> PreparedOperation:
 _CALL_NSTEP = 5
 
 
-def _call_rollout(source: ModelSource, repeats: int) -> PreparedOperation:
-    options = {"threads": 1, "pool": "kept"}
-    return _call_path("rollout", options, source, repeats, Product.SENSORS)
-
-
-def _call_batch(source: ModelSource, repeats: int) -> PreparedOperation:
-    return _call_path("batch_rollout", {"threads": 1}, source, repeats, Product.FINAL)
-
-
 def _call_path(
-    name: str, options: Mapping[str, object], source: ModelSource, nbatch: int, returns: Product
+    name: str, options: Mapping[str, object], returns: Product, source: ModelSource, nbatch: int
 ) -> PreparedOperation:
     """Return one call of a path that steps `nbatch` simulations _CALL_NSTEP times."""
     model = models.load(source)
@@ -193,6 +170,11 @@ def _call_path(
         return np.concatenate([fields[name].ravel() for name in ("qpos", "qvel")])
 
     return PreparedOperation(prepared.run, result)
+
+
+_ROLLOUT = {"threads": 1, "pool": "kept"}
+_call_rollout = functools.partial(_call_path, "rollout", _ROLLOUT, Product.SENSORS)
+_call_batch = functools.partial(_call_path, "batch_rollout", {"threads": 1}, Product.FINAL)
 
 
 def _deterministic_work(model: mujoco.MjModel, nbatch: int, returns: Product) -> Workload:

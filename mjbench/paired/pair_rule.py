@@ -3,7 +3,7 @@
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -22,12 +22,7 @@ from mjbench.status import Status
 
 @dataclass(frozen=True)
 class Sufficiency:
-    """What a rule says of the launches so far.
-
-    Attributes:
-      is_enough: whether no more are needed.
-      has_answer: whether they are not for nothing if time is up.
-    """
+    """What a rule says of launches: they are enough, or not for nothing if time is up."""
 
     is_enough: bool
     has_answer: bool
@@ -38,14 +33,9 @@ class Launched:
     """What launches of two targets gave, and how they ended.
 
     Attributes:
-      status: how they ended; `OK` also where time ran out.
       detail: one line; empty when ok, unless time ran out before there were enough launches.
       is_enough: whether the rule ended them.
       seconds: from start to end, the workers' start included.
-      work_check: whether both did the same work; None where it ended before that.
-      results: how what an operation computes compares; None for steps.
-      workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None
-        likewise.
     """
 
     status: Status
@@ -59,22 +49,13 @@ class Launched:
 
 
 class LaunchRule(StopRule[LaunchRow]):
-    """When launches of two sides are enough.
-
-    Class attributes:
-      purpose: what they are for, such as `a verdict`.
-    """
+    """When launches of two sides suffice for their purpose; none begins after the time limit."""
 
     purpose: ClassVar[str]
 
-    def __init__(self, limit: TimeLimit, clock: Callable[[], float] = time.monotonic):
-        """Start nothing yet.
-
-        Args:
-          limit: no launch begins after it.
-        """
+    def __init__(self, pair: LaunchedPair, clock: Callable[[], float] = time.monotonic):
         self.launches: list[LaunchRow] = []
-        self._limit, self._clock = limit, clock
+        self._pair, self._limit, self._clock = pair, pair.time_limit, clock
         self._before_s = 0.0
         self._sufficiency = Sufficiency(is_enough=False, has_answer=False)
 
@@ -83,7 +64,6 @@ class LaunchRule(StopRule[LaunchRow]):
         """Return whether launches are enough; called after each."""
 
     def next_targets(self) -> Sequence[int]:
-        """See `StopRule.next_targets`."""
         if not self.launches:
             self._before_s = self._limit.spent_s()
             return BOTH
@@ -93,25 +73,28 @@ class LaunchRule(StopRule[LaunchRow]):
         return BOTH if self._limit.allows_another(count, self._before_s, has_answer) else ()
 
     def add(self, launch: LaunchRow) -> None:
-        """See `StopRule.add`."""
         self.launches.append(launch)
         self._sufficiency = self.look(self.launches)
 
-    def run_pair(self, pair: LaunchedPair) -> Launched:
+    def run(self) -> Launched:
         """Launch both sides until there is an answer, or time is up.
 
         Where a side crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds
         what was measured until then.
         """
         begin_s = self._clock()
-        *_, ending = launch(pair, self)
+        *_, ending = launch(self._pair, self)
         assert ending is not None, "the last one says how it ended"
+        work = self._pair.work
         return Launched(
             status=ending.status,
             detail=ending.detail,
             launches=self.launches,
             is_enough=self._sufficiency.is_enough,
             seconds=self._clock() - begin_s,
+            work_check=work.work_check if work else None,
+            results=work.results if work else None,
+            workload_file=work.baseline_workload if work else None,
         )
 
 
@@ -126,44 +109,17 @@ class PairRule(LaunchRule):
         time_limit_s: float,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Start nothing yet.
-
-        Args:
-          time_limit_s: seconds from when the models are loaded, after which no launch begins.
-        """
-        super().__init__(TimeLimit(time_limit_s, clock=clock, purpose=self.purpose), clock)
+        limit = TimeLimit(time_limit_s, clock=clock, purpose=self.purpose)
+        super().__init__(TargetPair(pool, *targets, sizes, limit, self._first_placements), clock)
         self._pool = pool
-        self._pair = TargetPair(pool, *targets, sizes, self._limit, self._first_placements)
 
     @abstractmethod
     def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        """Return the placements of the targets' libraries, launch by launch.
-
-        Raises:
-          InputError: a release does not exist.
-          MachineError: a release cannot be installed, or moved.
-        """
+        """Return the placements of the targets' libraries, launch by launch."""
 
     @abstractmethod
     def min_launches(self) -> int:
         """Return how many launches an answer needs; called after `placements`."""
-
-    @property
-    def work_check(self) -> WorkCheck | None:
-        """How the work of both targets compares, once they are prepared; None for operations."""
-        return self._pair.work_check
-
-    def run(self) -> Launched:
-        """Launch both targets until there is an answer, or time is up (see `run_pair`)."""
-        launched, pair = self.run_pair(self._pair), self._pair
-        if not pair.is_prepared:
-            return launched
-        return replace(
-            launched,
-            work_check=pair.work_check,
-            results=pair.results,
-            workload_file=pair.baseline_workload,
-        )
 
     def _first_placements(self) -> Iterator[PlacementPair]:
         placements = self.placements(self._pool)

@@ -4,13 +4,15 @@ import functools
 import random
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from mjbench.errors import InputError
 from mjbench.measuring.calls import Compilation
 from mjbench.paired import cores, memory_blocks, operations, preparation
-from mjbench.paired.call_results import Leaf, compare
+from mjbench.paired.call_results import Leaf, ResultsCheck, compare
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.outcomes import Metric
+from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.records import Pair
 from mjbench.paired.run_sizes import RUN_S, Sizes
@@ -30,6 +32,15 @@ from mjbench.simulation.models import ModelSource
 
 # How often a block does an operation, at most.
 MAX_REPEATS = 10_000
+# Metrics of which a launch has one layout and one quad, because more would be the same again; and
+# how many blocks of each side take time: that of the layout, and those of a quad that do more than
+# read what was measured.
+_BLOCKS_OF_ONE_QUAD: Mapping[Metric, int] = {
+    Metric.MEMORY: 1,
+    Metric.GROWTH: 3,
+    Metric.ARENA: 1,
+    Metric.COMPILE: 1,
+}
 
 
 class PairWork(ABC):
@@ -38,13 +49,23 @@ class PairWork(ABC):
     Attributes:
       nthread: threads or processes that the work takes; with one, launches run on one core.
       nsection: sections of a run, which blocks time one after the other (see `loop_sections`).
+      work_check: whether both sides do the same work; of steps only.
+      results: how what both compute compares; of operations only.
+      baseline_workload: file of the baseline's `PortableWorkload`, final states included, which
+        lasts as long as the pool; of steps only.
     """
 
     nthread: int = 1
     nsection: int = 1
+    work_check: WorkCheck | None = None
+    results: ResultsCheck | None = None
+    baseline_workload: Path | None = None
 
-    @abstractmethod
-    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+    def __init__(self, metric: Metric):
+        self._metric = metric
+        self._nblock = _BLOCKS_OF_ONE_QUAD.get(metric)
+
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:  # noqa: B027
         """Have the processes of a launch read what they need, without waiting."""
 
     def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
@@ -52,10 +73,6 @@ class PairWork(ABC):
 
         Args:
           is_new_run: whether a run that is divided may be another one than in the layout before.
-
-        Raises:
-          InputError: a process cannot do it.
-          ChildError: a process crashed, hung or failed.
         """
         allowed = cores.usable(pair.core)
         ns = {i: self._prepare(pair.processes[i], i, allowed) for i in random.sample((0, 1), 2)}
@@ -65,13 +82,10 @@ class PairWork(ABC):
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         """Have a process ready to time blocks; return the nanoseconds of one of each section.
 
-        Args:
-          i: 0 for the baseline, 1 for the candidate.
-          allowed: cores to run on from now on; empty for no change.
+        It runs on the cores `allowed` from now on; none for no change.
         """
 
     def compilations(self, pair: ProcessPair) -> Pair[Compilation] | None:
-        """Return what compiling took in both processes of a launch; None without any."""
         return None
 
     def layout_counts(self, all_blocks_s: float) -> tuple[int, int]:
@@ -80,49 +94,24 @@ class PairWork(ABC):
         Args:
           all_blocks_s: see `time_limit.quad_count`.
         """
+        if self._nblock is not None:
+            return 1, 1
         return layout_count(all_blocks_s, self.nsection), MAX_LAYOUTS
 
     def quad_count(self, all_blocks_s: float) -> int:
-        """Return the number of quads of a layout; see `layout_counts` for the argument."""
-        return quad_count(all_blocks_s, self.nsection)
+        return 1 if self._nblock is not None else quad_count(all_blocks_s, self.nsection)
 
     def launch_s(self, all_blocks_s: float) -> float:
-        """Return about how long a launch takes; see `layout_counts` for the argument."""
+        if self._nblock is not None:
+            return self._nblock * all_blocks_s
         return launch_s(all_blocks_s, self.nsection)
 
     def close(self) -> None:  # noqa: B027
         """Remove what is no longer needed."""
 
 
-class SingleQuadWork(PairWork):
-    """What each launch does in one layout and one quad, because more would be the same again.
-
-    Class attributes:
-      nblock: how many blocks of each side take time: that of the layout, and those of the quad.
-    """
-
-    nblock = 3
-
-    def layout_counts(self, all_blocks_s: float) -> tuple[int, int]:
-        """See `PairWork.layout_counts`."""
-        return 1, 1
-
-    def quad_count(self, all_blocks_s: float) -> int:
-        """See `PairWork.quad_count`."""
-        return 1
-
-    def launch_s(self, all_blocks_s: float) -> float:
-        """See `PairWork.launch_s`."""
-        return self.nblock * all_blocks_s
-
-
 class StepWork(PairWork):
-    """The simulations that two targets step, as often as it takes.
-
-    Attributes:
-      workloads: files of the `PortableWorkload`s, final states included.
-      step_s: see `Preparation.step_s`.
-    """
+    """The simulations that two targets step, as often as it takes."""
 
     def __init__(
         self,
@@ -133,31 +122,46 @@ class StepWork(PairWork):
         roles: tuple[str, str] = preparation.ROLES,
     ):
         """Load the models, and make sure that both targets can do it; see `preparation.prepare`."""
+        super().__init__(sizes.metric)
         self._targets, self._sizes = targets, sizes
         self.nthread = max(target.nthread for target in targets)
-        prepared = preparation.prepare(pool, targets, sizes, time_limit, roles)
-        self.nsection, self.work_check = prepared.nsection, prepared.work_check
-        self.workloads, self._models = prepared.workloads, prepared.models
-        self.step_s = prepared.step_s
+        self.prepared = preparation.prepare(pool, targets, sizes, time_limit, roles)
+        self.nsection, self.work_check = self.prepared.nsection, self.prepared.work_check
+        self.baseline_workload = self.prepared.workloads[0]
         # Simulations may differ in how much slower they are, so they are timed equally often.
-        self._times_drawn = [0] * prepared.nsim
+        self._times_drawn = [0] * self.prepared.nsim
         self._drawn: list[int] = []
+        if sizes.metric == Metric.GROWTH:
+            both_s = 2 * GROWTH_NSTEP * self.prepared.step_s
+            check_growth(both_s, pool)
+            time_limit.check_first_launch(self.launch_s(both_s))
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """Have the processes of a launch read model and workload, without waiting."""
+        if self._metric == Metric.MEMORY:  # all that a process loads is part of its peak
+            return
+        prepared = self.prepared
         for process, target, model, workload in zip(
-            processes, self._targets, self._models, self.workloads, strict=True
+            processes, self._targets, prepared.models, prepared.workloads, strict=True
         ):
             process.ask(Worker.equip, model, workload, target.path)
 
     def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
         if is_new_run or self.nsection == 1:
-            self._drawn = draw_least(self._times_drawn, self.work_check.nbatch)
+            nbatch = self.prepared.work_check.nbatch
+            self._drawn = draw_least(self._times_drawn, nbatch)
         return super().lay_out(pair)
 
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        target = self._targets[i]
+        target, workload = self._targets[i], self.prepared.workloads[i]
+        match self._metric:
+            case Metric.MEMORY:
+                options = dict(target.model_options)
+                file = target.model.path
+                return process.call(memory_blocks.prepare_peak, file, options, workload)
+            case Metric.GROWTH:
+                return process.call(memory_blocks.prepare_growth, allowed)
+            case Metric.ARENA:
+                return process.call(memory_blocks.prepare_arena)
         return process.call(
             Worker.prepare,
             target.path,
@@ -168,76 +172,18 @@ class StepWork(PairWork):
             slowdown=target.slowdown,
             has_timer=target.has_timer,
             returns=self._sizes.returns,
-            metric=self._sizes.metric,
+            metric=self._metric,
             nsection=self.nsection,
         )
 
     def close(self) -> None:
         """Remove all files but the baseline's workload."""
-        for file in (*self._models, self.workloads[1]):
+        for file in (*self.prepared.models, self.prepared.workloads[1]):
             file.unlink(missing_ok=True)
 
 
-class PeakWork(SingleQuadWork, StepWork):
-    """The most memory that the processes of two targets have, and all that they load is part of it.
-
-    The blocks of its quads only read it.
-    """
-
-    nblock = 1
-
-    def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """See `PairWork.equip`: there is nothing to read ahead."""
-
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        target, workload = self._targets[i], self.workloads[i]
-        options = dict(target.model_options)
-        return process.call(memory_blocks.prepare_peak, target.model.path, options, workload)
-
-
-class GrowthWork(SingleQuadWork, StepWork):
-    """What steps of two targets add to the memory of their processes."""
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        targets: tuple[Target, Target],
-        sizes: Sizes,
-        time_limit: TimeLimit,
-    ):
-        """Prepare it as `StepWork` does; raises OutOfTimeError where the limit allows no launch."""
-        super().__init__(pool, targets, sizes, time_limit)
-        both_s = 2 * GROWTH_NSTEP * self.step_s
-        check_growth(both_s, pool)
-        time_limit.check_first_launch(self.launch_s(both_s))
-
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        return process.call(memory_blocks.prepare_growth, allowed)
-
-
-class ArenaWork(SingleQuadWork, StepWork):
-    """The most that the arenas of two targets hold; the blocks of its quads only read it."""
-
-    nblock = 1
-
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        return process.call(memory_blocks.prepare_arena)
-
-
-# What does the work of metrics that need more than runs of steps.
-STEP_WORK: Mapping[Metric, type[StepWork]] = {
-    Metric.MEMORY: PeakWork,
-    Metric.GROWTH: GrowthWork,
-    Metric.ARENA: ArenaWork,
-}
-
-
 class OperationWork(PairWork):
-    """An operation around the step, on the models of two targets (see `operations`).
-
-    Attributes:
-      results: how what a block of it computes compares.
-    """
+    """An operation around the step, on the models of two targets (see `operations`)."""
 
     def __init__(
         self,
@@ -246,20 +192,12 @@ class OperationWork(PairWork):
         metric: Metric,
         time_limit: TimeLimit,
     ):
-        """Load the models, and choose how often a block does it.
-
-        Raises:
-          InputError: a target cannot do it.
-          ChildError: a target crashed, hung or failed.
-          OutOfTimeError: the limit does not allow a launch.
-        """
-        self._metric = metric
+        """Load the models, and choose how often a block does it."""
+        super().__init__(metric)
         with preparation.loaded(pool, targets, time_limit) as (processes, models):
             self._models = models
-            if metric == Metric.LOAD:  # from the user's file
-                self._files = [target.model.path for target in targets]
-            else:
-                self._files = [*models]
+            is_of_source = metric == Metric.LOAD
+            self._files = [target.model.path for target in targets] if is_of_source else [*models]
             once = [self._ready(process, i, (), 1) for i, process in enumerate(processes)]
             slower_s = 1e-9 * max(each.ns for each in once)
             self._repeats = min(max(1, round(RUN_S / slower_s)), MAX_REPEATS)
@@ -270,14 +208,10 @@ class OperationWork(PairWork):
         old, new = ([[Leaf("", each.result)]] for each in timed)
         self.results = compare(old, new)
 
-    def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """See `PairWork.equip`: there is nothing to read."""
-
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         return self._ready(process, i, allowed, self._repeats).ns
 
     def close(self) -> None:
-        """See `PairWork.close`."""
         for file in self._models:
             file.unlink(missing_ok=True)
 
@@ -290,14 +224,7 @@ class OperationWork(PairWork):
 
 
 def check_growth(both_s: float, pool: WorkerPool) -> None:
-    """Refuse blocks of growth in which a process may count as hung.
-
-    Args:
-      both_s: about how many seconds a block takes, of both sides together.
-
-    Raises:
-      InputError: the steps or calls are too slow.
-    """
+    """Refuse blocks of growth in which a process may count as hung; `both_s` is of both sides."""
     if both_s > pool.limit_s:
         raise InputError(
             f"--metric growth needs {GROWTH_NSTEP:,} steps or calls in a block, which would take"

@@ -35,7 +35,6 @@ class ModelComparison:
     """What is known of one model at one size.
 
     Attributes:
-      measurements: one a variant, in the plan's order.
       race: of the paths that run C and agree; None before it, and where there was none.
     """
 
@@ -45,12 +44,10 @@ class ModelComparison:
 
     @property
     def is_interrupted(self) -> bool:
-        """Whether the user stopped it."""
         return self.model.status == Status.INTERRUPTED
 
     @property
     def records(self) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
-        """The records in the order they are stored."""
         return [self.model, *self.measurements, *([self.race] if self.race else [])]
 
 
@@ -62,13 +59,16 @@ def stored(
         if not isinstance(record, ModelRecord):
             continue
         if (record.model, record.nbatch_asked) == (source.name, plan.nbatch):
-            measurements = of_model(MeasurementRecord, record, records)
-            return ModelComparison(record, tuple(measurements), race_of(record, records))
+            return _of_model(record, records)
     return None
 
 
+def _of_model(model: ModelRecord, records: Sequence[object]) -> ModelComparison:
+    measurements = of_model(MeasurementRecord, model, records)
+    return ModelComparison(model, tuple(measurements), race_of(model, records))
+
+
 def race_of(model: ModelRecord, records: Sequence[object]) -> RaceRecord | None:
-    """Return the race of a model at one size, from the records of a run; None without one."""
     return next(iter(of_model(RaceRecord, model, records)), None)
 
 
@@ -88,26 +88,18 @@ def enter(model: ModelRecord, variants: Sequence[Variant]) -> RaceRecord:
 
 
 def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
-    """Return the records that need not be measured again when a run is continued.
-
-    Those are of models whose race and whose variants all ended, none by a failure.
-
-    Args:
-      records: of the run.
-      nvariant: how many measurements a model has.
-    """
+    """Return the records of models that are not measured again: all ended, none by a failure."""
     done: list[Record] = []
     for model in records:
-        if not isinstance(model, ModelRecord) or model.status not in FINISHED:
+        if not isinstance(model, ModelRecord):
             continue
-        measurements = of_model(MeasurementRecord, model, records)
-        its_race = race_of(model, records)
-        raced = [m for m in measurements if m.status == Status.OK and not m.samples_s]
-        if raced and its_race is None:  # the last line of the file was cut short
+        known = _of_model(model, records)
+        raced = [m for m in known.measurements if m.status == Status.OK and not m.samples_s]
+        if raced and known.race is None:  # the last line of the file was cut short
             continue
-        statuses = [each.status for each in measurements] + ([its_race.status] if its_race else [])
-        if len(measurements) == nvariant and all(status in FINISHED for status in statuses):
-            done += [model, *measurements, *([its_race] if its_race else [])]
+        is_finished = all(each.status in FINISHED for each in known.records)
+        if len(known.measurements) == nvariant and is_finished:
+            done += known.records
     return done
 
 
@@ -124,13 +116,8 @@ def compare_model(
     Ctrl-C, which may be thrown into it, ends it: what is known then comes last.
 
     Args:
-      pool: starts the processes of launches.
-      source: the model.
-      plan: of the comparison.
-      on_progress: called as it goes on.
       on_phase: called with a line where a phase begins: agreement, the race, and each path that
         compiles.
-      clock: returns seconds.
     """
     comparison = _PathComparison(pool, source, plan, on_progress, on_phase, clock)
     try:
@@ -141,8 +128,6 @@ def compare_model(
 
 
 class _PathComparison:
-    """The comparison of one model, and what is known so far."""
-
     def __init__(
         self,
         pool: WorkerPool,
@@ -159,7 +144,6 @@ class _PathComparison:
         self._race: RaceRecord | None = None
 
     def run(self) -> Iterator[ModelComparison]:
-        """Verify, race, and measure what compiles; yield what is known in between."""
         children = self.children
         self._on_phase(f"{self._name}: checking agreement")
         ended = children.verify(self._show_verifying)
@@ -177,7 +161,6 @@ class _PathComparison:
             yield self.snapshot()
 
     def snapshot(self, is_over: bool = False) -> ModelComparison:
-        """Return what is known now."""
         timed: list[int] = []
         if self._race is not None:
             positions = {i for launch in self._race.launches for i in launch.variants}
@@ -209,7 +192,6 @@ class _PathComparison:
             yield self.snapshot()
 
     def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
-        """Return the record with what disturbed it."""
         others = [each for each in neighbours.measuring_now() if each.pid != os.getpid()]
         earlier = self._race.neighbours if self._race is not None else ()
         names = sorted({*earlier, *(each.command for each in others)})

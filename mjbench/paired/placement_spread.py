@@ -35,13 +35,7 @@ MIN_LAUNCHES = 9
 
 @dataclass(frozen=True)
 class SpreadPlan:
-    """How many launches a model gets.
-
-    Attributes:
-      launches: of each residue.
-      time_limit_s: seconds from when the model is loaded, after which no launch begins; see
-        `time_limit`.
-    """
+    """How many launches each residue gets, within seconds from when the model is loaded."""
 
     launches: int = 14
     time_limit_s: float = 180.0
@@ -49,7 +43,6 @@ class SpreadPlan:
 
     @property
     def most_launches(self) -> int:
-        """How many launches all residues get together."""
         return self.launches * len(RESIDUES)
 
 
@@ -123,7 +116,6 @@ def schedule(rng: random.Random) -> Iterator[PlacementPair]:
 
 
 def residue_rows(launches: Sequence[LaunchRow]) -> list[ResidueRow]:
-    """Return what launches say of each residue that they took."""
     log_ratios: dict[int, list[float]] = {}
     for launch in launches:
         if launch.placements.new is not None:
@@ -140,7 +132,6 @@ def _residue_row(residue: int, log_ratios: Sequence[float]) -> ResidueRow:
 
 
 def spread_of(residues: Sequence[ResidueRow]) -> Spread | None:
-    """Return the spread of residues; None unless all are there."""
     if len(residues) < len(RESIDUES):
         return None
     ratios = [row.ratio for row in residues]
@@ -154,8 +145,6 @@ def spread_of(residues: Sequence[ResidueRow]) -> Spread | None:
 
 
 class _SpreadRule(PairRule):
-    """Launch until every residue has its launches."""
-
     purpose = "a spread"
 
     def __init__(
@@ -193,11 +182,7 @@ def measure(
     on_launch: Callable[[int], None] = lambda count: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> SpreadRecord:
-    """Compare a release with itself moved, until every residue has its launches or time is up.
-
-    Args:
-      on_launch: called after each launch, with their number so far.
-    """
+    """Compare a release with itself moved, until every residue has its launches or time is up."""
     launched = _SpreadRule(pool, target, plan, on_launch, clock).run()
     samples, check, detail = launched.launches, launched.work_check, launched.detail
     if launched.status == Status.OK and not detail and not launched.is_enough:

@@ -47,10 +47,7 @@ class WorkCheck:
 
     Attributes:
       drift: how far qpos, qvel and act differ; None where the models differ in size.
-      diverged: simulations that diverged in the baseline, and in the candidate; none of those is
-        timed.
-      warnings: how many other simulations raised each warning, in the baseline, and in the
-        candidate.
+      diverged: simulations that diverged in the baseline, and in the candidate.
       candidate_starts: where those of the candidate came from; None where both start alike.
     """
 
@@ -78,7 +75,6 @@ class WorkCheck:
 
     @property
     def changed(self) -> bool:
-        """Whether counters, or the results of single steps beyond rounding, differ."""
         return bool(self.changes)
 
 
@@ -87,7 +83,6 @@ class Preparation:
     """What every launch of two targets starts from. Pairs are of the baseline and the candidate.
 
     Attributes:
-      models: files of the compiled models, options set.
       workloads: files of the `PortableWorkload`s, final states included.
       nsim: simulations in each workload file.
       nsection: sections that the run is divided into (see `loop_sections`); 1 for no division.
@@ -104,14 +99,7 @@ class Preparation:
 
 @dataclass(frozen=True)
 class _ChosenSizes:
-    """What is drawn and timed.
-
-    Attributes:
-      step_s: see `Preparation.step_s`.
-      faster_step_s: seconds of a step of the target that is faster, as tables have it; None where
-        no run is divided into sections.
-      sleep_alike: whether both models enable sleeping, or neither does.
-    """
+    """What is drawn and timed; `faster_step_s` is None where no run is divided into sections."""
 
     sizes: Sizes
     run: RunSize
@@ -121,12 +109,10 @@ class _ChosenSizes:
     sleep_alike: bool
 
     def nsection(self, nbatch: int) -> int:
-        """Return the number of sections of a run of `nbatch` simulations; 1 for no division."""
         return self.run._replace(nbatch=nbatch).nsection(self.faster_step_s, self.sizes.hold)
 
 
 def describe(targets: Sequence[Target], roles: tuple[str, str] = ROLES) -> tuple[str, str]:
-    """Return the names of two targets, for error messages."""
     baseline, candidate = (
         f"{role} (MuJoCo {target.release.version}, {target.model.name})"
         for role, target in zip(roles, targets, strict=True)
@@ -144,15 +130,6 @@ def prepare(
     """Load both models, draw the workload, and see what each target does with it.
 
     The files of the result last as long as the pool.
-
-    Args:
-      time_limit: starts when the models are loaded.
-      roles: what error messages call the two.
-
-    Raises:
-      InputError: a target cannot do this work.
-      ChildError: a target crashed, hung or failed.
-      OutOfTimeError: the limit does not allow a launch.
     """
     with loaded(pool, targets, time_limit, roles) as (processes, models):
         chosen = _choose_sizes(targets, sizes, processes, time_limit)
@@ -167,33 +144,22 @@ def loaded(
     time_limit: TimeLimit,
     roles: tuple[str, str] = ROLES,
 ) -> Iterator[tuple[Sequence[WorkerProcess], tuple[Path, Path]]]:
-    """Yield processes that have loaded the models of two targets, and files of both, compiled.
-
-    The files last as long as the pool. See `prepare` for the arguments, and for what it raises.
-    """
+    """Yield processes that have loaded the models of two targets, and files of both, compiled."""
     processes: list[WorkerProcess] = []
     try:
         for i, (target, name) in enumerate(zip(targets, describe(targets, roles), strict=True)):
             processes.append(pool.start(target.release, name, side=i))
         for process, target in zip(processes, targets, strict=True):
             pool.wait_for(process, target.release)
-        models = _load(pool, targets, processes)
+        models = (pool.new_file(".mjb"), pool.new_file(".mjb"))
+        for process, target, file in zip(processes, targets, models, strict=True):
+            source, options = target.model, dict(target.model_options)
+            process.call(Worker.load_model, source.name, source.path, options)
+            process.call(Worker.save_model, file)
         time_limit.start()
         yield processes, models
     finally:
         pool.end(processes)
-
-
-def _load(
-    pool: WorkerPool, targets: Sequence[Target], processes: Sequence[WorkerProcess]
-) -> tuple[Path, Path]:
-    """Load both models, set their options, and save them; return the files."""
-    models = (pool.new_file(".mjb"), pool.new_file(".mjb"))
-    for process, target, file in zip(processes, targets, models, strict=True):
-        source, options = target.model, dict(target.model_options)
-        process.call(Worker.load_model, source.name, source.path, options)
-        process.call(Worker.save_model, file)
-    return models
 
 
 def _choose_sizes(
@@ -206,9 +172,6 @@ def _choose_sizes(
 
     Sizes follow from the costs that tables hold, so they are the same in every run. What is
     measured now decides only whether time will suffice.
-
-    Raises:
-      OutOfTimeError: the limit does not allow to draw it, and to launch once.
     """
     nthread = max(target.nthread for target in targets)
     step_s, costs_s, settling_nstep = 0.0, list[float](), 0
@@ -277,7 +240,6 @@ def _prepared(
     drawn: tuple[DrawnWorkload, DrawnWorkload],
     chosen: _ChosenSizes,
 ) -> Preparation:
-    """See what each target does with its workload; save what is to be timed."""
     shared = drawn[0] is drawn[1]
     workloads = [each.workload for each in drawn]
     nbatch, nsection = chosen.run.nbatch, chosen.nsection(chosen.run.nbatch)
@@ -289,10 +251,11 @@ def _prepared(
     baseline, candidate = observed
     rows = _rows_to_time(targets, (baseline, candidate), shared)
     nsim = len(rows[0])
-    work_check = WorkCheck(
+    is_compared = baseline.healthy & candidate.healthy if shared else baseline.healthy
+    check = WorkCheck(
         baseline=baseline.work,
         candidate=candidate.work,
-        drift=_drift(baseline, candidate, shared),
+        drift=work_check.drift(baseline.followed, candidate.followed, is_compared, shared),
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
         nbatch=min(nbatch, nsim),
@@ -306,8 +269,8 @@ def _prepared(
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
     can_divide = baseline.can_divide and candidate.can_divide
-    nsection = chosen.nsection(work_check.nbatch) if can_divide else 1
-    return Preparation(models, files, nsim, nsection, chosen.step_s, work_check)
+    nsection = chosen.nsection(check.nbatch) if can_divide else 1
+    return Preparation(models, files, nsim, nsection, chosen.step_s, check)
 
 
 def _draw(
@@ -336,13 +299,7 @@ def _widths(fields: Mapping[str, np.ndarray]) -> dict[str, int]:
 def _rows_to_time(
     targets: Sequence[Target], observed: tuple[Observed, Observed], shared: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the simulations that each target is timed with: as many, and none that diverges.
-
-    Where the workload is shared they are the same ones.
-
-    Raises:
-      InputError: there are none.
-    """
+    """Return the simulations that each target is timed with: as many, and none that diverges."""
     for target, result in zip(targets, observed, strict=True):
         if not result.healthy.any():
             raise InputError(
@@ -360,9 +317,3 @@ def _rows_to_time(
     baseline, candidate = (np.flatnonzero(result.healthy) for result in observed)
     count = min(len(baseline), len(candidate))
     return baseline[:count], candidate[:count]
-
-
-def _drift(baseline: Observed, candidate: Observed, shared: bool) -> StateDrift | None:
-    """Return how far the states of two targets differ; None where the sizes differ."""
-    is_compared = baseline.healthy & candidate.healthy if shared else baseline.healthy
-    return work_check.drift(baseline.followed, candidate.followed, is_compared, shared)

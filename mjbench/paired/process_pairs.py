@@ -20,12 +20,7 @@ Equip = Callable[[Sequence[WorkerProcess]], None]
 
 @dataclass(frozen=True, eq=False)
 class ProcessPair:
-    """The processes of one launch.
-
-    Attributes:
-      processes: of the baseline and of the candidate.
-      core: that they are measured on; None for all, and before they are.
-    """
+    """The processes of one launch, and the core that they are measured on; None for all."""
 
     processes: tuple[WorkerProcess, WorkerProcess]
     placements: PlacementPair
@@ -46,12 +41,7 @@ class ProcessPairs:
         names: tuple[str, str],
         placements: Iterator[PlacementPair] | None = None,
     ):
-        """Start the processes of the first launch; `equip` tells all of them what they need.
-
-        Args:
-          names: of baseline and candidate, for error messages.
-          placements: of their libraries, launch by launch; None for as shipped.
-        """
+        """Start the processes of the first launch; `equip` tells all of them what they need."""
         self._pool, self._releases, self._names = pool, releases, names
         self._placements = placements or itertools.repeat(AS_SHIPPED)
         self._seeds = pool.seeds(releases)
@@ -75,12 +65,7 @@ class ProcessPairs:
             equip(self._next.processes)
 
     def wait(self) -> None:
-        """Wait until the processes of the next launch are ready.
-
-        Raises:
-          InputError: what they were asked for cannot be.
-          ChildError: one crashed, hung or failed.
-        """
+        """Wait until the processes of the next launch are ready."""
         try:
             if self._failure is not None:
                 raise self._failure
@@ -129,7 +114,6 @@ class ProcessPairs:
             return True
 
     def close(self) -> None:
-        """End all processes that have not ended yet."""
         if self._next is not None:
             self._finished.append(self._next)
         self._next, self._failure = None, None
@@ -141,12 +125,8 @@ class ProcessPairs:
 
     def _start_ahead(self, allowed: Collection[int]) -> ProcessPair:
         """Return the processes of the next launch; start them if need be, without waiting."""
-        if self._next is None:
-            self._next = self._start(allowed)
-        return self._next
-
-    def _start(self, allowed: Collection[int]) -> ProcessPair:
-        """Start the processes of one launch on the allowed cores, without waiting for them."""
+        if self._next is not None:
+            return self._next
         seeds, self._next_seeds = self._next_seeds, next(self._seeds)
         placements = next(self._placements)
         both = (placements.old, placements.new)
@@ -166,4 +146,5 @@ class ProcessPairs:
         except BaseException:
             self._pool.end(list(started.values()))
             raise
+        self._next = pair
         return pair

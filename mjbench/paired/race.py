@@ -26,28 +26,20 @@ _SHARE_OF_START = 0.25
 class RaceBudget:
     """The time that a race, and the launches after it, may take.
 
-    Attributes:
-      end_s: when they end, by `clock`. One launch is begun even after that.
+    One launch is begun even after that.
     """
 
     end_s: float
     clock: Callable[[], float] = time.monotonic
 
     def left_s(self) -> float:
-        """Return the seconds that are left."""
         return self.end_s - self.clock()
 
 
 def race(
     entered: RaceRecord, variants: Targets[RaceLaunch], budget: RaceBudget
 ) -> Iterator[RaceRecord]:
-    """Run a race, and the launches after it; yield what is known after each, and how it ended.
-
-    Args:
-      entered: what takes part, without a launch.
-      variants: what is launched; their positions are those in `entered`.
-      budget: of time.
-    """
+    """Run a race, and the launches after it; yield what is known after each, and how it ended."""
     rule = _RaceRule(entered, budget)
     for ending in launch(variants, rule):
         if ending is not None and ending.status != Status.OK:
@@ -65,14 +57,12 @@ class _RaceRule(StopRule[RaceLaunch]):
         self._is_final = False
 
     def next_targets(self) -> Sequence[int]:
-        """See `StopRule.next_targets`."""
         racing = self._next_of_race()
         self._is_final = not racing
         self._begin_s = self._budget.clock()
         return racing or self._next_final() or self._next_slow()
 
     def add(self, launch: RaceLaunch) -> None:
-        """See `StopRule.add`."""
         self._launch_s = self._budget.clock() - self._begin_s
         launches = [*self.record.launches, replace(launch, is_final=self._is_final)]
         self.record = replace(self.record, launches=launches)
@@ -85,7 +75,6 @@ class _RaceRule(StopRule[RaceLaunch]):
         self.record = replace(self.record, unable=[*self.record.unable, unable])
 
     def _next_of_race(self) -> list[int]:
-        """Return the variants of the next launch of the race; none where it is over."""
         record = self.record
         if record.is_cut_short or record.is_decided:
             return []
@@ -100,7 +89,6 @@ class _RaceRule(StopRule[RaceLaunch]):
         return []
 
     def _next_final(self) -> list[int]:
-        """Return the variants of the next launch after the race; none without time for it."""
         final = finalists(self.record)
         count = self._final_launches_of(final)
         if count < FINAL_LAUNCHES and self._budget.left_s() >= self._expected_s(final):
@@ -110,21 +98,16 @@ class _RaceRule(StopRule[RaceLaunch]):
         return []
 
     def _next_slow(self) -> list[int]:
-        """Return the variants of the next launch of those that start slowly, whatever the budget.
-
-        The plain loop is beside them.
-        """
+        """Return the plain loop and those that start slowly, until they have launches enough."""
         slow = [i for i in self.record.slow if i in self.record.able]
         has_enough = self._final_launches_of(slow) >= MIN_FINAL_LAUNCHES
         return [] if not slow or has_enough else [0, *slow]
 
     def _final_launches_of(self, positions: Collection[int]) -> int:
-        """Return how many launches after the race timed all of these variants."""
         after = [launch for launch in self.record.launches if launch.is_final]
         return sum(set(positions) <= set(launch.variants) for launch in after)
 
     def _expected_s(self, positions: Collection[int]) -> float:
-        """Return about how long a launch of these variants takes."""
         share = len(positions) / len(self.record.launches[-1].variants)
         return self._launch_s * max(share, _SHARE_OF_START)
 

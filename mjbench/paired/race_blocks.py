@@ -25,12 +25,7 @@ _LONG_BLOCK_S = 1.0
 
 @dataclass
 class RaceBlocks:
-    """The paths of one launch, and the work that all of them do.
-
-    Attributes:
-      case: the workload, and what it must come to.
-      rng: draws the orders of simulations.
-    """
+    """The paths of one launch, and the work that all of them do."""
 
     case: ReferenceCase
     rng: np.random.Generator
@@ -40,12 +35,7 @@ class RaceBlocks:
         self._guard = ModelGuard(self.case.workload.model)
 
     def prepare(self, path_name: str, options: Mapping[str, Any]) -> None:
-        """Prepare a path after the others; check what it returns, and run a short one once more.
-
-        Raises:
-          InputError: it cannot run, or returns something else than the plain loop.
-          MachineError: it changes the model, which all paths share.
-        """
+        """Prepare a path after the others; check what it returns, and run a short one once more."""
         path, workload = paths.find(path_name), self.case.workload
         if reason := path.cannot_run(workload, options):
             raise InputError(reason)
@@ -62,11 +52,7 @@ class RaceBlocks:
         self._prepared.append(prepared)
 
     def time(self, number: int, reorders: bool) -> TimedEntrant:
-        """Run one block of a path, and compare what it returns.
-
-        Raises:
-          MachineError: the path changes the model, which all of them share.
-        """
+        """Run one block of a path, and compare what it returns."""
         if reorders:
             self.case.reorder(self.rng)
         prepared, clock = self._prepared[number], time.perf_counter_ns

@@ -10,7 +10,6 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds
-from mjbench.paired.calibrator import cores_had
 from mjbench.paired.launches import Targets, UnableError
 from mjbench.paired.race_record import RaceLaunch
 from mjbench.paired.worker import Worker
@@ -37,14 +36,7 @@ class RaceLaunches(Targets[RaceLaunch]):
         self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
 
     def launch(self, positions: Sequence[int]) -> RaceLaunch:
-        """Time the variants at these positions in a fresh process.
-
-        Raises:
-          UnableError: a variant cannot run, ended the process, or returns something else than the
-            plain loop.
-          ChildError: the process crashed, hung or failed while it did nothing of another variant
-            than the plain loop.
-        """
+        """Time the variants at these positions in a fresh process."""
         plan, files = self._verified.plan, self._verified.files
         name = f"{self._verified.source.name} in a fresh process"
         process = self._pool.start(self._release, name, seeds=next(self._seeds))
@@ -59,7 +51,7 @@ class RaceLaunches(Targets[RaceLaunch]):
             )
             self._pool.wait_for(process, self._release)
             most_threads = max(nthread(self._variants[i].options) for i in positions)
-            had = cores_had(process, most_threads)
+            had = cores.count(process, most_threads)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
                 path, options = self._variants[position].path, self._variants[position].options
@@ -91,12 +83,7 @@ class RaceLaunches(Targets[RaceLaunch]):
 
 @contextlib.contextmanager
 def _attributed(process: WorkerProcess, position: int, activity: str) -> Iterator[None]:
-    """Raise an UnableError for what a task of a variant raises.
-
-    Raises:
-      UnableError: the variant cannot run, or ended the process.
-      ChildError: it is the plain loop that ended the process.
-    """
+    """Raise an UnableError for what a task of a variant raises."""
     try:
         yield
         return
@@ -110,11 +97,7 @@ def _attributed(process: WorkerProcess, position: int, activity: str) -> Iterato
 
 
 def time_rounds(time_round: Callable[[Sequence[int]], list[int]], count: int) -> list[list[int]]:
-    """Return the nanoseconds of `count` blocks in each round: fewer rounds where blocks are long.
-
-    Args:
-      time_round: times the blocks in the order given, and returns their nanoseconds.
-    """
+    """Return the nanoseconds of `count` blocks of each round: fewer rounds where they are long."""
     rows: list[list[int]] = []
     for order in _orders(count):
         if len(rows) == LONG_ROUNDS and sum(map(sum, rows)) > LONG_NS:

@@ -63,11 +63,6 @@ class RaceLaunch:
     is_final: bool = False
 
     def __post_init__(self) -> None:
-        """Check the sizes.
-
-        Raises:
-          ValueError: `ns` has not that shape.
-        """
         if len(self.ns) % 2 or not self.ns or any(len(r) != len(self.variants) for r in self.ns):
             raise ValueError("ns has a row for each round, as many each way, of all its variants")
 
@@ -76,7 +71,6 @@ class RaceLaunch:
         return self._log_ns[candidate] - self._log_ns[baseline]
 
     def block_ns(self, variant: int) -> float:
-        """Return how long a variant's block takes, in nanoseconds."""
         return math.exp(self._log_ns[variant])
 
     @functools.cached_property
@@ -110,7 +104,6 @@ class Standing:
     """What a race says of the paths that compete with each other, by their positions.
 
     Attributes:
-      fastest: by estimate.
       chosen: the simplest contender that is as good as the fastest: within `MARGIN` certainly, and
         within half of it by estimate.
       contenders: all that are not certainly slower than the fastest, itself included.
@@ -165,12 +158,6 @@ class RaceRecord:
     neighbours: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Check the positions of variants.
-
-        Raises:
-          ValueError: there is no variant at one of them, a loop has no group, or the plain loop is
-            missing.
-        """
         positions = {each.variant for each in self.unable}.union(self.slow, *self.groups)
         positions.update(*(launch.variants for launch in self.launches))
         if any(position >= len(self.variants) for position in positions):
@@ -182,11 +169,9 @@ class RaceRecord:
 
     @property
     def able(self) -> set[int]:
-        """The variants that can go on, by their positions."""
         return set(range(len(self.variants))) - {each.variant for each in self.unable}
 
     def threads(self, launch: RaceLaunch) -> list[int]:
-        """Return how many threads each variant of a launch has."""
         return [nthread(self.variants[i].options) for i in launch.variants]
 
     @property
@@ -253,12 +238,10 @@ class RaceRecord:
         return self.ratio_of(first, second)
 
     def ratio_of(self, first: int, second: int) -> Ratio | None:
-        """Return how many times faster the first variant is than the second, by positions."""
         both = [each for each in self.launches if {first, second} <= set(each.variants)]
         return self._interval(both, first, second) if both else None
 
     def step_s(self, variant: Variant) -> list[float]:
-        """Return the seconds of a step of a variant in each launch that gave its speed-up."""
         position = self._position(variant)
         if position is None:
             return []
@@ -266,7 +249,6 @@ class RaceRecord:
         return [1e-9 * launch.block_ns(position) / self.steps for launch in launches]
 
     def launch_count(self, variant: Variant) -> int:
-        """Return how many launches gave the speed-up of a variant."""
         return len(self._launches_of(self._position(variant)))
 
     def has_final_figures(self, variant: Variant) -> bool:
@@ -351,7 +333,6 @@ def standing_of(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: 
     Args:
       launches: of the race; the first timed all of the group.
       group: the variants that are not out, from the simplest on.
-      entrants: variants that entered the race.
     """
     confidence = 1 - ERROR / max(1, entrants * (entrants - 1))
     shared = [launch for launch in launches if set(group) <= set(launch.variants)]
@@ -381,12 +362,6 @@ def log_ratio(
     The spread of launches is pooled over all variants that those launches timed, unless that of the
     two is larger: so three launches of many variants have an interval, and a variant whose times
     scatter has a wide one. Disturbed launches are left out of the mean (see `anytime.fit`).
-
-    Args:
-      launches: of which those that timed both count; there is one at least.
-      baseline: the one variant.
-      candidate: the other.
-      confidence: such as 0.95.
     """
     both = [each for each in launches if {baseline, candidate} <= set(each.variants)]
     ratios = np.array([each.log_ratio(baseline, candidate) for each in both])

@@ -4,7 +4,7 @@ Field names are the keys of the JSON format (docs/formats.md); there the baselin
 candidate `new`, as on the command line.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, ClassVar, Generic, TypeVar
@@ -21,7 +21,7 @@ from mjbench.bounds import (
 from mjbench.measuring import stats
 from mjbench.measuring.calls import Compilation
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.compilation_figures import CompilationFigures
+from mjbench.measuring.stats import Estimate
 from mjbench.paired.outcomes import Cause, Metric, ResultsOutcome, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.simulation.starts import Starts
@@ -94,6 +94,59 @@ class PackageVersions:
     name: str
     old: str
     new: str
+
+
+@dataclass(frozen=True)
+class CompilationFigures:
+    """What the processes of one side took, as medians over them.
+
+    A median has no interval where there are fewer than six processes. Where launches read the
+    compiler's cache, `compile_s` is of the process before them.
+
+    Attributes:
+      trace_s: from Python to the compiler's input; None without such a stage.
+      compile_s: of the compiler without a cache; None where no process did without.
+      first_run_s: of the first run after that.
+      steady_run_s: of a run that is timed; None where compiling is what is compared.
+      programs: how many the compiler was asked for, single operations included; None where it does
+        not tell.
+      processes: that traced, and made a first run.
+      compiling_processes: that compiled without a cache.
+    """
+
+    trace_s: Estimate | None
+    compile_s: Estimate | None
+    first_run_s: Estimate
+    steady_run_s: Estimate | None
+    programs: NonNegativeInt | None
+    processes: NonNegativeInt
+    compiling_processes: NonNegativeInt
+
+    @classmethod
+    def of(
+        cls, compilations: Sequence[Compilation], steady_run_s: Sequence[float]
+    ) -> "CompilationFigures":
+        """Return the figures of one side.
+
+        Args:
+          compilations: of each of its processes, one or more.
+          steady_run_s: of each launch; none where compiling is what is compared.
+        """
+        fresh = [c for c in compilations if not c.is_cached]
+        return cls(
+            _median(c.trace_s for c in compilations if c.trace_s is not None),
+            _median(c.compile_s for c in fresh),
+            stats.median_of([c.first_run_s for c in compilations]),
+            _median(steady_run_s),
+            max((c.programs for c in compilations if c.programs is not None), default=None),
+            len(compilations),
+            len(fresh),
+        )
+
+
+def _median(samples: Iterable[float]) -> Estimate | None:
+    values = [*samples]
+    return stats.median_of(values) if values else None
 
 
 @dataclass(frozen=True)
@@ -215,11 +268,6 @@ class LaunchRow:
     compilations: Pair[Compilation] | None = None
 
     def __post_init__(self) -> None:
-        """Check the sizes.
-
-        Raises:
-          ValueError: there are not four blocks for each order.
-        """
         if len(self.orders) != len(self.ns) or any(len(quad) != 4 for quad in self.ns):
             raise ValueError("ns has four times for each order")
         if not set(self.orders) <= {"ABBA", "BAAB"}:

@@ -46,7 +46,6 @@ class _ReleaseMeasurer(VersionMeasurer):
         return result.record()
 
     def log_ratios(self, baseline: int, candidate: int, count: int) -> Sequence[float]:
-        """See `VersionMeasurer.log_ratios`."""
         problem = self.releases.index_problem
         if problem and candidate not in self.ready():
             raise MachineError(f"not installed here, and {problem}")
@@ -54,7 +53,6 @@ class _ReleaseMeasurer(VersionMeasurer):
         return verdict.launch_log_ratios(self.pool, old, new, self.plan, count)
 
     def ready(self) -> Collection[int]:
-        """See `VersionMeasurer.ready`."""
         names = installs.install_names()
         return {
             number
@@ -73,11 +71,7 @@ def search(
     on_phase: Callable[[str], None] = lambda text: None,
     earlier: Sequence[Record] = (),
 ) -> Iterator[BisectMeasured]:
-    """Yield what is measured, and which releases changed the time of a model's steps.
-
-    Args:
-      earlier: of a search that is continued; they are not measured again.
-    """
+    """Yield what is measured, and which releases changed the time of a model's steps."""
     baseline, *candidates = releases.specs
     searched = SearchRange(
         source.name,

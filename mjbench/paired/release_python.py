@@ -20,9 +20,6 @@ def link_mjbench(folder: Path) -> None:
     """Link the mjbench package alone into a folder.
 
     What lies beside the package (another MuJoCo, in a virtual environment) must not be found.
-
-    Raises:
-      MachineError: the link cannot be created.
     """
     link = folder / "mjbench"
     with writing(link):
@@ -30,12 +27,7 @@ def link_mjbench(folder: Path) -> None:
 
 
 def command(code: str, core: Path, install: Path | None) -> list[str]:
-    """Return the command that runs Python code in the environment of a release.
-
-    Args:
-      core: a folder that `link_mjbench` filled.
-      install: the folder of a release; None for the environment of this process.
-    """
+    """Return the command that runs Python code in the environment of a release."""
     if install is None:
         return [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(core)!r}); {code}"]
     folders = [str(core), str(install)]
@@ -43,10 +35,7 @@ def command(code: str, core: Path, install: Path | None) -> list[str]:
 
 
 def environment(install: Path | None) -> dict[str, str]:
-    """Return environment variables, without those that change how Python runs.
-
-    PYTHONPATH stays only where no release is given.
-    """
+    """Return environment variables, without those that change how Python runs."""
     variables = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     # nothing is drawn, and importing the window library is a third of importing MuJoCo
     variables["MUJOCO_GL"] = "disable"
@@ -63,9 +52,6 @@ def padded(
     Arguments and environment lie at the top of the stack, texts above pointers to them. Where the
     kernel does not draw its address, a longer path of an install would make one target's stack
     begin elsewhere.
-
-    Args:
-      stack_bytes: further down by as much, less than _STACK_UNIT_BYTES.
     """
     missing = -(len(command) + len(variables)) % _POINTER_UNIT or _POINTER_UNIT
     variables = {**variables, **{f"{_PADDING}{i}": "" for i in range(missing)}}

@@ -41,11 +41,7 @@ _MAX_LAYOUTS = 6
 def measure(
     pool: WorkerPool, tasks: Sequence[ReleaseTask], launches: int | None = None
 ) -> list[RatioRecord]:
-    """Compare a release with the reference in each of the tasks; see `measure_each`.
-
-    Args:
-      launches: how many there are; None for as many as `release_ratios.are_enough` asks for.
-    """
+    """Compare a release with the reference in each of the tasks; see `measure_each`."""
     (records,) = measure_each(pool, [tasks], launches=launches)
     return records
 
@@ -64,7 +60,6 @@ def measure_each(
     what was measured until then.
 
     Args:
-      releases: the tasks of each, one or more, which are of the same two releases.
       on_launch: called after each launch, with the index of the release and the share of its
         launches that is done, at least.
       launches: of each release; None for as many as `release_ratios.are_enough` asks for.
@@ -87,20 +82,19 @@ def measure_each(
 
 
 def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRecord]]:
-    """Measure releases in turns; yield the records of each, as `measure_each` does."""
     launches = release_ratios.SCHEDULE_LAUNCHES if len(group) > 1 else None
     remaining = list(group)
     try:
         while remaining:
             for each in random.sample(remaining, len(remaining)):
                 each.take_turn(launches)
-                if each.is_complete:
+                if not each.remaining():
                     remaining.remove(each)
                     each.remove_files()
                     yield each.records()
                 if each.is_interrupted:
                     for other in remaining:
-                        other.interrupt()
+                        other.fail(ending_of(KeyboardInterrupt()))
                     yield from (other.records() for other in remaining)
                     if not remaining:  # no record says it
                         raise KeyboardInterrupt
@@ -110,8 +104,12 @@ def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRec
             each.remove_files()
 
 
-class _Measurement:
-    """One release, which is measured in one turn or several; its tasks keep what launches give."""
+class _Measurement(Targets[float], StopRule[float]):
+    """One release, which is measured in one turn or several.
+
+    It times its tasks in pairs of processes, until they are known well enough or others have their
+    turn; a launch gives the seconds that it took.
+    """
 
     def __init__(
         self,
@@ -121,110 +119,39 @@ class _Measurement:
         clock: Callable[[], float],
         launches: int | None,
     ):
-        self._tasks, self._clock = tasks, clock
-        self._targets = _TimedTasks(pool, tasks, clock)
-        self._rule = _WellKnown(tasks, on_launch, launches)
+        self._pool, self._tasks, self._clock = pool, tasks, clock
+        self._on_launch, self._fixed = on_launch, launches
+        self._averaging: Averaging | None = None
+        self._pairs: ProcessPairs | None = None
+        self._count, self._launches_s = 0, 0.0  # of all turns
         self._turns_s = 0.0  # with all that belongs to launches
+        self._last: int | None = None  # launch of this turn
         self.is_interrupted = False
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether no task needs more launches, or can have any."""
-        return not self._rule.remaining()
 
     def take_turn(self, launches: int | None) -> None:
         """Launch until all tasks are known well enough; `launches` times at most, if given."""
         begin_s = self._clock()
-        self._rule.allow(launches)
-        *_, ending = launch(self._targets, self._rule)
+        self._last = None if launches is None else self._count + launches
+        *_, ending = launch(self, self)
         assert ending is not None, "the last one says how it ended"
         self.is_interrupted = ending.status == Status.INTERRUPTED  # and so are the others
         if ending.status not in (Status.OK, Status.INTERRUPTED):
-            self._fail(ending)
+            self.fail(ending)
         self._turns_s += self._clock() - begin_s
 
-    def interrupt(self) -> None:
-        """Note that Ctrl-C was pressed."""
-        self._fail(ending_of(KeyboardInterrupt()))
-
-    def records(self) -> list[RatioRecord]:
-        """Return what was measured, one record for each task."""
-        seconds = self._turns_s / len(self._tasks)
-        return [task.record(self._targets.placement_problem, seconds) for task in self._tasks]
-
-    def remove_files(self) -> None:
-        """Remove what the tasks stored."""
-        for task in self._tasks:
-            task.close()
-
-    def _fail(self, failure: Failure) -> None:
-        for position in self._rule.remaining():
+    def fail(self, failure: Failure) -> None:
+        """Note why tasks that need more launches have none."""
+        for position in self.remaining():
             self._tasks[position].failure = failure
 
+    def records(self) -> list[RatioRecord]:
+        problem = self._averaging.problem if self._averaging else ""
+        seconds = self._turns_s / len(self._tasks)
+        return [task.record(problem, seconds) for task in self._tasks]
 
-class _TimedTasks(Targets[float]):
-    """The tasks of a release, timed in pairs of processes; a launch gives the seconds it took.
-
-    Attributes:
-      placement_problem: why placement is not averaged out; empty where it is.
-    """
-
-    def __init__(self, pool: WorkerPool, tasks: Sequence[ReleaseTask], clock: Callable[[], float]):
-        self.placement_problem = ""
-        self._pool, self._tasks, self._clock = pool, tasks, clock
-        self._averaging: Averaging | None = None
-        self._pairs: ProcessPairs | None = None
-
-    def prepare(self) -> None:
-        """Begin a turn; in the first, prepare all tasks."""
-        reference, release = self._tasks[0].releases
-        is_first = self._averaging is None
-        if self._averaging is None:
-            self._averaging = moved_check.averaging(self._pool, reference, release)
-            self.placement_problem = self._averaging.problem
-        names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
-        placements = self._averaging.placements()
-        self._pairs = ProcessPairs(self._pool, (reference, release), names, placements)
-        if is_first:
-            self._prepare_tasks()
-
-    def launch(self, positions: Sequence[int]) -> float:
-        """Time tasks once; one that fails says how, and ends the launch if its process may have."""
-        assert self._pairs is not None, "it was prepared"
-        begin_s = self._clock()
-        _launch_once([self._tasks[position] for position in positions], self._pairs)
-        return self._clock() - begin_s
-
-    def close(self) -> None:
-        """End a turn."""
-        if self._pairs is not None:
-            self._pairs.close()
-
-    def _prepare_tasks(self) -> None:
+    def remove_files(self) -> None:
         for task in self._tasks:
-            try:
-                task.prepare(self._pool)
-            except (InputError, MachineError) as error:
-                task.failure = failure_of(error)
-
-
-class _WellKnown(StopRule[float]):
-    """Launch tasks until they are known well enough, or others have their turn."""
-
-    def __init__(
-        self,
-        tasks: Sequence[ReleaseTask],
-        on_launch: Callable[[float], None],
-        launches: int | None,
-    ):
-        """Have no launches yet; they end after `launches`, if given."""
-        self._tasks, self._on_launch, self._fixed = tasks, on_launch, launches
-        self._count, self._launches_s = 0, 0.0  # of all turns
-        self._last: int | None = None
-
-    def allow(self, launches: int | None) -> None:
-        """Begin a turn of as many launches, at most; of any number where none is given."""
-        self._last = None if launches is None else self._count + launches
+            task.close()
 
     def remaining(self) -> list[int]:
         """Return the positions of the tasks that need more launches, and can have them."""
@@ -234,24 +161,46 @@ class _WellKnown(StopRule[float]):
             if not task.is_complete and task.failure is None
         ]
 
+    def prepare(self) -> None:
+        """Begin a turn; in the first, prepare all tasks."""
+        reference, release = self._tasks[0].releases
+        is_first = self._averaging is None
+        if self._averaging is None:
+            self._averaging = moved_check.averaging(self._pool, reference, release)
+        names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
+        placements = self._averaging.placements()
+        self._pairs = ProcessPairs(self._pool, (reference, release), names, placements)
+        for task in self._tasks if is_first else ():
+            try:
+                task.prepare(self._pool)
+            except (InputError, MachineError) as error:
+                task.failure = failure_of(error)
+
+    def launch(self, positions: Sequence[int]) -> float:
+        """Time tasks once; one that fails says how, and ends the launch if its process may have."""
+        assert self._pairs is not None, "it was prepared"
+        begin_s = self._clock()
+        _launch_once([self._tasks[position] for position in positions], self._pairs)
+        return self._clock() - begin_s
+
+    def close(self) -> None:
+        if self._pairs is not None:
+            self._pairs.close()
+
     def next_targets(self) -> Sequence[int]:
-        """See `StopRule.next_targets`."""
         return () if self._count == self._last else self.remaining()
 
     def add(self, launch: float) -> None:
-        """See `StopRule.add`."""
         self._count += 1
         self._launches_s += launch
         for position in self.remaining():
             task = self._tasks[position]
-            task.is_complete = self._are_enough(task.launches)
+            if self._fixed is not None:
+                task.is_complete = len(task.launches) >= self._fixed
+            else:
+                task.is_complete = release_ratios.are_enough(task.launches, self._launches_s)
         share = release_ratios.completed_share(self._count, self._launches_s)
         self._on_launch(share if self.remaining() else 1.0)
-
-    def _are_enough(self, launches: Sequence[LaunchRatio]) -> bool:
-        if self._fixed is not None:
-            return len(launches) >= self._fixed
-        return release_ratios.are_enough(launches, self._launches_s)
 
 
 def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:

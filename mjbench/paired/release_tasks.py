@@ -50,7 +50,6 @@ class ReleaseTask(ABC):
     """Something that is timed in two releases, the reference and another.
 
     Attributes:
-      failure: why there are no more before they are; None while there may be.
       all_blocks_s: see `time_limit.quad_count`: the shortest so far. The number of blocks of a
         layout follows from it, so that a disturbed block does not decide it.
     """
@@ -67,7 +66,6 @@ class ReleaseTask(ABC):
 
     @property
     def nsection(self) -> int:
-        """How many sections the work has (see `loop_sections`); blocks time one after the other."""
         return 1
 
     @property
@@ -75,29 +73,17 @@ class ReleaseTask(ABC):
     def series(self) -> str:
         """See `RatioRecord.series`."""
 
-    @abstractmethod
-    def prepare(self, pool: WorkerPool) -> None:
-        """Fix what is done, before the first launch.
+    def prepare(self, pool: WorkerPool) -> None:  # noqa: B027 (most tasks need nothing)
+        """Fix what is done, before the first launch; UnavailableError where a release cannot."""
 
-        Raises:
-          UnavailableError: the release cannot do it, although the reference can.
-          InputError: neither can.
-          ChildError: a release crashed, hung or failed.
-        """
-
-    def equip(self, processes: Processes) -> None:  # noqa: B027 (most tasks need nothing)
-        """Have both processes of a launch read what they need; raises what `lay_out` does."""
+    def equip(self, processes: Processes) -> None:  # noqa: B027
+        """Have both processes of a launch read what they need."""
 
     @abstractmethod
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
         """Have both processes ready to time blocks, with their memory laid out anew.
 
-        Returns:
-          The nanoseconds of one block of each section, in the reference and in the release.
-
-        Raises:
-          InputError: a release cannot do it.
-          ChildError: a release crashed, hung or failed.
+        Returns the nanoseconds of one block of each section, in the reference and in the release.
         """
 
     @abstractmethod
@@ -105,7 +91,6 @@ class ReleaseTask(ABC):
         """Return what was measured; `problem` says why the libraries were not moved."""
 
     def add(self, launch: LaunchRatio, reference_ns: float) -> None:
-        """Store a launch, and the nanoseconds that the reference took for all its sections."""
         self.launches.append(launch)
         self._reference_ns.append(reference_ns)
 
@@ -113,7 +98,6 @@ class ReleaseTask(ABC):
         """Remove what `prepare` stored."""
 
     def _common(self, model: str, problem: str, seconds: float) -> RatioRecord:
-        """Return what the records of all tasks have; see `record` for the arguments."""
         reference, release = self.releases
         return RatioRecord(
             model=model,
@@ -148,16 +132,13 @@ class StepTask(ReleaseTask):
 
     @property
     def series(self) -> str:
-        """See `ReleaseTask.series`."""
         return self.model.name
 
     @property
     def nsection(self) -> int:
-        """See `ReleaseTask.nsection`."""
         return self._work.nsection if self._work else 1
 
     def prepare(self, pool: WorkerPool) -> None:
-        """See `ReleaseTask.prepare`."""
         try:
             self._work = StepWork(pool, self._targets, SIZES, TimeLimit(), ROLES)
         except InputError as error:
@@ -165,11 +146,11 @@ class StepTask(ReleaseTask):
             reference = self._targets[0]
             preparation.prepare(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
             raise UnavailableError(str(error)) from error
-        workload: PortableWorkload = pickle.loads(self._work.workloads[0].read_bytes())
+        file = self._work.prepared.workloads[0]
+        workload: PortableWorkload = pickle.loads(file.read_bytes())
         self._digest = workload.digest()
 
     def equip(self, processes: Processes) -> None:
-        """See `ReleaseTask.equip`."""
         assert self._work is not None, "a task is prepared before it is timed"
         self._work.equip(processes)
         with contextlib.ExitStack() as waiting:  # for both, also where one cannot read it
@@ -177,17 +158,15 @@ class StepTask(ReleaseTask):
                 waiting.callback(process.wait)
 
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
-        """See `ReleaseTask.lay_out`."""
         assert self._work is not None, "a task is prepared before it is timed"
         return self._work.lay_out(pair)
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
-        """See `ReleaseTask.record`."""
         common = self._common(self.model.name, problem, seconds)
         record = StepRatioRecord(**vars(common), workload=self._digest)
         if self._work is None:
             return record
-        check = self._work.work_check
+        check = self._work.prepared.work_check
         return replace(
             record,
             work=check.candidate,
@@ -203,10 +182,9 @@ class StepTask(ReleaseTask):
         )
 
     def close(self) -> None:
-        """See `ReleaseTask.close`."""
         if self._work is not None:
             self._work.close()
-            self._work.workloads[0].unlink(missing_ok=True)
+            self._work.prepared.workloads[0].unlink(missing_ok=True)
 
 
 class OperationTask(ReleaseTask):
@@ -222,14 +200,9 @@ class OperationTask(ReleaseTask):
 
     @property
     def series(self) -> str:
-        """See `ReleaseTask.series`."""
         return self.operation.name
 
-    def prepare(self, pool: WorkerPool) -> None:
-        """See `ReleaseTask.prepare`: there is nothing to prepare."""
-
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
-        """See `ReleaseTask.lay_out`."""
         prepare = functools.partial(self.operation.prepared, self._file)
         allowed = cores.usable(pair.core)
         ready = {
@@ -243,7 +216,6 @@ class OperationTask(ReleaseTask):
         return reference.ns, release.ns
 
     def record(self, problem: str, seconds: float) -> OperationRatioRecord:
-        """See `ReleaseTask.record`."""
         operation = self.operation
         common = self._common(operation.model, problem, seconds)
         record = OperationRatioRecord(

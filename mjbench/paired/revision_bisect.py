@@ -17,12 +17,7 @@ from mjbench.store.runs import Record
 
 @dataclass(frozen=True)
 class _RevisionMeasurer(VersionMeasurer):
-    """Measures commits of the user's code.
-
-    Attributes:
-      comparison: of both ends; its one function has the text of the last commit.
-      commits: after the baseline.
-    """
+    """Measures commits of the user's code: its one function has the text of the last commit."""
 
     comparison: RevisionComparison
     commits: Sequence[Commit]
@@ -41,7 +36,6 @@ class _RevisionMeasurer(VersionMeasurer):
         return record
 
     def log_ratios(self, baseline: int, candidate: int, count: int) -> Sequence[float]:
-        """See `VersionMeasurer.log_ratios`."""
         with WorkerPool() as pool:
             (targets,) = revision_sides.check_out(pool, self._pair(baseline, candidate))
             return function_verdict.launch_log_ratios(pool, targets, count)
@@ -63,13 +57,8 @@ def search(
 ) -> Iterator[BisectMeasured]:
     """Yield what is measured, and which commits changed the time of a function.
 
-    Args:
-      comparison: of the two; it has one function.
-      earlier: of a search that is continued; they are not measured again.
-
     Raises:
       InputError: the candidate does not come after the baseline.
-      MachineError: an end cannot be built, or is not what would be measured.
     """
     repository, candidate = comparison.repository, comparison.candidate
     commits = repository.history(comparison.baseline, candidate)

@@ -23,9 +23,7 @@ class FunctionName:
     """A function that a user named.
 
     Attributes:
-      text: as the user wrote it.
       file: within the repository; None where a module is named.
-      module: name of the module; empty where a file is named.
       name: of the function, or `Class.method`.
       content: of the file; None for that of the candidate.
     """
@@ -39,11 +37,7 @@ class FunctionName:
 
 @dataclass(frozen=True)
 class RevisionComparison:
-    """Functions to compare in two revisions.
-
-    Attributes:
-      cwd: folder that the user is in, within the checkout.
-    """
+    """Functions to compare in two revisions."""
 
     repository: Repository
     baseline: Revision
@@ -53,7 +47,6 @@ class RevisionComparison:
 
     @property
     def files(self) -> list[Path]:
-        """The user's files that hold the functions."""
         named = [each.file for each in self.functions if each.file is not None]
         files = [self.repository.top / file for file in dict.fromkeys(named)]
         return [file for file in files if file.is_file()]
@@ -97,9 +90,6 @@ def parse_function(text: str, cwd: Path, top: Path) -> FunctionName:
     """Return the function that a text names, such as `bench.py::step` or `package.module:step`.
 
     A file is looked for in the current folder, which lies in the repository `top`.
-
-    Raises:
-      InputError: it names none.
     """
     file, separator, names = text.partition("::")
     if separator and file and names and "[" not in names:
@@ -119,13 +109,7 @@ def parse_function(text: str, cwd: Path, top: Path) -> FunctionName:
 
 @dataclass(frozen=True)
 class _Side:
-    """One revision's files.
-
-    Attributes:
-      folder: of its files.
-      tree: their hash.
-      release: that processes import; with the revision installed beside it where it is built.
-    """
+    """One revision's files; `release` has the revision beside it where it is built."""
 
     revision: Revision
     folder: Path
@@ -134,12 +118,10 @@ class _Side:
 
     @property
     def is_built(self) -> bool:
-        """Whether it was built, so that its package is not imported from its folder."""
         return bool(self.release.own_wheels)
 
     @property
     def code_folders(self) -> tuple[str, ...]:
-        """The folders that its code may be imported from."""
         built = [installs.cache_folder() / self.release.key] if self.is_built else []
         return tuple(str(folder.resolve()) for folder in (self.folder, *built))
 
@@ -153,14 +135,10 @@ def check_out(
 
     Revisions are built where they have extension modules, or where they need other packages.
 
-    Args:
-      on_phase: called with a line where a phase begins.
-
     Raises:
       InputError: a file that is named exists in neither the candidate nor the checkout; or they
         are revisions of mjbench.
       BuildError: a revision cannot be built.
-      MachineError: a revision cannot be written.
     """
     root, work = pool.new_folder().resolve(), pool.new_folder()
     installed = installs.parse_release(installs.INSTALLED)
@@ -248,10 +226,7 @@ def function_source(
     """Return where a process finds a function.
 
     Args:
-      text: of its file; None where a module is named.
-      tree: holds the file.
       layout: tree by whose packages the file is imported as a module.
-      folders: to import from, besides the file's own.
     """
     module, file = function.module, ""
     if function.file is not None:
@@ -262,7 +237,6 @@ def function_source(
 
 
 def _cwd(folder: Path, place: Path) -> Path:
-    """Return the folder of a revision at the user's place in the checkout, or the top."""
     return folder / place if (folder / place).is_dir() else folder
 
 

@@ -34,7 +34,6 @@ class Sizes:
 
     Attributes:
       nbatch: simulations; None chooses them from what a step costs.
-      metric: what is compared: the time of blocks, or that of their slowest steps.
       perturbs: whether velocities of start states are perturbed (see `SampleRequest`).
     """
 
@@ -48,11 +47,6 @@ class Sizes:
     perturbs: bool = False
 
     def __post_init__(self) -> None:
-        """Check that a run has enough steps.
-
-        Raises:
-          InputError: it has too few for its slowest.
-        """
         if self.metric != Metric.P99 or self.nbatch is None or self.nstep is None:
             return
         if self.nbatch * self.nstep < MIN_P99_STEPS:
@@ -69,11 +63,7 @@ class RunSize(NamedTuple):
     nstep: int
 
     def nsection(self, step_s: float | None, hold: int) -> int:
-        """Return the number of sections of a run of the plain loop; 1 if it is not to be divided.
-
-        Args:
-          step_s: seconds of a step of the target that is faster; None where no run is divided.
-        """
+        """Return the number of sections of a run; `step_s` is of the target that is faster."""
         if step_s is None:
             return 1
         steps = self.nbatch * self.nstep
@@ -85,12 +75,8 @@ def run_size(sizes: Sizes, nthread: int, step_s: float, most_nstep: int | None =
     """Return a size such that a run takes about RUN_S where the user leaves it open.
 
     Args:
-      nthread: threads of the target that has more.
       step_s: seconds of a step of the target that is slower, as tables have it.
       most_nstep: steps of a simulation at most, unless the user asked for more; None for no bound.
-
-    Raises:
-      InputError: the slowest steps are to be compared, and there are too few.
     """
     run_s = RUN_S if nthread == 1 else nthread * THREADED_RUN_S
     steps, hold = max(1, int(run_s / step_s)), sizes.hold

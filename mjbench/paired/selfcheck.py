@@ -1,6 +1,6 @@
 """How often paired comparison is wrong, slow or undecided on this machine, now.
 
-The truth about both targets of a trial is known (see `selfcheck_cases`). Whatever a verdict says
+The truth about both targets of a trial is known (see `Case`). Whatever a verdict says
 beyond that is an error of measuring.
 """
 
@@ -8,8 +8,9 @@ import contextlib
 import os
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,11 +18,71 @@ from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.host import child, platforms
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import MIN_EFFECT, Arm, Cause, Verdict
-from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow, TrialRecord
+from mjbench.paired.targets import Target
 from mjbench.paired.verdict import PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
+from mjbench.releases.release import NoChangePair
+from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
+
+
+@dataclass(frozen=True)
+class Case:
+    """Two targets, and how they differ."""
+
+    arm: Arm
+    baseline: Target
+    candidate: Target
+
+    def row(self) -> CaseRow:
+        return CaseRow(
+            arm=self.arm,
+            model=self.candidate.model.name,
+            slowdown=None if self.arm == Arm.INSIDE_STEP else self.candidate.slowdown,
+            callback=self.candidate.callback,
+            old=self.baseline.release.version,
+            new=self.candidate.release.version,
+        )
+
+
+def slowed(model: ModelSource, slowdown: float) -> Case:
+    """Return a case in which each block of the candidate lasts longer by a share, such as 0.01.
+
+    Its process spins for that share of the time that the block took. So every slowdown is exact, of
+    every model, and blocks do as much work as those of an ordinary comparison. Where the slowdown
+    is 0, the targets are identical.
+    """
+    baseline = _installed(model)
+    return Case(Arm.SLOWDOWN, baseline, replace(baseline, slowdown=slowdown))
+
+
+def inside_step(model: ModelSource, function: str) -> Case:
+    """Return a case in which every step of the candidate calls a function of the engine."""
+    baseline = _installed(model)
+    return Case(Arm.INSIDE_STEP, baseline, replace(baseline, callback=function))
+
+
+def between_builds(model: ModelSource, pair: NoChangePair) -> Case:
+    """Return a case of two releases whose steps execute equally many instructions."""
+    baseline, candidate = (
+        Target(installs.parse_release(release), model) for release in (pair.old, pair.new)
+    )
+    return Case(Arm.BETWEEN_BUILDS, baseline, candidate)
+
+
+def remaining(cases: Sequence[Case], trials: int, records: Sequence[TrialRecord]) -> Iterator[Case]:
+    """Yield a case for each trial to do, in turns, so that a change of the machine hits all."""
+    done = Counter(record.case() for record in records)
+    for turn in range(trials):
+        for case in cases:
+            if done[case.row()] <= turn:
+                yield case
+
+
+def _installed(model: ModelSource) -> Target:
+    return Target(installs.parse_release(installs.INSTALLED), model)
 
 
 def run(
@@ -29,11 +90,7 @@ def run(
 ) -> Iterator[tuple[CaseRow, TrialRecord | Failure]]:
     """Yield a trial of each case, or how it failed.
 
-    A model that cannot do the work, or whose target failed, is not tried again with the same builds
-    and callback.
-
-    Raises:
-      KeyboardInterrupt: interrupted.
+    A model that failed is not tried again with the same builds and callback.
     """
     failed: set[CaseRow] = set()
     for case in cases:
@@ -49,13 +106,6 @@ def run(
 
 
 def trial(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
-    """Run one trial; return its record.
-
-    Raises:
-      InputError: a target cannot do the work.
-      MachineError: a target failed.
-      KeyboardInterrupt: interrupted.
-    """
     return record_of(case, verdict.decide(pool, case.baseline, case.candidate, plan))
 
 
@@ -91,11 +141,7 @@ def record_of(case: Case, result: PairedResult) -> TrialRecord:
 
 
 def summary(trials: Sequence[TrialRecord], min_effect: float = MIN_EFFECT) -> list[SelfcheckRow]:
-    """Return what the trials say, a row for each case.
-
-    Rows are sorted by arm, model and slowdown; rows that differ in none of them are in the order of
-    their first trials.
-    """
+    """Return what the trials say, a row for each case, by arm, model and slowdown."""
     groups: dict[tuple[CaseRow, bool], list[TrialRecord]] = {}
     for record in trials:
         groups.setdefault((record.case(), record.averaged), []).append(record)
@@ -138,11 +184,7 @@ def _row(
 
 @contextlib.contextmanager
 def busy_neighbour_core() -> Iterator[None]:
-    """Keep the last of this process's cores busy while the block runs.
-
-    Raises:
-      MachineError: this system cannot keep a process on one core.
-    """
+    """Keep the last of this process's cores busy while the block runs."""
     allowed = platforms.affinity()
     if not allowed:
         raise MachineError("--busy cannot work here: this system cannot keep a process on one core")

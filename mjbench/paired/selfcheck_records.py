@@ -33,7 +33,6 @@ class CaseRow:
 
     @property
     def is_slower(self) -> bool:
-        """Whether the candidate is slower in truth."""
         return self.slowdown is None or self.slowdown > 0
 
 
@@ -66,7 +65,6 @@ class TrialRecord(CaseRow):
 
     @property
     def ratio(self) -> Ratio:
-        """Estimate and interval of candidate over baseline time."""
         return Ratio(self.estimate, self.low, self.high)
 
     @property
@@ -80,7 +78,6 @@ class TrialRecord(CaseRow):
         return self.placement.problem if self.placement else ""
 
     def case(self) -> CaseRow:
-        """Return what was compared."""
         return CaseRow(**{f.name: getattr(self, f.name) for f in fields(CaseRow)})
 
 

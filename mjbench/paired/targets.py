@@ -44,7 +44,6 @@ class Target:
 
     @property
     def nthread(self) -> int:
-        """How many threads or processes it steps with."""
         return parallelism.nthread(self.options)
 
     @property
@@ -53,7 +52,6 @@ class Target:
         return [self.model.path, *self.release.files]
 
     def row(self) -> TargetRow:
-        """Return what results say of it."""
         return TargetRow(
             release=self.release.version,
             model=self.model.name,
@@ -72,9 +70,6 @@ def parse(baseline: str, candidate: str) -> tuple[Target, Target]:
     """Return the targets that two texts such as `path=rollout,threads=2` describe.
 
     A model, path or release that one text leaves out is the other's.
-
-    Raises:
-      InputError: a text has an unknown key, or a value that does not fit it.
     """
     first, second = _settings(baseline), _settings(candidate)
     shared = {key: first.get(key, second.get(key, value)) for key, value in _DEFAULTS.items()}
@@ -87,11 +82,7 @@ def of_releases(
     sources: Sequence[models.ModelSource],
     path_names: Sequence[str],
 ) -> list[tuple[Target, Target]]:
-    """Return the pairs of an old release and each new one: every model, stepped by every path.
-
-    Raises:
-      InputError: there is no such path, or it is an accelerated one.
-    """
+    """Return the pairs of an old release and each new one: every model, stepped by every path."""
     options = {name: complete_options(find_path(name), {}) for name in path_names}
     return [
         (
@@ -105,12 +96,6 @@ def of_releases(
 
 
 def check_metric(metric: Metric, path_names: Iterable[str]) -> None:
-    """Refuse paths whose releases cannot be compared by a metric.
-
-    Raises:
-      InputError: the metric is of the plain loop only, and other paths are named; or it is of paths
-        that compile.
-    """
     refusal = METRICS[metric].refusal
     if METRICS[metric].measured == Measured.COMPILATION:
         raise InputError(f"--metric {metric} {refusal}: `mjbench versions … --paths mjx`")
@@ -120,11 +105,7 @@ def check_metric(metric: Metric, path_names: Iterable[str]) -> None:
 
 
 def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
-    """Refuse targets that cannot be compared by a metric, or that it does not tell apart.
-
-    Raises:
-      InputError: see `check_metric`; or a target has a setting that makes no difference to it.
-    """
+    """Refuse targets that cannot be compared by a metric, or that it does not tell apart."""
     check_metric(metric, [target.path for target in targets])
     spec = METRICS[metric]
     for target in targets:
@@ -141,11 +122,6 @@ def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
 
 
 def find_path(name: str) -> paths.SteppingPath:
-    """Return a path that a target can step by.
-
-    Raises:
-      InputError: there is no such path, or it is an accelerated one.
-    """
     path = paths.find(name)
     if path.compiles:
         raise InputError(
@@ -157,11 +133,6 @@ def find_path(name: str) -> paths.SteppingPath:
 
 
 def complete_options(path: paths.SteppingPath, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a full option set of a path.
-
-    Raises:
-      InputError: the path is the user's own, and fails.
-    """
     try:
         return path.complete(options)
     except Exception as error:
@@ -169,7 +140,6 @@ def complete_options(path: paths.SteppingPath, options: Mapping[str, Any]) -> di
 
 
 def _settings(text: str) -> dict[str, str]:
-    """Return the keys and values of `KEY=VALUE,KEY=VALUE`."""
     settings = {}
     for setting in filter(None, text.split(",")):
         key, value = _split(setting)
@@ -197,23 +167,25 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
     path_options = {option.name: option for option in path.options}
     options: dict[str, Any] = {}
     fields: dict[str, str] = {}
-    if settings.get("timer", "on") not in _TIMER:
-        raise InputError(f"{text!r}: timer is on or off")
-    for key, value in settings.items():
-        if key in _DEFAULTS or key == "timer":
-            continue
-        if key in path_options:
-            options[key] = _option_value(text, path_options[key], value)
-        elif key in model_options.FIELDS:
-            _check_model_option(text, key, value)
-            fields[key] = value
-        else:
-            raise InputError(
-                f"{text!r}: no {key!r}; path {path.name} has"
-                f" {', '.join(path_options) or 'no options'}; other keys are"
-                f" {', '.join(_DEFAULTS)}, timer, and the fields of MjOption"
-                f" {', '.join(model_options.FIELDS)}"
-            )
+    try:
+        if settings.get("timer", "on") not in _TIMER:
+            raise InputError("timer is on or off")
+        for key, value in settings.items():
+            if key in _DEFAULTS or key == "timer":
+                continue
+            if key in path_options:
+                options[key] = path_options[key].value(value)
+            elif key in model_options.FIELDS:
+                model_options.check(key, value)
+                fields[key] = value
+            else:
+                raise InputError(
+                    f"no {key!r}; path {path.name} has {', '.join(path_options) or 'no options'};"
+                    f" other keys are {', '.join(_DEFAULTS)}, timer, and the fields of MjOption"
+                    f" {', '.join(model_options.FIELDS)}"
+                )
+    except InputError as error:
+        raise InputError(f"{text!r}: {error}") from None
     return Target(
         installs.parse_release(settings["release"]),
         models.resolve(settings["model"]),
@@ -222,17 +194,3 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
         fields,
         has_timer=settings.get("timer") != "off",
     )
-
-
-def _option_value(text: str, option: paths.Option, value: str) -> Any:
-    try:
-        return option.value(value)
-    except InputError as error:
-        raise InputError(f"{text!r}: {error}") from None
-
-
-def _check_model_option(text: str, field: str, value: str) -> None:
-    try:
-        model_options.check(field, value)
-    except InputError as error:
-        raise InputError(f"{text!r}: {error}") from None

@@ -60,7 +60,6 @@ def quad_count(all_blocks_s: float, nsection: int = 1, layout_s: float = LAYOUT_
 
 
 def _fewest_rounds(nsection: int) -> int:
-    """Return how many quads each section has, at least."""
     return math.ceil(MIN_QUADS / nsection)
 
 
@@ -77,11 +76,7 @@ def launch_s(all_blocks_s: float, nsection: int = 1) -> float:
 
 
 class TimeLimit:
-    """How long one verdict may take.
-
-    Attributes:
-      min_launches: how many launches it needs.
-    """
+    """How long one verdict may take; it needs `min_launches`."""
 
     def __init__(
         self,
@@ -96,22 +91,13 @@ class TimeLimit:
         self._begin_s: float | None = None
 
     def start(self) -> None:
-        """Begin to count."""
         self._begin_s = self._clock()
 
     def spent_s(self) -> float:
-        """Return the seconds since `start`."""
         return 0.0 if self._begin_s is None else self._clock() - self._begin_s
 
     def check_first_launch(self, launch_s: float, preparation_s: float = 0.0) -> None:
-        """Refuse to go on where the first launch would exceed the limit and is not brief.
-
-        Args:
-          preparation_s: what comes before the launch.
-
-        Raises:
-          OutOfTimeError: it would.
-        """
+        """Raise OutOfTimeError where the first launch would exceed the limit and is not brief."""
         needed_s = preparation_s + launch_s
         if needed_s <= BRIEF_S:
             return
@@ -121,10 +107,6 @@ class TimeLimit:
 
     def allows_another(self, launches: int, before_s: float, can_judge: bool) -> bool:
         """Return whether another launch fits, if it takes as long as the average one.
-
-        Args:
-          before_s: what was spent before the first of them.
-          can_judge: whether they are enough for a verdict.
 
         Raises:
           OutOfTimeError: it does not, and they are not.
@@ -152,6 +134,5 @@ def _two_digits(seconds: float) -> str:
 
 
 def _rounded_up(seconds: float) -> int:
-    """Return whole seconds, not less, of two significant digits."""
     unit: int = 10 ** max(0, len(str(int(seconds))) - 2)
     return int(math.ceil(seconds / unit) * unit)

@@ -42,12 +42,8 @@ class FunctionSource:
 
     Attributes:
       name: of the function, or of a class and its method: `Class.method`.
-      module: to import.
       file: that the module stands for; empty where it is found by its name.
       text: of that file, which may be another revision's; None likewise.
-      folders: to import from, before all others, or after them.
-      are_first: whether those come before all others.
-      cwd: folder to be in.
     """
 
     name: str
@@ -64,8 +60,6 @@ class CodeOrigin:
     """Where code of the user's package must come from.
 
     Attributes:
-      packages: names of packages and modules of the revision.
-      folders: that they may lie in.
       checkout: no module may come from there, unless it lies in one of `folders` or in the
         environment of the process.
     """
@@ -80,12 +74,7 @@ class FunctionFacts:
     """What a process found out about a function.
 
     Attributes:
-      results: of the first calls; empty where they cannot be compared.
-      problem: why they cannot; empty otherwise.
       calls: that last as long as a block.
-      call_s: seconds of a call.
-      cores: that a call kept busy, on average.
-      misplaced: a module that is not the revision's, and its file; empty without one.
       versions: of what is the same on both sides of a fair comparison, by name.
       compilation: of what it runs; None where nothing is compiled first.
     """
@@ -107,7 +96,6 @@ class _Recorder:
         self.function: calls.Function | None = None
 
     def __call__(self, function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
-        """Note a function and its arguments; call it once."""
         self.function = functools.partial(function, *arguments, **named)
         return self.function()
 
@@ -126,14 +114,9 @@ class _Recorder:
 
 
 class TimedFunction:
-    """A function that was imported."""
+    """A function that was imported; UnavailableError where there is none, or its import fails."""
 
     def __init__(self, source: FunctionSource):
-        """Import it.
-
-        Raises:
-          UnavailableError: there is no such function, or its module cannot be imported.
-        """
         self._name = source.name
         if source.are_first:
             sys.path[:0] = source.folders
@@ -154,11 +137,7 @@ class TimedFunction:
                 self._owner = getattr(self._owner, name)
 
     def fresh(self) -> calls.Function:
-        """Set up anew; return what is to be called.
-
-        Raises:
-          InputError: it takes arguments.
-        """
+        """Set up anew; return what is to be called. InputError where it takes arguments."""
         owner = self._owner
         if setup := getattr(self._module, _SETUP, None):
             setup()
@@ -199,7 +178,6 @@ def _imported(source: FunctionSource) -> types.ModuleType:
 
 
 def _required(function: Callable[..., Any]) -> list[str]:
-    """Return the names of parameters without which a function cannot be called."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):  # of an extension module, it may say nothing
@@ -223,12 +201,7 @@ def _block(function: calls.Function, count: int) -> None:
 def misplaced(
     modules: Mapping[str, Sequence[str]], origin: CodeOrigin, environment: Collection[str]
 ) -> str:
-    """Return a module that is not the revision's, and its file; empty without one.
-
-    Args:
-      modules: files of imported modules, or the folders of those without a file, by name.
-      environment: folders of this process's packages.
-    """
+    """Return a module that is not the revision's, and its file; empty without one."""
     for name, files in modules.items():
         package = name.partition(".")[0]
         is_own = package in origin.packages
@@ -274,11 +247,7 @@ def _versions() -> dict[str, str]:
 
 @activity("importing the benchmark")
 def import_function(worker: Worker, source: FunctionSource, calls_it: bool = False) -> None:
-    """Import a function; raises what `TimedFunction` does.
-
-    Args:
-      calls_it: whether to call it, too, so that what it does only once is done.
-    """
+    """Import a function; call it, too, where what it does only once is to be done."""
     worker.function = TimedFunction(source)
     if calls_it:
         _finish(worker.function.fresh()())
@@ -286,13 +255,7 @@ def import_function(worker: Worker, source: FunctionSource, calls_it: bool = Fal
 
 @activity("calling the benchmark")
 def try_function(worker: Worker, origin: CodeOrigin) -> FunctionFacts:
-    """Call a function a few times, and return what is to be known before it is timed.
-
-    Raises:
-      UnavailableError: it raises.
-      InputError: it takes arguments.
-      MachineError: its result is wrong.
-    """
+    """Call a function a few times, and return what is to be known before it is timed."""
     assert worker.function is not None, "it was imported"
     try:
         function, count = worker.function.fresh(), 1
@@ -329,7 +292,6 @@ def _compilation(function: calls.Function) -> Compilation | None:
 
 
 def _results(function: calls.Function, count: int) -> tuple[list[list[Leaf]], str]:
-    """Return the results of the first calls; none, and why, where they cannot be compared."""
     results = []
     for _ in range(count):
         result = function()
@@ -341,7 +303,6 @@ def _results(function: calls.Function, count: int) -> tuple[list[list[Leaf]], st
 
 
 def _timed(function: calls.Function, count: int) -> tuple[float, float]:
-    """Return the seconds of a call, and the cores that it keeps busy, from `count` calls."""
     begin_s, busy_s = time.perf_counter(), time.process_time()
     _block(function, count)
     all_s = time.perf_counter() - begin_s
@@ -365,7 +326,6 @@ def _called_once(function: calls.PreparedCall) -> LoopSection:
 
 @activity("asking for times of compiling")
 def compilation_of(worker: Worker) -> Compilation | None:
-    """Return what compiling took in this process, for a function that was prepared."""
     assert worker.function is not None, "it was imported"
     return _compilation(worker.function.fresh())
 
@@ -374,13 +334,10 @@ def compilation_of(worker: Worker) -> Compilation | None:
 def prepare_function(
     worker: Worker, cores: Sequence[int], count: int, metric: Metric = Metric.TIME
 ) -> int:
-    """Set a function up in fresh memory, and run a block of calls.
+    """Set a function up in fresh memory; return the nanoseconds of a block, warm-ups included.
 
     Every call keeps in step with those of the other side, so a function that keeps state is timed
     in the same states there.
-
-    Returns:
-      How many nanoseconds a block takes, untimed warm-ups included.
     """
     imported = worker.function
     assert imported is not None, "it was imported"

@@ -49,8 +49,6 @@ class VerdictPlan:
     """How certain a verdict must be, and what it may cost.
 
     Attributes:
-      min_effect: smallest change of time that matters, such as 0.01.
-      confidence: that a verdict is right, such as 0.99.
       precision: half-width of the interval at which to stop in any case.
       time_limit_s: seconds from when the models are loaded, after which no launch begins; see
         `time_limit`.
@@ -73,9 +71,7 @@ class PairedResult(Launched):
     """How a comparison ended.
 
     Attributes:
-      averaging: whether launches moved the libraries; None where the comparison ended before that.
       judgement: of the launches that moved them, or of all if none did; None without any.
-      as_shipped: of the launches as shipped, beside them; None without any.
     """
 
     baseline: Target
@@ -86,9 +82,13 @@ class PairedResult(Launched):
     as_shipped: Judgement | None = None
 
     def row(self) -> VerdictRow:
-        """Return the comparison as people and programs read it."""
+        return self.record().row()
+
+    def record(self) -> VerdictRecord:
+        """Return the comparison as a run file stores it, with every launch's raw times."""
         check, judgement, results = self.work_check, self.judgement, self.results
-        return VerdictRow(
+        drift = check.drift if check else None
+        return VerdictRecord(
             model=self.candidate.model.name,
             path=self.candidate.path,
             old=self.baseline.release.label,
@@ -105,8 +105,8 @@ class PairedResult(Launched):
             placement=self._placement(),
             changed_work=self._changed_work(),
             work=Pair(check.baseline, check.candidate) if check else None,
-            drift=check.drift.one_step if check and check.drift else None,
-            run_drift=check.drift.runs if check and check.drift else (),
+            drift=drift.one_step if drift else None,
+            run_drift=drift.runs if drift else (),
             diverged=Pair(*check.diverged) if check else None,
             warnings=Pair(*check.warnings) if check else None,
             nbatch=check.nbatch if check else None,
@@ -120,10 +120,10 @@ class PairedResult(Launched):
             results=results.outcome if results else None,
             results_detail=results.detail if results else "",
             packages=package_versions(self.baseline.release, self.candidate.release),
+            samples=self.launches,
         )
 
     def _verdict(self) -> Verdict | None:
-        """Return the verdict; time may run out before the first launch."""
         if self.judgement is not None:
             return self.judgement.verdict
         return Verdict.INCONCLUSIVE if self.status == Status.OK else None
@@ -135,19 +135,19 @@ class PairedResult(Launched):
         certainly another ratio.
         """
         baseline, candidate = self.baseline, replace(self.candidate, release=self.baseline.release)
-        if not METRICS[self.metric].follows_placement:
-            return None
-        if self.judgement is None or self.averaging is None or baseline != candidate:
-            return None
-        if self.baseline.release.has_packages or self.candidate.release.has_packages:
+        releases = self.baseline.release, self.candidate.release
+        if (
+            not METRICS[self.metric].follows_placement
+            or self.judgement is None
+            or self.averaging is None
+            or baseline != candidate
+            or any(release.has_packages for release in releases)
+        ):
             return None
         verdict = self.judgement.verdict
         if verdict == Verdict.SAME:
-            differs = self.as_shipped and self.as_shipped.verdict in (
-                Verdict.FASTER,
-                Verdict.SLOWER,
-            )
-            effect = self._placement_effect()
+            shipped, effect = self.as_shipped, self._placement_effect()
+            differs = shipped and shipped.verdict in (Verdict.FASTER, Verdict.SLOWER)
             is_certain = effect is not None and not effect.covers(1.0)
             return Cause.PLACEMENT if differs and is_certain else None
         if verdict == Verdict.INCONCLUSIVE:
@@ -178,10 +178,6 @@ class PairedResult(Launched):
             return None
         return _quotient(self.as_shipped.ratio, self.judgement.ratio)
 
-    def record(self) -> VerdictRecord:
-        """Return the comparison as a run file stores it, with every launch's raw times."""
-        return record_of(self.row(), self.launches)
-
 
 def package_versions(baseline: ReleaseSpec, candidate: ReleaseSpec) -> list[PackageVersions]:
     """Return the versions of packages in two environments; none where the user named none."""
@@ -192,11 +188,6 @@ def package_versions(baseline: ReleaseSpec, candidate: ReleaseSpec) -> list[Pack
         PackageVersions(name, old.get(name, ""), new.get(name, ""))
         for name in sorted({**old, **new})
     ]
-
-
-def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictRecord:
-    """Return a verdict as a run file stores it, with the raw times of launches, if any."""
-    return VerdictRecord(**vars(row), samples=samples)
 
 
 def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
@@ -218,8 +209,8 @@ class _VerdictRule(PairRule):
         pool: WorkerPool,
         targets: tuple[Target, Target],
         plan: VerdictPlan,
-        on_launch: Callable[[Judgement], None],
-        clock: Callable[[], float],
+        on_launch: Callable[[Judgement], None] = lambda judgement: None,
+        clock: Callable[[], float] = time.monotonic,
     ):
         super().__init__(pool, targets, plan.sizes, plan.time_limit_s, clock)
         self._plan, self._on_launch = plan, on_launch
@@ -239,8 +230,9 @@ class _VerdictRule(PairRule):
         return self.averaging.launches_with(MIN_LAUNCHES)
 
     def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
-        log_scale = _log_scale(self.work_check, self._plan)
-        judgement = _judge_launches(launches, self._plan, log_scale)
+        work = self._pair.work
+        log_scale = _log_scale(work.work_check if work else None, self._plan)
+        judgement = judge_launches(launches, self._plan, log_scale)
         assert judgement is not None, "there is a launch"
         self._on_launch(judgement)
         return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
@@ -254,7 +246,7 @@ class _CountedRule(_VerdictRule):
     def __init__(
         self, pool: WorkerPool, targets: tuple[Target, Target], plan: VerdictPlan, count: int
     ):
-        super().__init__(pool, targets, plan, lambda judgement: None, time.monotonic)
+        super().__init__(pool, targets, plan)
         self._count = count
 
     def min_launches(self) -> int:
@@ -268,14 +260,8 @@ class _CountedRule(_VerdictRule):
 def launch_log_ratios(
     pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
 ) -> list[float]:
-    """Return the log ratios of some launches, whatever they say, as `decide` would judge them.
-
-    Raises:
-      MachineError: a target cannot be measured, or not within the plan's time.
-      KeyboardInterrupt: Ctrl-C.
-    """
-    rule = _CountedRule(pool, (baseline, candidate), plan, count)
-    launched = rule.run()
+    """Return the log ratios of some launches, whatever they say, as `decide` would judge them."""
+    launched = _CountedRule(pool, (baseline, candidate), plan, count).run()
     if launched.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
     if not launched.is_enough:
@@ -292,11 +278,7 @@ def decide(
     on_launch: Callable[[Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> PairedResult:
-    """Compare two targets until the verdict is certain, or time is up (see `PairRule.run`).
-
-    Args:
-      on_launch: called after each launch, with what all launches say so far.
-    """
+    """Compare two targets until the verdict is certain, or time is up (see `LaunchRule.run`)."""
     rule = _VerdictRule(pool, (baseline, candidate), plan, on_launch, clock)
     launched = rule.run()
     log_scale = _log_scale(launched.work_check, plan)
@@ -307,18 +289,16 @@ def decide(
         candidate=candidate,
         metric=plan.sizes.metric,
         averaging=rule.averaging,
-        judgement=_judge_launches(launched.launches, plan, log_scale),
+        judgement=judge_launches(launched.launches, plan, log_scale),
         as_shipped=(_judge_as_shipped(launched.launches, plan, log_scale) if has_moved else None),
     )
 
 
 def sides_key(sides: Sequence[TargetRow]) -> str:
-    """Return a text that names two targets, as they are or as a run file holds them."""
     return repr([asdict(side) for side in sides])
 
 
 def completed_share(launches: int) -> float:
-    """Return which share of a comparison so many launches are, about."""
     return 1 - 1 / (1 + launches / _HALFWAY_LAUNCHES)
 
 
@@ -329,13 +309,7 @@ def decide_each(
     earlier: Sequence[VerdictRecord],
     on_progress: Progress,
 ) -> Iterator[PairedResult]:
-    """Yield the verdict on each pair of baseline and candidate; the last may be interrupted.
-
-    Args:
-      earlier: verdicts that are not decided again.
-      on_progress: called after each launch with what all launches say so far, and about which share
-        of all pairs is done.
-    """
+    """Yield the verdict on each pair but those of `earlier`; the last may be interrupted."""
     done = {sides_key(record.sides) for record in earlier}
     for number, (baseline, candidate) in enumerate(pairs):
         if sides_key([baseline.row(), candidate.row()]) in done:
@@ -368,22 +342,21 @@ def launches_to_judge(launches: Sequence[LaunchRow]) -> Sequence[LaunchRow]:
     return [launch for launch in launches if launch.placements.is_moved] or launches
 
 
-def _judge_launches(
-    launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float
+def judge_launches(
+    launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float = 0.0
 ) -> Judgement | None:
-    """Judge the launches in which code was moved, or all if it never was; None without any."""
+    """Judge launches, with `log_scale` added to their log ratios; None without any."""
     used = launches_to_judge(launches)
     if not used:
         return None
     if METRICS[plan.sizes.metric].is_exact:
         return judge_exact(used[0].log_ratio, plan.min_effect)
-    moved = [launch for launch in used if launch.placements.is_moved]
     return judge(
         [launch.log_ratio + log_scale for launch in used],
         plan.min_effect,
         plan.confidence,
         plan.precision,
-        [launch.placements.residue for launch in moved] or None,
+        [launch.placements.residue for launch in used if launch.placements.is_moved] or None,
         plan.family,
     )
 
@@ -391,15 +364,12 @@ def _judge_launches(
 def _judge_as_shipped(
     launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float
 ) -> Judgement | None:
-    """Judge the launches as shipped beside those in which code was moved; None without any."""
     moved = [launch for launch in launches if launch.placements.is_moved]
-    shipped = [
-        launch.log_ratio + log_scale for launch in launches if not launch.placements.is_moved
-    ]
+    shipped = [launch for launch in launches if not launch.placements.is_moved]
     if not shipped:
         return None
     interval = anytime.interval_beside(
-        shipped,
+        [launch.log_ratio + log_scale for launch in shipped],
         plan.confidence,
         [launch.log_ratio + log_scale for launch in moved],
         [launch.placements.residue for launch in moved],

@@ -79,9 +79,6 @@ class Worker:
 
     Attributes:
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
-      slowdown: share of its time by which a block lasts longer.
-      padding: memory that moves whatever is allocated after it.
-      scattered: the same, of the last layouts.
     """
 
     model: "mujoco.MjModel"
@@ -120,13 +117,7 @@ class Worker:
     def start_release(
         self, version: str, check_files: bool, seed: int, move: "Move | None" = None
     ) -> None:
-        """Import MuJoCo, and make sure that it is the release meant.
-
-        Args:
-          check_files: whether to check the whole install, rather than the version alone.
-          seed: of the places in memory that this process draws (see `LaunchSeeds`).
-          move: how to move its libraries first; None imports it as installed.
-        """
+        """Import MuJoCo, and make sure that it is the release meant."""
         self.rng.seed(seed)
         self.padding = [*memory_layout.mapped(self.rng)]
         # MuJoCo's types lie elsewhere, too: the bindings look them up by their address
@@ -164,7 +155,6 @@ class Worker:
 
     @activity("measuring a step")
     def measure_step_cost(self, plan: "StartPlan", nstart: int, hold: int) -> StepCost:
-        """Return about how long one step takes now, at the start, and the model's digest."""
         from mjbench.simulation import compat, sampling, starts, work
         from mjbench.simulation.model_digest import model_digest
 
@@ -195,12 +185,7 @@ class Worker:
 
     @activity("stepping the model")
     def observe(self, workload_file: Path, nsection: int = 1) -> Observed:
-        """Read a pickled `PortableWorkload`, do it once the plain way, and return what it was.
-
-        Args:
-          nsection: sections that all simulations of it together are to be divided into (see
-            `loop_sections`); 1 for no division.
-        """
+        """Read a pickled `PortableWorkload`, do it once the plain way, and return what it was."""
         from mjbench.paired import loop_sections
         from mjbench.simulation import work, work_check
 
@@ -252,11 +237,7 @@ class Worker:
         cores: Sequence[int],
         import_from: str | None = None,
     ) -> None:
-        """Read a saved model, and a workload with its final states, for the paths of a race.
-
-        Args:
-          import_from: a folder that paths of the user's own may be imported from.
-        """
+        """Read a saved model, and a workload with its final states, for the paths of a race."""
         import numpy as np
 
         from mjbench.comparison.verification import ReferenceCase
@@ -275,26 +256,19 @@ class Worker:
 
     @activity("preparing a run")
     def prepare_entrant(self, path: str, options: Mapping[str, Any]) -> None:
-        """Prepare one more path of a race, and check it."""
         assert self.race is not None, "equip_race comes first"
         self.scattered.append(memory_layout.scattered(self.rng))
         self.race.prepare(path, options)
 
     @activity("timing a block")
     def time_entrant(self, number: int, reorders: bool) -> TimedEntrant:
-        """Run one block of a path of a race.
-
-        Args:
-          number: of the path, in the order in which they were prepared.
-          reorders: whether the simulations are reordered first, as they are before each round.
-        """
+        """Run one block of a path of a race; `number` is its place in the order of preparation."""
         assert self.race is not None, "equip_race comes first"
         if reorders:
             _collect_garbage()
         return self.race.time(number, reorders)
 
     def read_workload(self, file: Path) -> "PortableWorkload":
-        """Read a pickled `PortableWorkload` of the loaded model."""
         from mjbench.simulation import workload
 
         portable: PortableWorkload = pickle.loads(file.read_bytes())
@@ -328,11 +302,8 @@ class Worker:
           simulations: rows of the workload to do.
           callback: function of the engine that steps call (see `engine_library`).
           slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
-          returns: what the run returns; None for final states.
-          metric: whether blocks give their time, or that of their slowest steps.
           nsection: sections of the run, which blocks time one after the other (see
             `loop_sections`); 1 with any path but the plain loop.
-          has_timer: whether steps read the timer of MuJoCo's Python package.
 
         Returns:
           How many nanoseconds one block of each section takes, untimed warm-ups included.
@@ -407,7 +378,6 @@ class Worker:
         return ns
 
     def _check_final_states(self, name: str, states: "States", rows: list[int]) -> None:
-        """Raise MachineError where a run ends in other states than the plain loop."""
         import numpy as np
 
         assert self.final_state is not None, "a run is prepared from a workload with final states"

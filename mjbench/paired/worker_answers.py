@@ -40,13 +40,7 @@ class Done(Generic[Answer]):
 
 @dataclass(frozen=True)
 class Move:
-    """How to move the libraries of a release.
-
-    Attributes:
-      movable_file: a pickled `MovableInstall`.
-      others: the folder of what lies beside the package.
-      folder: to create the moved install in.
-    """
+    """How to move the libraries of a release; `others` is the folder of what lies beside it."""
 
     movable_file: Path
     others: Path
@@ -56,11 +50,7 @@ class Move:
 
 @dataclass(frozen=True)
 class TimedEntrant:
-    """A block of a path of a race.
-
-    Attributes:
-      difference: where what it returned first differs from the plain loop; empty where it does not.
-    """
+    """A block of a path of a race, and where what it returned first differs from the plain loop."""
 
     ns: int
     difference: str
@@ -71,12 +61,9 @@ class StepCost:
     """What a step costs.
 
     Attributes:
-      digest: of the model (see `model_digest`).
-      step_s: seconds of a step at the start, as they are now.
       settling_nstep: steps of the run along which starts are to be sampled, if nothing bounds it.
       most_nstep: steps of a simulation that the user's files have controls for; None for any
         number.
-      has_sleep: whether the model enables sleeping.
     """
 
     digest: str
@@ -88,12 +75,7 @@ class StepCost:
 
 @dataclass(frozen=True, eq=False)
 class ReadyOperation:
-    """An operation that is ready to be timed.
-
-    Attributes:
-      ns: nanoseconds of a warm block.
-      result: what it computed, as a vector of floats.
-    """
+    """An operation that is ready to be timed: nanoseconds of a warm block, and what it computed."""
 
     ns: int
     result: "np.ndarray"
@@ -114,9 +96,7 @@ class Observed:
     Attributes:
       healthy: (nbatch,) whether a simulation did not diverge.
       diagnosis: why others diverged, such as `BADQACC in 3`; empty without any.
-      warnings: how many healthy simulations raised each other warning, by its name.
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
-      followed: what the target did from the states of the workload's probe.
       can_divide: whether its healthy simulations can be divided into the sections asked for.
     """
 

@@ -37,12 +37,7 @@ _MAX_SERVERS, _MAX_EARLY = 6, 2
 
 @dataclass(frozen=True)
 class _Program:
-    """What a worker is, or is forked from.
-
-    Attributes:
-      side: 0 or 1 for baseline and candidate.
-      seed: see `LaunchSeeds`.
-    """
+    """What a worker is, or is forked from; `side` is 0 or 1 for baseline and candidate."""
 
     release: ReleaseSpec
     side: int
@@ -51,8 +46,6 @@ class _Program:
 
 class WorkerPool:
     """Starts processes in the environment of any release, and ends all of them when it closes.
-
-    Used as a context manager.
 
     Attributes:
       limit_s: seconds without an answer after which a process is killed.
@@ -95,12 +88,10 @@ class WorkerPool:
                 server.end()
 
     def new_file(self, suffix: str) -> Path:
-        """Return a new path in a folder that lasts as long as this pool."""
         self._file_count += 1
         return self._work / f"{self._file_count}{suffix}"
 
     def new_folder(self) -> Path:
-        """Return a new folder that lasts as long as this pool."""
         folder = self.new_file("")
         with writing(folder):
             folder.mkdir()
@@ -111,11 +102,7 @@ class WorkerPool:
         return platforms.forbids_programs(self._work)
 
     def save(self, value: Any) -> Path:
-        """Pickle a value to a new file, for a worker to read; return the file.
-
-        Raises:
-          MachineError: it cannot be written.
-        """
+        """Pickle a value to a new file, for a worker to read; return the file."""
         file = self.new_file(".pickle")
         with writing(file):
             file.write_bytes(pickle.dumps(value))
@@ -123,7 +110,6 @@ class WorkerPool:
 
     @contextlib.contextmanager
     def saved(self, value: Any) -> Iterator[Path]:
-        """Yield a file that holds a pickled value for as long as the block runs."""
         file = self.save(value)
         try:
             yield file
@@ -142,16 +128,12 @@ class WorkerPool:
         """Start a process that imports a release, without waiting for it (see `wait_for`).
 
         Args:
-          release: of MuJoCo; installed first if it is missing.
-          name: of the process, for error messages.
           placement: of the release's libraries; None for as shipped.
           side: 0 or 1 for baseline and candidate, which are never forked from one program.
           cores: that it may run on, for now; none for all that this process may use.
           seeds: of the launch that it is of; None for those used last.
 
         Raises:
-          InputError: there is no such release.
-          MachineError: it cannot be installed, or no process can be started.
           ImmovableError: its libraries cannot be moved.
         """
         self._install(release)
@@ -196,9 +178,6 @@ class WorkerPool:
         """Start the program that workers of a later launch are forked from, where they are forked.
 
         Those that were started early before, and not used, may end.
-
-        Raises:
-          MachineError: no process can be started.
         """
         program = _Program(release, side, seeds.program)
         if not platforms.can_adopt() or program in self._servers:
@@ -213,8 +192,6 @@ class WorkerPool:
         """Return what moves in a release; it is installed first if it is missing.
 
         Raises:
-          InputError: there is no such release.
-          MachineError: it cannot be installed.
           ImmovableError: its libraries cannot be moved.
         """
         if release.key not in self._movable:
@@ -223,12 +200,7 @@ class WorkerPool:
         return self._movable[release.key]
 
     def wait_for(self, process: WorkerProcess, release: ReleaseSpec) -> None:
-        """Wait until a process has imported its release and done all other tasks.
-
-        Raises:
-          InputError: what was asked for cannot be.
-          ChildError: it failed, crashed or did not answer in time.
-        """
+        """Wait until a process has imported its release and done all other tasks."""
         process.wait()
         self._checked.add(release.key)
 
@@ -244,13 +216,11 @@ class WorkerPool:
             self._processes.remove(process)
 
     def _install(self, release: ReleaseSpec) -> Path | None:
-        """Return the folder of a release's install, which lasts as long as this pool."""
         if release.key not in self._installs:
             self._installs[release.key] = self._closing.enter_context(installs.use(release))
         return self._installs[release.key]
 
     def _movable_files(self, release: ReleaseSpec) -> tuple[Path, Path]:
-        """Return the file that holds what moves in a release, and the folder of what does not."""
         if release.key not in self._moves:
             install, others = self.movable(release), self.new_file(".others")
             with writing(others):

@@ -25,12 +25,7 @@ _MAX_FAILURE_BYTES = 1 << 16
 
 
 class WorkerProcess:
-    """A worker, seen from its parent: it does tasks in the order they were asked for.
-
-    Attributes:
-      name: for error messages, such as `baseline (MuJoCo 4.0.0, cartpole)`.
-      limit_s: seconds without an answer after which the process is killed.
-    """
+    """A worker, seen from its parent: it does tasks in the order they were asked for."""
 
     def __init__(
         self,
@@ -49,7 +44,6 @@ class WorkerProcess:
 
     @property
     def pid(self) -> int:
-        """The process id."""
         return self._child.process.pid
 
     def call(self, task: Task[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -81,11 +75,7 @@ class WorkerProcess:
         return not self._activities
 
     def time_block(self) -> int:
-        """Have one block run, after `Worker.time_blocks` was asked; return its nanoseconds.
-
-        Raises:
-          ChildError: the process failed, crashed or did not answer in time.
-        """
+        """Have one block run, after `Worker.time_blocks` was asked; return its nanoseconds."""
         with contextlib.suppress(OSError):
             self._child.connection.send_bytes(worker_answers.BLOCK)
         activity, size = self._activities[0], worker_answers.NANOSECONDS.size
@@ -98,20 +88,17 @@ class WorkerProcess:
         return ns
 
     def end_blocks(self) -> None:
-        """End `Worker.time_blocks`."""
         with contextlib.suppress(OSError):
             self._child.connection.send_bytes(worker_answers.END)
         self._answer()
 
     def end(self) -> None:
-        """End the process, whatever it is doing."""
         self._child.end()
         self._output_file.unlink(missing_ok=True)
         if self._moved_install is not None:
             shutil.rmtree(self._moved_install, ignore_errors=True)
 
     def _answer(self) -> Any:
-        """Return the answer to the oldest pending task."""
         activity = self._activities[0]
         content = self._child.receive(self.limit_s, activity, machine.available_memory_bytes())
         answer: Done[Any] | Failure = self._child.unpickled(content, activity, Done, Failure)
@@ -123,5 +110,4 @@ class WorkerProcess:
         raise self._failed(answer.detail)
 
     def _failed(self, cause: str) -> ChildError:
-        """Return the error that a task failed, and the process goes on."""
         return ChildError(Status.FAILED, cause, name=self.name)

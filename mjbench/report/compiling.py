@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 from mjbench.measuring.stats import Estimate
-from mjbench.paired.compilation_figures import CompilationFigures
-from mjbench.paired.records import VerdictRow
+from mjbench.paired.records import CompilationFigures, VerdictRow
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable
 from mjbench.units import duration

@@ -16,7 +16,7 @@ from commands import PYTHONPATH, mjbench
 from mjbench.cli import cli
 from mjbench.paired import selfcheck
 from mjbench.paired.outcomes import Arm, Verdict
-from mjbench.paired.selfcheck_cases import Case
+from mjbench.paired.selfcheck import Case
 from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool

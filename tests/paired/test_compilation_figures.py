@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.measuring.calls import Compilation
-from mjbench.paired.compilation_figures import CompilationFigures
+from mjbench.paired.records import CompilationFigures
 
 FRESH = Compilation(trace_s=2.0, compile_s=8.0, first_run_s=0.1, programs=31)
 CACHED = Compilation(trace_s=2.2, compile_s=0.4, first_run_s=0.2, programs=31, is_cached=True)

@@ -5,11 +5,11 @@ import subprocess
 import sys
 
 import pytest
-from paired_examples import INSTALLED
+from paired_examples import CARTPOLE
 
 from mjbench.host.topology import Topology
-from mjbench.paired import calibrator, cores
-from mjbench.paired.calibrator import Calibrator
+from mjbench.paired import cores
+from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker_pool import WorkerPool
 
 pytestmark = pytest.mark.skipif(
@@ -60,10 +60,9 @@ def test_cores_are_tried_only_until_one_is_free(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_cores_are_not_counted_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibrator.machine, "usable_cores", lambda: 1)
+    monkeypatch.setattr(cores.machine, "usable_cores", lambda: 1)
     with WorkerPool() as pool:
-        calibrating = Calibrator(pool, INSTALLED, nthread=4)
-        assert calibrating.count() == 1.0
+        assert TargetPair(pool, CARTPOLE, CARTPOLE)._cores_had(nthread=4) == 1.0
         assert pool._processes == []
 
 

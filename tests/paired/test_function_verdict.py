@@ -94,11 +94,11 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
                 self._launch_s = min(
                     invented.launch_s, invented.control_s if is_control else math.inf
                 )
-                self._limit = limit
+                self.time_limit, self.work = limit, None
                 self._mean = invented.control if is_control else invented.log_ratio
 
             def prepare(self) -> None:
-                self._limit.start()
+                self.time_limit.start()
 
             def launch(self, positions: Sequence[int]) -> LaunchRow:
                 clock[0] += self._launch_s

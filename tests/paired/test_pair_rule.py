@@ -1,7 +1,8 @@
 """When launches of a pair end, and what is left of them then. Nothing is launched."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from paired_examples import CARTPOLE
@@ -45,8 +46,6 @@ class Enough(PairRule):
 class Pair(Targets[LaunchRow]):
     """Stands for two targets: each launch takes a second, or fails."""
 
-    work_check, results, baseline_workload = "check", None, "file"
-
     def __init__(
         self,
         clock: list[float],
@@ -55,13 +54,13 @@ class Pair(Targets[LaunchRow]):
         error: BaseException | None,
     ):
         self._clock, self._error, self.is_closed = clock, error, False
-        self._time_limit, self._placements = time_limit, placements
-        self._count, self.is_prepared = 0, False
+        self.time_limit, self._placements = time_limit, placements
+        self._count, self.work = 0, cast(Any, None)
 
     def prepare(self) -> None:
         self._placements()
-        self._time_limit.start()
-        self.is_prepared = True
+        self.time_limit.start()
+        self.work = SimpleNamespace(work_check="check", results=None, baseline_workload="file")
 
     def launch(self, positions: Sequence[int]) -> LaunchRow:
         assert positions == (0, 1)

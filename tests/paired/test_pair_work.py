@@ -13,7 +13,7 @@ from mjbench.errors import InputError
 from mjbench.paired import operations, pair_work, preparation
 from mjbench.paired.operations import PreparedOperation
 from mjbench.paired.outcomes import Metric, ResultsOutcome
-from mjbench.paired.pair_work import GrowthWork, OperationWork
+from mjbench.paired.pair_work import OperationWork, StepWork
 from mjbench.paired.preparation import Preparation, WorkCheck
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.records import LaunchRow
@@ -51,19 +51,20 @@ def test_a_target_against_itself_does_the_same_by_every_metric(launched: TargetP
     launch = launched.launch()
     assert len(launch.orders) == 1
     assert abs(launch.log_ratio) < 1.0
-    metric = launched._sizes.metric
+    metric, work = launched._sizes.metric, launched.work
+    assert work is not None
     if metric == Metric.ARENA:
         assert len({reading for quad in launch.ns for reading in quad}) == 1
     elif metric in (Metric.MEMORY, Metric.GROWTH):
-        assert launched.results is None
-        assert launched.work_check is not None
-        assert not launched.work_check.changed
+        assert work.results is None
+        assert work.work_check is not None
+        assert not work.work_check.changed
         assert is_of_memory(launch)
         assert abs(launch.log_ratio) < 0.1
     else:
-        assert launched.work_check is None
-        assert launched.results is not None
-        assert launched.results.outcome == ResultsOutcome.SAME
+        assert work.work_check is None
+        assert work.results is not None
+        assert work.results.outcome == ResultsOutcome.SAME
 
 
 @pytest.mark.parametrize("differs", [False, True])
@@ -97,14 +98,15 @@ def test_steps_that_are_too_slow_for_their_growth_are_refused_before_the_first_l
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     prepared = Preparation((Path(), Path()), (Path(), Path()), 1, 1, 0.01, cast(WorkCheck, None))
+    sizes = Sizes(metric=Metric.GROWTH)
     monkeypatch.setattr(preparation, "prepare", lambda *arguments: prepared)
     with WorkerPool() as pool:
-        GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(1000.0))
+        StepWork(pool, (CARTPOLE, CARTPOLE), sizes, TimeLimit(1000.0))
         with pytest.raises(OutOfTimeError, match="a launch takes about 120 s, and a verdict needs"):
-            GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(60.0))
+            StepWork(pool, (CARTPOLE, CARTPOLE), sizes, TimeLimit(60.0))
         pool.limit_s = 39.0
         with pytest.raises(InputError, match=r"2,000 steps or calls in a block, .* 40 s here"):
-            GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(1000.0))
+            StepWork(pool, (CARTPOLE, CARTPOLE), sizes, TimeLimit(1000.0))
 
 
 def test_loading_is_of_a_source_and_not_of_a_compiled_model(tmp_path: Path) -> None:

@@ -118,15 +118,14 @@ class Clock:
 class Pair(Targets[LaunchRow]):
     """Stands for targets that are launched without a process."""
 
-    work_check = results = baseline_workload = None
-    is_prepared = True
+    work = None
 
     def __init__(self, clock: Clock, time_limit: TimeLimit, placements: Callable[[], object]):
-        self._clock, self._time_limit, self._placements = clock, time_limit, placements
+        self._clock, self.time_limit, self._placements = clock, time_limit, placements
 
     def prepare(self) -> None:
         self._placements()
-        self._time_limit.start()
+        self.time_limit.start()
 
     def launch(self, positions: Sequence[int]) -> LaunchRow:
         self._clock.now += 1.0

@@ -38,8 +38,8 @@ def test_models_of_different_size_do_as_many_simulations_each(
     pair.prepare()
     launch = pair.launch()
     pair.close()
-    assert pair.work_check.nbatch == 3
-    assert pair.work_check.drift is None
+    assert pair.work.work_check.nbatch == 3
+    assert pair.work.work_check.drift is None
     assert np.min(launch.ns) > 0
 
 
@@ -51,10 +51,10 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
     pair.prepare()
     launch = pair.launch()
     pair.close()
-    assert pair.work_check.diverged[0] == 0
-    assert 0 < pair.work_check.diverged[1] < 8
-    assert pair.work_check.nbatch == 8 - pair.work_check.diverged[1]
-    assert pair.work_check.changed
+    assert pair.work.work_check.diverged[0] == 0
+    assert 0 < pair.work.work_check.diverged[1] < 8
+    assert pair.work.work_check.nbatch == 8 - pair.work.work_check.diverged[1]
+    assert pair.work.work_check.changed
     assert np.min(launch.ns) > 0
 
 
@@ -171,9 +171,9 @@ def test_what_sleeps_in_its_own_run_sleeps_where_it_is_timed(
     pair.prepare()
     launch = pair.launch()
     pair.close()
-    window = pair.work_check.candidate_starts.window  # type: ignore[union-attr]
+    window = pair.work.work_check.candidate_starts.window  # type: ignore[union-attr]
     assert window is not None and window.asleep == window.asleep_in_run == 1.0
-    assert pair.work_check.nstep >= preparation.LEAST_SLEEPING_NSTEP
+    assert pair.work.work_check.nstep >= preparation.LEAST_SLEEPING_NSTEP
     assert np.min(launch.ns) > 0
 
 

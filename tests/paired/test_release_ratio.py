@@ -1,5 +1,6 @@
 """A release against the reference, as the history measures it."""
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 
@@ -364,11 +365,12 @@ def test_a_process_that_cannot_read_its_work_leaves_no_answer_of_the_other_behin
     task.prepare(pool)
     work = task._work
     assert work is not None
-    missing = work.workloads[0].with_suffix(".missing")
+    missing = work.prepared.workloads[0].with_suffix(".missing")
     processes = pool.start(INSTALLED), pool.start(INSTALLED, side=1)
     for process in processes:
         pool.wait_for(process, INSTALLED)
-    work.workloads = missing, work.workloads[1]
+    files = missing, work.prepared.workloads[1]
+    work.prepared = dataclasses.replace(work.prepared, workloads=files)
     with pytest.raises(ChildError, match="missing"):
         task.equip(processes)
     assert processes[1].call(Worker.count_cores, 1) > 0

@@ -12,12 +12,12 @@ from paired_examples import CARTPOLE, CUBES
 
 from mjbench.errors import Failure, InputError, MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import selfcheck, selfcheck_cases
+from mjbench.paired import selfcheck
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.records import LaunchRow, PlacementEffect
-from mjbench.paired.selfcheck_cases import Case
+from mjbench.paired.selfcheck import Case
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.paired.verdict import PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
@@ -71,7 +71,7 @@ def result(
 
 
 def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> None:
-    case = selfcheck_cases.between_builds(CARTPOLE.model, NoChangePair("3.2.1", "3.2.2"))
+    case = selfcheck.between_builds(CARTPOLE.model, NoChangePair("3.2.1", "3.2.2"))
     launches = [launch(0.001, MOVED), launch(0.03, AS_SHIPPED), launch(-0.001, MOVED)]
     as_shipped = Judgement(Verdict.SLOWER, Ratio(1.03, 1.02, 1.04), 1, True)
     record = selfcheck.record_of(
@@ -86,7 +86,7 @@ def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> Non
 
 
 def test_a_trial_of_what_cannot_be_moved_rests_on_its_launches_as_shipped() -> None:
-    case = selfcheck_cases.slowed(CARTPOLE.model, 0.0)
+    case = selfcheck.slowed(CARTPOLE.model, 0.0)
     launches = [launch(0.001, AS_SHIPPED), launch(-0.001, AS_SHIPPED)]
     record = selfcheck.record_of(case, result(case, Averaging(False, "no libmujoco"), launches))
     assert record.launches == pytest.approx([0.001, -0.001], abs=1e-6)
@@ -106,7 +106,7 @@ def test_a_trial_of_what_cannot_be_moved_rests_on_its_launches_as_shipped() -> N
 def test_a_comparison_that_did_not_end_well_is_no_trial(
     others: dict[str, Any], error: type[BaseException]
 ) -> None:
-    case = selfcheck_cases.slowed(CARTPOLE.model, 0.0)
+    case = selfcheck.slowed(CARTPOLE.model, 0.0)
     with pytest.raises(error):
         selfcheck.record_of(case, result(case, Averaging(True), [], **others))
 
@@ -199,11 +199,11 @@ def test_rows_are_sorted_by_arm_model_and_slowdown() -> None:
 
 
 def test_what_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = selfcheck_cases.inside_step(CUBES.model, "mj_factorM")
+    broken = selfcheck.inside_step(CUBES.model, "mj_factorM")
     broken_too = replace(broken)
     sound = [
-        selfcheck_cases.inside_step(CUBES.model, "mj_energyPos"),
-        selfcheck_cases.inside_step(CARTPOLE.model, "mj_factorM"),
+        selfcheck.inside_step(CUBES.model, "mj_energyPos"),
+        selfcheck.inside_step(CARTPOLE.model, "mj_factorM"),
     ]
     tried = []
 
@@ -225,7 +225,7 @@ def test_what_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -
 def test_a_model_that_fails_is_not_tried_again_with_another_slowdown(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    cases = [selfcheck_cases.slowed(CARTPOLE.model, slowdown) for slowdown in (0.0, 0.01)]
+    cases = [selfcheck.slowed(CARTPOLE.model, slowdown) for slowdown in (0.0, 0.01)]
     tried = []
 
     def fail(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:

@@ -3,9 +3,9 @@
 import pytest
 from paired_examples import CARTPOLE, INSTALLED
 
-from mjbench.paired import selfcheck_cases
+from mjbench.paired import selfcheck
 from mjbench.paired.outcomes import Arm, Verdict
-from mjbench.paired.selfcheck_cases import Case
+from mjbench.paired.selfcheck import Case
 from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
 from mjbench.releases.release import NoChangePair
 
@@ -28,13 +28,13 @@ def done(case: Case) -> TrialRecord:
 
 @pytest.mark.parametrize("slowdown", [0.0, 0.003, 0.01])
 def test_only_the_candidate_is_slowed_down(slowdown: float) -> None:
-    case = selfcheck_cases.slowed(MODEL, slowdown)
+    case = selfcheck.slowed(MODEL, slowdown)
     assert (case.baseline.slowdown, case.candidate.slowdown) == (0.0, slowdown)
     assert case.row().is_slower == (slowdown > 0)
 
 
 def test_the_size_of_a_slowdown_inside_a_step_is_unknown_and_its_sign_is_known() -> None:
-    case = selfcheck_cases.inside_step(MODEL, "mj_factorM")
+    case = selfcheck.inside_step(MODEL, "mj_factorM")
     assert (case.baseline.callback, case.candidate.callback) == ("", "mj_factorM")
     row = case.row()
     assert row == CaseRow(
@@ -49,20 +49,20 @@ def test_the_size_of_a_slowdown_inside_a_step_is_unknown_and_its_sign_is_known()
 
 
 def test_builds_between_which_nothing_changed_are_the_same() -> None:
-    row = selfcheck_cases.between_builds(MODEL, PAIR).row()
+    row = selfcheck.between_builds(MODEL, PAIR).row()
     assert (row.arm, row.old, row.new) == (Arm.BETWEEN_BUILDS, "3.2.1", "3.2.2")
     assert (row.slowdown, row.is_slower) == (0.0, False)
 
 
 def test_only_the_trials_that_are_missing_are_run_in_turns() -> None:
     cases = [
-        selfcheck_cases.slowed(MODEL, 0.0),
-        selfcheck_cases.slowed(MODEL, 0.01),
-        selfcheck_cases.inside_step(MODEL, "mj_factorM"),
-        selfcheck_cases.inside_step(MODEL, "mj_energyPos"),
-        selfcheck_cases.between_builds(MODEL, PAIR),
-        selfcheck_cases.between_builds(MODEL, NoChangePair("3.1.2", "3.1.3")),
+        selfcheck.slowed(MODEL, 0.0),
+        selfcheck.slowed(MODEL, 0.01),
+        selfcheck.inside_step(MODEL, "mj_factorM"),
+        selfcheck.inside_step(MODEL, "mj_energyPos"),
+        selfcheck.between_builds(MODEL, PAIR),
+        selfcheck.between_builds(MODEL, NoChangePair("3.1.2", "3.1.3")),
     ]
     finished = [0, 0, 2, 4, 4]
-    remaining = selfcheck_cases.remaining(cases, 2, [done(cases[i]) for i in finished])
+    remaining = selfcheck.remaining(cases, 2, [done(cases[i]) for i in finished])
     assert [cases.index(case) for case in remaining] == [1, 3, 5, 1, 2, 3, 5]

@@ -335,7 +335,7 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
     plan = verdict.VerdictPlan()
     averaged, shipped = (
         judged(launches, plan, 0.0)
-        for judged in (verdict._judge_launches, verdict._judge_as_shipped)
+        for judged in (verdict.judge_launches, verdict._judge_as_shipped)
     )
     assert averaged is not None
     assert shipped is not None
@@ -347,7 +347,7 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
 
 def test_steps_alike_of_twice_the_timestep_are_twice_as_fast() -> None:
     launches = [launch(0.001 * k, AS_SHIPPED) for k in range(-4, 5)]
-    judged = verdict._judge_launches(launches, verdict.VerdictPlan(), log_scale=-math.log(2))
+    judged = verdict.judge_launches(launches, verdict.VerdictPlan(), log_scale=-math.log(2))
     assert judged is not None
     assert judged.verdict == Verdict.FASTER
     assert judged.ratio.estimate == pytest.approx(0.5)

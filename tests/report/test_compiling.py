@@ -7,8 +7,7 @@ from verdict_records import SAME
 
 from mjbench.measuring.calls import Compilation
 from mjbench.pages import terminal
-from mjbench.paired.compilation_figures import CompilationFigures
-from mjbench.paired.records import Pair, VerdictRow
+from mjbench.paired.records import CompilationFigures, Pair, VerdictRow
 from mjbench.report import compiling, verdicts
 
 FRESH = Compilation(trace_s=2.0, compile_s=8.0, first_run_s=0.1, programs=31)
