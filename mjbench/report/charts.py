@@ -139,6 +139,21 @@ def rule_at(value: float, axis: str = "x") -> Spec:
     }
 
 
+def estimates(
+    field: str, title: str, shared: Mapping[str, Spec], has_interval: str = "isValid(datum.low)"
+) -> list[Spec]:
+    """Return points at the column `field`, and lines from the column `low` to `high`.
+
+    Args:
+      shared: encodings of both.
+      has_interval: test of the rows that have a line.
+    """
+    ends = {"x": quantity("low", title), "x2": {"field": "high"}, **shared}
+    lines = layer("rule", ends, strokeWidth=3)
+    points = layer("point", {"x": quantity(field, title), **shared}, filled=True, size=70)
+    return [{**lines, "transform": [{"filter": has_interval}]}, points]
+
+
 def svg(specification: Mapping[str, Any]) -> str:
     """Return a chart as SVG.
 

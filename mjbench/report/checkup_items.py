@@ -13,13 +13,11 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.stats import Estimate
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
-from mjbench.paths.parallelism import nthread
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Basis, Remedy, RemedyKind
 from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
-from mjbench.report.content import Snippet
 from mjbench.report.lint import finding_place
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation import package_timer
@@ -86,15 +84,14 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
             )
         lines += starts.warning_lines(model.warnings)
     for window in (each.window for each in started):
-        lines += map(_limit_raised, starts.limited_lines(window) if window else [])
+        lines += [
+            f"{line}; raise iterations in <option> until they do not"
+            for line in (starts.limited_lines(window) if window else ())
+        ]
     for line in dict.fromkeys(lines):
         yield CheckupItem(
             action=line, change=ResultChange.CORRECTED, command=f"mjbench compare {target}"
         )
-
-
-def _limit_raised(line: str) -> str:
-    return f"{line}; raise iterations in <option> until they do not"
 
 
 def _of_paths(
@@ -103,7 +100,7 @@ def _of_paths(
     """Yield the ways of stepping that `compare` advises, and the timer, unless settings have it."""
     command = f"mjbench compare {target}"
     advised = [each for each in advice.advise(model_results) if each.speedup is not None]
-    for row in _each_path_once(advised):
+    for row in {str(each.variant): each for each in advised}.values():
         loops = {each.loop for each in advised if each.variant == row.variant}
         yield CheckupItem(
             action=f"step by {advice.described(row.variant)}{_whose(row, loops)}",
@@ -134,10 +131,6 @@ def _of_paths(
             command=command,
             snippet=clock.snippet,
         )
-
-
-def _each_path_once(advised: Sequence[Advice]) -> list[Advice]:
-    return list({str(each.variant): each for each in advised}.values())
 
 
 def _whose(row: Advice, loops: set[Loop]) -> str:
@@ -242,8 +235,7 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
 
 
 def _applied(settings: Sequence[Setting]) -> str:
-    snippets: list[Snippet] = list(tuning.to_apply(settings))
-    return "\n".join(snippet.code for snippet in snippets)
+    return "\n".join(snippet.code for snippet in tuning.to_apply(settings))
 
 
 def combination_gain(verdict: VerdictRow) -> Ratio | None:
@@ -258,11 +250,12 @@ def combination_gain(verdict: VerdictRow) -> Ratio | None:
 
 
 def combination_command(combination: Combination, target: str) -> str:
-    settings = [f"path={combination.variant.path}"]
-    settings += [f"{name}={value}" for name, value in combination.variant.options.items()]
-    settings += [] if combination.has_timer else ["timer=off"]
+    settings = {"path": combination.variant.path, **combination.variant.options}
+    if not combination.has_timer:
+        settings["timer"] = "off"
     model = "tuned.xml" if combination.settings else target
-    return f"mjbench ab model={target} model={model},{','.join(settings)}"
+    texts = [f"{name}={value}" for name, value in settings.items()]
+    return f"mjbench ab model={target} model={model},{','.join(texts)}"
 
 
 # -- a program -------------------------------------------------------------------------------------
@@ -313,16 +306,12 @@ def _of_source(
     if any(row.loops or row.wrong for row in rows):
         return
     for finding in findings:
-        is_wrong = finding.is_wrong_result
+        place = finding_place(replace(finding, file=short_name(finding.file)))
         yield CheckupItem(
-            action=f"{_place(finding)}: {finding.message} ({finding.code})",
-            change=ResultChange.CORRECTED if is_wrong else ResultChange.NONE,
+            action=f"{place}: {finding.message} ({finding.code})",
+            change=ResultChange.CORRECTED if finding.is_wrong_result else ResultChange.NONE,
             command=f"mjbench lint {target}",
         )
-
-
-def _place(finding: Finding) -> str:
-    return finding_place(replace(finding, file=short_name(finding.file)))
 
 
 # -- an environment --------------------------------------------------------------------------------
@@ -333,12 +322,11 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
     command = f"mjbench env {target}"
     for line in environment.unrepeated_lines(record):
         yield CheckupItem(action=line, change=ResultChange.CORRECTED, command=command)
-    timed = [form for form in record.vector_forms if _is_faster(form.speedup)]
-    if timed:
-        fastest = max(timed, key=lambda form: form.speedup.median if form.speedup else 0.0)
+    forms = [form for form in record.vector_forms if environment.is_faster(form.speedup)]
+    if form := environment.fastest(forms):
         yield CheckupItem(
-            action=f"step {fastest.nenv} environments in one {fastest.form}",
-            gain=ratio_of(fastest.speedup),
+            action=f"step {form.nenv} environments in one {form.form}",
+            gain=_ratio(form.speedup),
             unit=GainUnit.ONE_ENVIRONMENT,
             change=ResultChange.NONE,
             group=GainGroup.VECTORS,
@@ -348,21 +336,18 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
         paths = [
             path
             for path in record.physics_paths
-            if _is_faster(path.speedup) and path.closed_loop == closed_loop
+            if environment.is_faster(path.speedup) and path.closed_loop == closed_loop
         ]
-        if paths:
-            fastest_path = max(paths, key=lambda p: p.speedup.median if p.speedup else 0.0)
-            yield _of_physics(fastest_path, command)
+        if path := environment.fastest(paths):
+            yield _of_physics(path, command)
 
 
 def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
-    threads = nthread(path.options)
-    place = f" on {threads} threads" if threads > 1 else ""
     loop = "" if path.closed_loop else ", with controls known beforehand"
     return CheckupItem(
-        action=f"step its physics yourself, by {path.path}{place}{loop}",
+        action=f"step its physics yourself, by {environment.place(path)}{loop}",
         variant=Variant(path.path, path.options),
-        gain=ratio_of(path.speedup),
+        gain=_ratio(path.speedup),
         unit=GainUnit.ENV_STEP,
         change=ResultChange.STATED,
         change_detail="the same physics, without observation, reward and wrappers",
@@ -371,9 +356,5 @@ def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
     )
 
 
-def _is_faster(speedup: Estimate | None) -> bool:
-    return speedup is not None and speedup.low is not None and speedup.low > 1
-
-
-def ratio_of(speedup: Estimate | None) -> Ratio | None:
+def _ratio(speedup: Estimate | None) -> Ratio | None:
     return None if speedup is None else Ratio(speedup.median, speedup.low, speedup.high)

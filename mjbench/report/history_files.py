@@ -86,9 +86,9 @@ def of_runs(
     histories = []
     for machine, of_machine in steps.items():
         borrowed = [] if _has(of_machine, OperationRatioRecord) else operations
-        records = [record for run in (*of_machine, *borrowed) for record in run.records]
+        ratios = [r for run in (*of_machine, *borrowed) for r in run.of_type(RatioRecord)]
         history = speed_history.from_records(
-            [*counts, *records],
+            [*counts, *ratios],
             known,
             machine.name,
             of_machine[0].header.machine,

@@ -12,7 +12,6 @@ from mjbench.simulation.judgement import (
     EngineJudgement,
     JudgedPart,
     Measure,
-    PairContacts,
 )
 from mjbench.units import listed, plain
 
@@ -54,22 +53,20 @@ def _closeness(measure: Measure) -> float:
 
 
 def _contact_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
-    def pair(row: tuple[str, PairContacts]) -> PairContacts:
-        return row[1]
 
     return DataTable.of(
         "Contacts",
         [(path, pair) for path, judgement in judged for pair in judgement.pairs],
         (Column("contacts of"), lambda row: row[0]),
-        (Column("geoms"), lambda row: "–".join(pair(row).types)),
-        (Column("states", formats.count, leaves=1), lambda row: pair(row).states),
-        (Column("contacts", formats.tenths), lambda row: pair(row).count),
-        (Column("in C", formats.tenths), lambda row: pair(row).count_in_c),
-        (Column("apart mm", _millimetres, leaves=3), lambda row: pair(row).position_m),
-        (Column("normals °", _significant, leaves=2), lambda row: pair(row).normal_degrees),
-        (Column("acceleration", _share, leaves=4), lambda row: pair(row).effect),
-        (Column("largest", _share), lambda row: pair(row).largest_effect),
-        (Column("answer"), lambda row: pair(row).answer.value),
+        (Column("geoms"), lambda row: "–".join(row[1].types)),
+        (Column("states", formats.count, leaves=1), lambda row: row[1].states),
+        (Column("contacts", formats.tenths), lambda row: row[1].count),
+        (Column("in C", formats.tenths), lambda row: row[1].count_in_c),
+        (Column("apart mm", _millimetres, leaves=3), lambda row: row[1].position_m),
+        (Column("normals °", _significant, leaves=2), lambda row: row[1].normal_degrees),
+        (Column("acceleration", _share, leaves=4), lambda row: row[1].effect),
+        (Column("largest", _share), lambda row: row[1].largest_effect),
+        (Column("answer"), lambda row: row[1].answer.value),
     )
 
 

@@ -3,7 +3,6 @@
 import signal
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.program import remedies
@@ -65,30 +64,19 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
         yield from _steps_section(row)
 
 
-@dataclass(frozen=True)
-class ActivityRow:
-    """An activity in a loop, for tables of a whole run."""
-
-    program: str
-    loop: str
-    activity: Activity
-    share: float
-    share_error: float
-    seconds: float
-
-
-def program_rows(row: ProgramRow) -> Iterator[ActivityRow]:
+def program_rows(row: ProgramRow) -> Iterator[Mapping[str, object]]:
+    """Yield the activities in the loops of a program as rows of a flat table."""
     for report in row.loops:
         time = report.time
         for activity, share in time.activities.items():
-            yield ActivityRow(
-                program=row.program,
-                loop=where(time),
-                activity=activity,
-                share=share,
-                share_error=time.error(share),
-                seconds=share * time.seconds,
-            )
+            yield {
+                "program": row.program,
+                "loop": where(time),
+                "activity": activity,
+                "share": share,
+                "share_error": time.error(share),
+                "seconds": share * time.seconds,
+            }
 
 
 def conclusion(row: ProgramRow) -> str:

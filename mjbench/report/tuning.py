@@ -1,7 +1,6 @@
 """What `mjbench tune` says: which settings are recommended, what they cost, and what to paste."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
@@ -48,37 +47,17 @@ _RESULTS = {
 }
 
 
-@dataclass(frozen=True)
-class TunedRow:
-    """A recommendation as a row of a flat table.
-
-    Attributes:
-      effect: on the motion.
-      ratio: time of a simulated second, or of a batched step, over that of the present settings.
-      error: of nine runs in ten, as a share of the motion; of MJX and Warp, the transfer error;
-        None without a reference.
-    """
-
-    model: str
-    engine: str
-    settings: str
-    effect: Effect
-    ratio: Ratio
-    error: float | None
-
-
-def rows(record: TuneRecord) -> list[TunedRow]:
-    return [
-        TunedRow(
-            record.model,
-            record.engine,
-            label(each.settings),
-            each.effect,
-            each.ratio,
-            each.error.share if each.error else None,
-        )
-        for each in record.front
-    ]
+def rows(record: TuneRecord) -> Iterator[Mapping[str, object]]:
+    """Yield what is recommended as rows of a flat table."""
+    for each in record.front:
+        yield {
+            "model": record.model,
+            "engine": record.engine,
+            "settings": label(each.settings),
+            "effect": each.effect,
+            "ratio": each.ratio,
+            "error": each.error.share if each.error else None,
+        }
 
 
 def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
