@@ -51,8 +51,6 @@ _BAD = (_Outcome.SLOWER, _Outcome.OTHER_RESULTS, _Outcome.FAILED)
 
 @dataclass(frozen=True)
 class _Judged:
-    """A row, and what it counts as beside all others."""
-
     row: VerdictRow
     outcome: _Outcome
 
@@ -141,7 +139,6 @@ def _side(row: VerdictRow, number: int) -> str:
 
 
 def _table(judged: Sequence[_Judged]) -> Iterator[str]:
-    """Yield the table of some comparisons; nothing without any."""
     if not judged:
         return
     yield ""

@@ -317,7 +317,6 @@ def conclusion(advice: Advice, names_size: bool = False) -> str:
 
 
 def _size(nbatch: int | None, names_size: bool) -> str:
-    """Return how many simulations a sentence is about, to follow its first words."""
     return f", {count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
 
 

@@ -80,7 +80,6 @@ def advice_figure(models: Sequence[ModelResults]) -> Figure:
 
 
 def crossover_figure(name: str, models: Sequence[ModelResults]) -> Figure:
-    """Return the speeds of paths on a model by the number of simulations."""
     data = DataTable.of(
         "Speeds by the number of simulations",
         [

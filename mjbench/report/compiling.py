@@ -6,7 +6,7 @@ from mjbench.measuring.stats import Estimate
 from mjbench.paired.compilation_figures import CompilationFigures
 from mjbench.paired.records import VerdictRow
 from mjbench.report import formats
-from mjbench.report.content import Column, DataTable
+from mjbench.report.content import Column, DataTable, filled
 from mjbench.units import duration
 
 
@@ -18,8 +18,6 @@ def tables(rows: Sequence[VerdictRow]) -> list[DataTable]:
         if (both := row.compiling) is not None
         for label, figures in ((row.old, both.old), (row.new, both.new))
     ]
-    if not sides:
-        return []
     table = DataTable.of(
         "Compiling",
         sides,
@@ -31,7 +29,7 @@ def tables(rows: Sequence[VerdictRow]) -> list[DataTable]:
         (Column("steady run"), lambda side: _time(side[2].steady_run_s, side[2].processes)),
         (Column("programs", formats.count, leaves=1), lambda side: side[2].programs),
     )
-    return [table]
+    return filled(table)
 
 
 def _compile_time(figures: CompilationFigures) -> str:

@@ -19,7 +19,7 @@ from mjbench.measuring.stats import Estimate
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.report import charts, content, formats
-from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone, filled
 from mjbench.report.formats import Form
 from mjbench.status import Status
 from mjbench.units import duration, listed, plain
@@ -54,17 +54,12 @@ def _section(record: EnvironmentRecord, facts: EnvironmentFacts) -> Section:
     if record.check is not None and record.check.status == Status.DISAGREES:
         text = f"{record.environment}: {physics_lines(record)[0]}"
         sentences.insert(0, Conclusion(text, Tone.BAD))
-    tables = [_layers_table(record)]
-    if any(path.speedup for path in record.physics_paths):
-        tables.append(_paths_table(record))
-    if any(vector.speedup for vector in record.vector_forms):
-        tables.append(_vectors_table(record))
     return Section(
         heading=f"{record.environment}: where a step's time goes",
         conclusions=sentences,
         facts=[_recorded(facts), _step_line(record), reset_line(record)],
         figures=[_figure(record)],
-        tables=tables,
+        tables=[_layers_table(record), *filled(_paths_table(record), _vectors_table(record))],
         notes=[*timing_lines(record), *physics_lines(record), *notes(record)],
     )
 

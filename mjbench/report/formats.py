@@ -57,7 +57,6 @@ def percent(share: float) -> str:
 
 
 def whole_percent(share: float) -> str:
-    """Return a share in whole percent."""
     return f"{100 * share:.0f} %"
 
 

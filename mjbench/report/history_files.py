@@ -24,11 +24,9 @@ def run_files(folder: Path) -> list[Path]:
     )
 
 
-def read(
-    files: Sequence[Path], causes: Path | None, since: str | None = None, machine: str | None = None
-) -> SpeedHistory:
-    """Return the history that files hold of one machine; see `read_each` and `choose`."""
-    return choose(read_each(files, causes, since), machine)
+def read(files: Sequence[Path], causes: Path | None) -> SpeedHistory:
+    """Return the history that files hold of the only machine; see `read_each` and `choose`."""
+    return choose(read_each(files, causes), None)
 
 
 def choose(histories: Sequence[SpeedHistory], machine: str | None) -> SpeedHistory:

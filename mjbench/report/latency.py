@@ -59,7 +59,6 @@ def sections(rows: Sequence[LatencyRow]) -> Iterator[Section]:
 
 
 def _remedies(rows: Sequence[LatencyRow]) -> list[str]:
-    """Return what to do about slow steps, a line for each cause that was seen."""
     names = dict.fromkeys(feature.name for row in rows for feature in _common_features(row.slow))
     causes: dict[str, list[str]] = {}
     for name in names:

@@ -80,7 +80,6 @@ def _fastest_text(fastest: PlanningRow) -> str:
 
 
 def _pace(plans_per_s: float, control_hz: float | None) -> str:
-    """Return whether plans keep up with real time, as a sentence goes on."""
     if control_hz is None:
         return ""
     rate = plain(control_hz, 3)
@@ -107,7 +106,6 @@ def _table(rows: Sequence[PlanningRow]) -> DataTable:
 
 
 def _agreement(row: PlanningRow) -> str:
-    """Return whether a path made the same plans, or why that is not known."""
     if row.plan_s is not None:
         return "yes"
     return "NO" if row.status == Status.DISAGREES else row.status.value

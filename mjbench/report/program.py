@@ -15,7 +15,16 @@ from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.step_times import StepTimes
 from mjbench.report import charts, formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import (
+    Cell,
+    Column,
+    Conclusion,
+    DataTable,
+    Figure,
+    Section,
+    Tone,
+    filled,
+)
 from mjbench.report.formats import whole_percent
 from mjbench.status import Status
 from mjbench.units import duration, plain
@@ -173,7 +182,6 @@ def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
 
 
 def _nothing_to_do(time: LoopTime) -> str:
-    """Return why no change is suggested, and where to look next."""
     if time.activities.get(Activity.COMPILING, 0.0) >= MOSTLY_COMPILING:
         seconds = time.activities[Activity.COMPILING] * time.seconds
         return (
@@ -241,29 +249,16 @@ def _memory_lines(row: ProgramRow) -> list[str]:
     growth = row.memory_growth_bytes or 0
     if growth < _LEAST_GROWTH_BYTES:
         return []
-    makers = sorted(
-        (call for report in row.loops for call in report.time.calls if call.callee in _KEEPERS),
-        key=lambda call: -call.calls,
-    )
-    why = (
-        f"; {makers[0].place} makes {round(makers[0].calls):,} × {makers[0].callee}"
-        if makers
-        else ""
-    )
+    calls = [call for report in row.loops for call in report.time.calls]
+    makers = [call for call in calls if call.callee in _KEEPERS]
+    most = max(makers, key=lambda call: call.calls, default=None)
+    why = f"; {most.place} makes {round(most.calls):,} × {most.callee}" if most else ""
     return [f"Memory grew by {growth / 2**20:,.0f} MiB while it stepped{why}."]
 
 
 def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
-    """Return where the time of one loop goes, and what to do about it."""
     time = report.time
     by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
-    tables = [
-        _remedies_table(report.remedies),
-        _activities_table(time),
-        _lines_table("Lines of your code", "line of your code", time.lines),
-        _lines_table("Functions of packages", "function of a package", time.inner_functions),
-        _jax_table(time),
-    ]
     return Section(
         f"{row.program}: the loop in {where(time)}",
         facts=[
@@ -271,7 +266,13 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
             f" {plain(row.wall_s, 3)} s"
         ],
         figures=[_figure(time)],
-        tables=[table for table in tables if table.rows],
+        tables=filled(
+            _remedies_table(report.remedies),
+            _activities_table(time),
+            _lines_table("Lines of your code", "line of your code", time.lines),
+            _lines_table("Functions of packages", "function of a package", time.inner_functions),
+            _jax_table(time),
+        ),
     )
 
 
@@ -397,11 +398,11 @@ def _steps_section(row: ProgramRow) -> Iterator[Section]:
     steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
     stages = row.physics.stages if row.physics is not None else steps.stages if steps else {}
     facts = [] if steps is None else _step_lines(steps, len(row.steps), stages)
-    tables = [_physics_table(row), *([] if steps is None else [_durations_table(steps)])]
+    durations = [] if steps is None else [_durations_table(steps)]
     yield Section(
         f"{row.program}: steps",
         facts=[*facts, *filter(None, [gil_wait(row)])],
-        tables=[table for table in tables if table.rows],
+        tables=filled(_physics_table(row), *durations),
         notes=[_cost_line(row)],
     )
 

@@ -263,7 +263,6 @@ def _result(
     base_ns: float | None,
     speedup: tuple[Ratio, int] | None,
 ) -> PathResult:
-    """Return the result of a variant."""
     untimed = PathResult(**vars(record), starts=model.starts)
     ratio, launches = speedup or (None, 1)
     if not record.agrees or record.status != Status.OK:

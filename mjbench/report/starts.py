@@ -107,7 +107,6 @@ def _regime_lines(window: Window) -> list[str]:
 
 
 def _later_lines(window: Window) -> list[str]:
-    """Return that the model does other work later in its run, where it does."""
     if window.later is None:
         return []
     before, after = window.contacts, window.later.contacts
@@ -121,7 +120,6 @@ def _later_lines(window: Window) -> list[str]:
 
 
 def _sleep_lines(window: Window) -> list[str]:
-    """Return how much of the model slept, where sleeping is enabled."""
     if window.asleep is None:
         return []
     asleep, in_run = short_percent(window.asleep), window.asleep_in_run

@@ -4,7 +4,16 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
-from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
+from mjbench.report.content import (
+    Column,
+    Conclusion,
+    DataTable,
+    Figure,
+    Section,
+    Snippet,
+    Tone,
+    filled,
+)
 from mjbench.report.formats import short_percent
 from mjbench.report.tuning_notes import in_units, notes, percent
 from mjbench.simulation import package_timer
@@ -74,7 +83,7 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
             figures=[_front_figure(record, present)] if present and present.error else [],
             tables=[
                 *([_front_table(record)] if record.front or record.batch else []),
-                *([_alone_table(record, alone)] if alone else []),
+                *filled(_alone_table(record, alone)),
             ],
             notes=notes(record),
             snippets=[snippet for each in advised(record) for snippet in to_apply(each.settings)],
@@ -83,7 +92,6 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
 
 
 def _unconverged(present: Present) -> list[Conclusion]:
-    """Return that the solver does not converge, where it does not: it bears on all that follows."""
     if present.is_converged:
         return []
     return [

@@ -274,7 +274,6 @@ def notes(row: VerdictRow) -> list[str]:
 
 
 def _package_lines(row: VerdictRow) -> list[str]:
-    """Return what differs between two environments besides what the user named."""
     named = frozenset().union(*(packages.names_in(side.packages) for side in row.sides))
     others = [
         f"{each.name} {each.old or 'none'} → {each.new or 'none'}"
@@ -359,7 +358,6 @@ def describe_work(row: VerdictRow) -> str:
 
 
 def _describe_cause(row: VerdictRow) -> str:
-    """Return what follows a change of time: whether the code changed, where that is known."""
     is_different = row.verdict in (Verdict.FASTER, Verdict.SLOWER)
     if row.cause == Cause.CODE:
         return " because of its code"
@@ -369,7 +367,6 @@ def _describe_cause(row: VerdictRow) -> str:
 
 
 def _describe_placement(row: VerdictRow) -> str:
-    """Return what the placement of code adds, or why it was not averaged out."""
     placement = row.placement
     if placement is None:
         return ""
