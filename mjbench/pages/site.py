@@ -330,10 +330,7 @@ def _report_link(named: NamedRun, text: str) -> str:
 
 
 def _index(project: Project, source: Path) -> Iterator[str]:
-    """Yield the first page: conclusions, and the navigation.
-
-    Runs that failed, or were disturbed, are not on it.
-    """
+    """Yield the first page, on which no run is that failed, or was disturbed."""
     by_file = _by_file(project.runs)
     yield "# How fast is MuJoCo from Python?\n"
     if project.history is not None:

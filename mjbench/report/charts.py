@@ -30,13 +30,8 @@ _MOST_TEXT = 300
 _LABEL_WIDTH, _LETTER_WIDTH = 300, 7
 
 # Names that Windows keeps for devices.
-_DEVICES = {
-    "CON",
-    "PRN",
-    "AUX",
-    "NUL",
-    *(f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)),
-}
+_PORTS = {f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)}
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *_PORTS}
 
 
 def values(table: DataTable) -> list[dict[str, Cell]]:

@@ -322,17 +322,10 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         Effect.EQUIVALENT: ResultChange.TOLERANCE,
         Effect.APPROXIMATE: ResultChange.ERROR,
     }
-    return CheckupItem(
-        action=f"settings: {label(each.settings)}",
-        settings=each.settings,
-        gain=each.ratio.inverse,
-        unit=GainUnit.SIMULATED_SECOND,
-        change=changes[each.effect],
+    return replace(
+        _of_faster(each.settings, each.ratio, command, changes[each.effect]),
         change_detail=_in_other_runs(each.settings) if each.effect == Effect.FREE else "",
         error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
-        group=GainGroup.SETTINGS,
-        command=command,
-        snippet=_applied(each.settings),
         slow_effects=tuning.slow_lines(each.settings),
     )
 
@@ -349,22 +342,26 @@ def _in_other_runs(settings: Sequence[Setting]) -> str:
 def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
     assert attempt.ratio is not None, "it is certainly faster"
     setting = attempt.settings[0]
-    return CheckupItem(
-        action=f"settings: {setting.label}",
-        settings=attempt.settings,
-        gain=attempt.ratio.inverse,
-        unit=GainUnit.SIMULATED_SECOND,
-        change=ResultChange.STATED,
+    return replace(
+        _of_faster(attempt.settings, attempt.ratio, command, ResultChange.STATED),
         change_detail=f"gives up {setting.loses}" if setting.loses else tuning.changes(attempt),
-        group=GainGroup.SETTINGS,
-        command=command,
-        snippet=_applied(attempt.settings),
         slow_effects=tuning.slow_lines(attempt.settings) if setting.loses else (),
     )
 
 
-def _applied(settings: Sequence[Setting]) -> str:
-    return "\n".join(snippet.code for snippet in tuning.to_apply(settings))
+def _of_faster(
+    settings: Sequence[Setting], ratio: Ratio, command: str, change: ResultChange
+) -> CheckupItem:
+    return CheckupItem(
+        action=f"settings: {label(settings)}",
+        settings=settings,
+        gain=ratio.inverse,
+        unit=GainUnit.SIMULATED_SECOND,
+        change=change,
+        group=GainGroup.SETTINGS,
+        command=command,
+        snippet="\n".join(snippet.code for snippet in tuning.to_apply(settings)),
+    )
 
 
 def combination_gain(verdict: VerdictRow) -> Ratio | None:

@@ -57,10 +57,7 @@ def _contact_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
         (Column("states", formats.count, leaves=1), lambda row: row[1].states),
         (Column("contacts", formats.tenths), lambda row: row[1].count),
         (Column("in C", formats.tenths), lambda row: row[1].count_in_c),
-        (
-            Column("apart mm", lambda m: _significant(1000 * m), leaves=3),
-            lambda row: row[1].position_m,
-        ),
+        (Column("apart mm", _millimetres, leaves=3), lambda row: row[1].position_m),
         (Column("normals °", _significant, leaves=2), lambda row: row[1].normal_degrees),
         (Column("acceleration", _share, leaves=4), lambda row: row[1].effect),
         (Column("largest", _share), lambda row: row[1].largest_effect),

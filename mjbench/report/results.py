@@ -320,8 +320,7 @@ def _step_s(record: MeasurementRecord) -> float:
 
 def steps_per_block(record: MeasurementRecord) -> int:
     """Return the steps of one block, all simulations together."""
-    assert record.nbatch is not None, "a timed record has its sizes"
-    assert record.nstep is not None, "a timed record has its sizes"
+    assert record.nbatch is not None and record.nstep is not None, "a timed record has its sizes"
     return record.nbatch * record.nstep
 
 
