@@ -187,7 +187,6 @@ def _choose(
 
 
 def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
-    """Return whether a path other than the plain loop was timed that a loop can use."""
     return any(
         result.serves(loop) and result.is_judged and result.path != BASE
         for result in model_results.results

@@ -67,7 +67,6 @@ def describe_spread(row: SpreadRecord) -> str:
 
 
 def _ratio(row: SpreadRecord, residue: int) -> Ratio | None:
-    """Return how long a step takes where the code is moved by a residue, beside as shipped."""
     return next((each.ratio for each in row.residues if each.residue == residue), None)
 
 

@@ -165,7 +165,6 @@ def _outside(row: ProgramRow) -> str:
 
 
 def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
-    """Return what costs most in the physics of a loop, and where to look next."""
     physics = time.activities[Activity.PHYSICS]
     text = f"physics takes {whole_percent(physics)} of the loop in {where(time)}"
     if row.physics is not None:

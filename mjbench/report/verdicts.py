@@ -64,7 +64,6 @@ def section(
 
 
 def _what_would_decide(rows: Sequence[VerdictRow], min_effect: float) -> Iterator[str]:
-    """Yield what to do about comparisons that time left undecided."""
     undecided = [row for row in rows if row.verdict == Verdict.INCONCLUSIVE]
     if not undecided:
         return

@@ -112,7 +112,6 @@ def _short_blocks(record: WebRecord) -> Iterator[str]:
 
 
 def _check_lines(check: RoundingCheck) -> Iterator[str]:
-    """Yield where a build first differs from C, and how far its run gets from C's."""
     if check.first is None:
         yield f"identical to C, to the last bit, over {check.nstep} steps"
     else:
