@@ -119,7 +119,7 @@ def sizes_sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:
         for row in rows:
             if row.model == model:
                 by_size[row.samples, row.horizon].append(row)
-        fastest = [row for of_size in by_size.values() if (row := fastest_of(of_size))]
+        fastest = [best for of_size in by_size.values() if (best := fastest_of(of_size))]
         if len(fastest) > 1:
             yield Section(f"{model}, by the size of the plan", tables=[_sizes_table(fastest)])
 

@@ -136,19 +136,16 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
         Column("time of a simulated second", formats.digits(4)),
         Column("point"),
     )
-    most = max(
-        (len(row.accuracy.run_errors) for row in record.attempts if row.accuracy is not None),
-        default=0,
-    )
+    judged = [(row, row.accuracy) for row in record.attempts if row.accuracy is not None]
+    most = max((len(accuracy.run_errors) for _, accuracy in judged), default=0)
     assert present.error is not None, "it has a reference"
     rows = [(label(()), 100 * present.error.share, 1.0, _PRESENT)]
     rows += [
-        (label(row.settings), 100 * row.accuracy.error.share, row.time_ratio, _TRIED)
-        for row in record.attempts
-        if row.accuracy is not None
-        and row.accuracy.error is not None
+        (label(row.settings), 100 * accuracy.error.share, row.time_ratio, _TRIED)
+        for row, accuracy in judged
+        if accuracy.error is not None
         and row.time_ratio is not None
-        and len(row.accuracy.run_errors) == most  # errors of fewer runs are of another kind
+        and len(accuracy.run_errors) == most  # errors of fewer runs are of another kind
     ]
     rows += [
         (label(each.settings), 100 * each.error.share, each.ratio.estimate, _CONFIRMED)
