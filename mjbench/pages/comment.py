@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from mjbench.errors import InputError
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages.markdown import code, data_table, escaped, folded
 from mjbench.paired import family
 from mjbench.paired.family import Family
@@ -46,13 +47,10 @@ class _Outcome(Enum):
 
 
 _BAD = (_Outcome.SLOWER, _Outcome.OTHER_RESULTS, _Outcome.FAILED)
-_MEASURED = (_Outcome.SLOWER, _Outcome.UNDECIDED, _Outcome.FASTER, _Outcome.SAME)
 
 
 @dataclass(frozen=True)
 class _Judged:
-    """A row, and what it counts as beside all others."""
-
     row: VerdictRow
     outcome: _Outcome
 
@@ -108,7 +106,7 @@ def _outcome(row: VerdictRow, decided: Family) -> _Outcome:
 def _headline(judged: Sequence[_Judged]) -> str:
     counts = {each: sum(j.outcome == each for j in judged) for each in _Outcome}
     parts = [f"{o.mark} {count} {o.word}" for o, count in counts.items() if count]
-    if not any(counts[outcome] for outcome in (*_MEASURED, *_BAD)):
+    if counts[_Outcome.NEW] == len(judged):
         what = f": {', '.join(parts)}" if parts else ""
         return f"### mjbench: ⚠️ nothing was compared{what}"
     if any(counts[outcome] for outcome in _BAD):
@@ -141,7 +139,6 @@ def _side(row: VerdictRow, number: int) -> str:
 
 
 def _table(judged: Sequence[_Judged]) -> Iterator[str]:
-    """Yield the table of some comparisons; nothing without any."""
     if not judged:
         return
     yield ""
@@ -151,7 +148,7 @@ def _table(judged: Sequence[_Judged]) -> Iterator[str]:
             judged,
             (Column(""), lambda each: each.outcome.mark),
             (Column("what"), lambda each: each.row.model),
-            (Column("change", has_figures=True), lambda each: _change(each.row)),
+            (Column("change", has_figures=True), lambda each: _change(each.row.ratio)),
             (Column("baseline", has_figures=True), lambda each: _call(each.row)),
             (Column("outcome"), lambda each: each.outcome.word),
             (Column("why"), lambda each: each.row.detail or verdicts.describe_work(each.row)),
@@ -159,12 +156,8 @@ def _table(judged: Sequence[_Judged]) -> Iterator[str]:
     )
 
 
-def _change(row: VerdictRow) -> str:
-    if row.ratio is None:
-        return ""
-    interval = formats.ends(row.ratio, formats.change, " to ")
-    change = formats.change(row.ratio.estimate)
-    return f"{change} ({interval})" if interval else change
+def _change(ratio: Ratio | None) -> str:
+    return "" if ratio is None else formats.with_interval(ratio, formats.change)
 
 
 def _call(row: VerdictRow) -> str:

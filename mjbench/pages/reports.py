@@ -12,7 +12,7 @@ from mjbench.errors import one_line, printable
 from mjbench.releases import known_causes
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
-from mjbench.report import formats, history_across, history_files, kinds
+from mjbench.report import counts, formats, history_across, history_files, kinds
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.store import command_names, run_set
 from mjbench.store.machine_identity import MachineIdentity
@@ -118,13 +118,13 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
 def _with_unique_headings(parts: Sequence[_Part]) -> list[_Part]:
     """Return parts with headings of their own: equal ones get their file's name, or a number."""
     names = [part.section.heading for part in parts]
-    counts = Counter(names)
+    repeats = Counter(names)
     names = [
-        f"{name} ({part.source})" if counts[name] > 1 and part.source else name
+        f"{name} ({part.source})" if repeats[name] > 1 and part.source else name
         for name, part in zip(names, parts, strict=True)
     ]
-    counts, numbers = Counter(names), defaultdict[str, Iterator[int]](lambda: itertools.count(1))
-    names = [f"{name} ({next(numbers[name])})" if counts[name] > 1 else name for name in names]
+    repeats, numbers = Counter(names), defaultdict[str, Iterator[int]](lambda: itertools.count(1))
+    names = [f"{name} ({next(numbers[name])})" if repeats[name] > 1 else name for name in names]
     return [
         replace(part, section=replace(part.section, heading=name))
         for part, name in zip(parts, names, strict=True)
@@ -219,14 +219,11 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     first, *others = (
         replace(section, command=command) for section in history_across.sections(each)
     )
-    counted = [named for named in named_runs if named.run.of_type(ExplainRecord)]
-    if counted:  # why speed changed; counts hold for any machine
-        records = [record for named in counted for record in named.run.of_type(ExplainRecord)]
-        newest = {(record.series, record.old, record.new): record for record in records}
-        run = Run(counted[0].run.header, tuple(newest.values()))
-        others += [
-            replace(section, command=counted[0].command) for section in kinds.EXPLAIN.sections(run)
-        ]
+    # why speed changed; counts hold for any machine
+    counted = next((named for named in named_runs if named.run.of_type(ExplainRecord)), None)
+    if counted is not None:
+        explained = counts.change_sections([*each[0].counts.values()])
+        others += [replace(section, command=counted.command) for section in explained]
     return [
         _Part(replace(first, is_summary=True), first.conclusions),
         *(_Part(section, first_of(section.conclusions)) for section in others),
@@ -243,7 +240,7 @@ def _parts(named: NamedRun, machine: str, has_history: bool) -> Iterator[_Part]:
     """
     of_run = kinds.kinds_of(named.run)
     for kind in of_run:
-        if kind is kinds.HISTORY or (has_history and kind is kinds.EXPLAIN):
+        if has_history and kind in (kinds.HISTORY, kinds.EXPLAIN):
             continue
         is_detail = kinds.CHECKUP in of_run and kind is not kinds.CHECKUP
         sections = [*kind.sections(named.run)]

@@ -131,11 +131,7 @@ def build(project: Project, scratch: Path, output: Path) -> list[str]:
 
 
 def _render(source: Path, rendered: Path) -> list[str]:
-    """Have Sphinx render the pages of a folder; return its warnings.
-
-    Raises:
-      MachineError: it fails.
-    """
+    """Have Sphinx render the pages of a folder; return its warnings."""
     command = [sys.executable, "-m", "sphinx", "-q", "--no-color", "-b", "html"]
     done = subprocess.run(
         [*command, str(source), str(rendered)], capture_output=True, text=True, check=False
@@ -148,7 +144,6 @@ def _render(source: Path, rendered: Path) -> list[str]:
 
 
 def _accessible(page: str) -> str:
-    """Return a page of Sphinx with the attributes that its theme leaves out."""
     page = page.replace("<pre>", '<pre tabindex="0">')
     for element, attribute in _MISSING_ATTRIBUTES:
         tag, beginning = element.split(" ", 1)
@@ -157,11 +152,7 @@ def _accessible(page: str) -> str:
 
 
 def write_source(project: Project, source: Path) -> list[str]:
-    """Write the pages that Sphinx renders, and its configuration; return what was left out.
-
-    Raises:
-      MachineError: a page cannot be written, or a document cannot be copied.
-    """
+    """Write the pages that Sphinx renders, and its configuration; return what was left out."""
     copied = source / _COPIED
     _write_page(source / "conf.py", [_CONF.format(copied=_COPIED, style=_STYLED)])
     _write_page(source / _STYLED / "site.css", [_STYLE])
@@ -273,7 +264,6 @@ def _write_history(measured: SpeedHistory, source: Path) -> None:
 
 
 def _releases_page(measured: SpeedHistory, releases: Sequence[str]) -> Iterator[str]:
-    """Yield a page that links that of each release, the newest first."""
     yield "# Releases\n"
     yield "What each release of MuJoCo changed, beside the release before it.\n"
     rows = [
@@ -340,10 +330,7 @@ def _report_link(named: NamedRun, text: str) -> str:
 
 
 def _index(project: Project, source: Path) -> Iterator[str]:
-    """Yield the first page: conclusions, and the navigation.
-
-    Runs that failed, or were disturbed, are not on it.
-    """
+    """Yield the first page, on which no run is that failed, or was disturbed."""
     by_file = _by_file(project.runs)
     yield "# How fast is MuJoCo from Python?\n"
     if project.history is not None:
@@ -385,7 +372,6 @@ def _index(project: Project, source: Path) -> Iterator[str]:
 
 
 def _licence(file: Path) -> Iterator[str]:
-    """Yield a line that links the licence of the documents, where the project has one."""
     if file.is_file():
         lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
         name = next((line.strip() for line in lines if line.strip()), "")
@@ -424,11 +410,6 @@ def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:
 
 
 def _write_page(file: Path, lines: Sequence[str]) -> None:
-    """Write the lines of a page.
-
-    Raises:
-      MachineError: it cannot be written.
-    """
     text = "\n".join(lines) + "\n"
     with writing(file):
         file.parent.mkdir(parents=True, exist_ok=True)

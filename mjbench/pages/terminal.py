@@ -29,6 +29,9 @@ class _Console(Console):
     It ends the command with exit code 3 when nobody reads on (`… | head`).
     """
 
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
+
     def render_str(self, text: str, **style: Any) -> Text:  # every str in a line or a cell
         return super().render_str(_printable_lines(text), **style)
 
@@ -41,7 +44,7 @@ class _Console(Console):
 
 def console(stderr: bool = False) -> Console:
     """Return a console as wide as the terminal, or as COLUMNS says."""
-    out = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    out = _Console(stderr=stderr)
     knows_width = out.is_terminal or os.environ.get("COLUMNS", "").isdecimal()
     out.width = max(out.width, _MIN_WIDTH) if knows_width else _PLAIN_WIDTH
     return out
@@ -54,9 +57,6 @@ def text_of(sections: Iterable[Section], code: bool = False) -> str:
     out = _Console(
         file=file,
         width=_PLAIN_WIDTH,
-        highlight=False,
-        markup=False,
-        emoji=False,
         color_system=None,
         force_terminal=False,
         force_jupyter=False,

@@ -206,8 +206,6 @@ def verdict_cell(verdict: MachineVerdict) -> str:
     """Return a machine's verdict, with its ratio and interval, for a cell of a table."""
     detail = f" ({verdict.detail})" if verdict.detail else ""
     outcome = f"{verdict.outcome}{detail}"
-    ratio = verdict.ratio
-    if ratio is None:
+    if verdict.ratio is None:
         return outcome
-    interval = formats.in_brackets(ratio, formats.change)
-    return f"{formats.change(ratio.estimate)}{interval} {outcome}"
+    return f"{formats.with_interval(verdict.ratio, formats.change)} {outcome}"

@@ -187,7 +187,6 @@ def _choose(
 
 
 def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
-    """Return whether a path other than the plain loop was timed that a loop can use."""
     return any(
         result.serves(loop) and result.is_judged and result.path != BASE
         for result in model_results.results
@@ -244,7 +243,8 @@ def _with_accelerated(choice: _Choice, loop: Loop, model_results: ModelResults) 
 
 
 def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
-    result = choice.result
+    result, rivals = choice.result, choice.rivals
+    rival_speedup = rivals[0].speedup if rivals else None
     return Advice(
         model=result.model,
         nbatch=result.nbatch,
@@ -254,8 +254,8 @@ def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
         speedup=result.interval,
         reason=choice.reason,
         is_certain=choice.is_certain,
-        rivals=[each.variant for each in choice.rivals],
-        rival_speedup=_speedup_of_first(choice.rivals),
+        rivals=[each.variant for each in rivals],
+        rival_speedup=rival_speedup.estimate if rival_speedup else None,
         most_gain=choice.most_gain,
         unable=unable,
         break_even=choice.break_even,
@@ -263,10 +263,6 @@ def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
         realtime_factor=result.realtime_factor,
         snippet=result.snippet,
     )
-
-
-def _speedup_of_first(results: Sequence[PathResult]) -> float | None:
-    return results[0].speedup.estimate if results and results[0].speedup is not None else None
 
 
 def advise_threads(model_results: ModelResults) -> list[ThreadAdvice]:
@@ -320,7 +316,6 @@ def conclusion(advice: Advice, names_size: bool = False) -> str:
 
 
 def _size(nbatch: int | None, names_size: bool) -> str:
-    """Return how many simulations a sentence is about, to follow its first words."""
     return f", {count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
 
 
@@ -392,9 +387,8 @@ def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
     doubt = "" if row.is_certain else "; not certain"
     if row.over_one is None:
         return f"{begin}; no number up to {row.most_tried} is certainly faster{doubt}"
-    most = ""
-    if row.nthread < row.most_tried:
-        most = f"; {row.most_tried} threads gain less than 5 % more"
+    is_most = row.nthread == row.most_tried
+    most = "" if is_most else f"; {row.most_tried} threads gain less than 5 % more"
     chunk = f" (chunk={row.chunk})" if row.chunk else ""
     return f"{begin}{chunk}, {_times(row.over_one, 'one thread')}{most}{doubt}"
 

@@ -13,7 +13,7 @@ from mjbench.paired.race_record import Loop
 from mjbench.report import formats
 from mjbench.report.advice import Advice, advise
 from mjbench.report.comparison import mark
-from mjbench.report.results import ModelResults, derive_all, disturbed
+from mjbench.report.results import derive_all, disturbed
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
 from mjbench.store.machine_identity import RunSoftware, software_names
@@ -108,19 +108,21 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
                 detail = f"{results.model.status}: {results.model.detail}"
                 failed.append((question, MachineAdvice(name, detail=detail)))
                 continue
-            for loop, given in _by_loop(results).items():
-                earlier = answers[replace(question, loop=loop)].get(name, MachineAdvice(name))
-                given = [*earlier.advice, *given]
-                answers[replace(question, loop=loop)][name] = MachineAdvice(
-                    name,
-                    given,
-                    "" if given else _why_none(results),
-                    [*earlier.disturbances, *results.disturbances],
-                )
-    for question, answer in failed:
+            advice = advise(results)
+            why_none = "no plain loop was timed"
+            if results.is_former:
+                why_none = "timed by an earlier version of mjbench"
+            for loop in Loop:
+                answer = answers[replace(question, loop=loop)]
+                earlier = answer.get(name, MachineAdvice(name))
+                given = [*earlier.advice, *(each for each in advice if each.loop == loop)]
+                disturbances = [*earlier.disturbances, *results.disturbances]
+                detail = "" if given else why_none
+                answer[name] = MachineAdvice(name, given, detail, disturbances)
+    for question, failure in failed:
         for other, of_other in answers.items():
             if (other.model, other.files) == (question.model, question.files):
-                of_other.setdefault(answer.machine, answer)
+                of_other.setdefault(failure.machine, failure)
     return [AdviceAcross(question, list(a.values())) for question, a in answers.items()]
 
 
@@ -139,12 +141,6 @@ def cautions(all_advice: Sequence[AdviceAcross]) -> list[str]:
         if machine.disturbances
     )
     return list(dict.fromkeys(sentences))
-
-
-def _why_none(results: ModelResults) -> str:
-    if results.is_former:
-        return "timed by an earlier version of mjbench"
-    return "no plain loop was timed"
 
 
 def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
@@ -187,11 +183,6 @@ def _question(record: ModelRecord, run: Run) -> AdviceQuestion:
         files=run.header.files_of(named),
         loop=Loop.OPEN,
     )
-
-
-def _by_loop(results: ModelResults) -> dict[Loop, list[Advice]]:
-    advice = advise(results)
-    return {loop: [each for each in advice if each.loop == loop] for loop in Loop}
 
 
 def _gain(advice: Advice) -> str:

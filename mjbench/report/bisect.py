@@ -81,7 +81,6 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
 
 
 def _describe_change(change: BisectChange, kind: VersionKind) -> str:
-    """Return a version that is slower or faster, in a sentence."""
     text = f"{_name(change.version, kind)}: {verdicts.describe_change(change.verdict)}"
     if not change.skipped:
         return text

@@ -30,13 +30,8 @@ _MOST_TEXT = 300
 _LABEL_WIDTH, _LETTER_WIDTH = 300, 7
 
 # Names that Windows keeps for devices.
-_DEVICES = {
-    "CON",
-    "PRN",
-    "AUX",
-    "NUL",
-    *(f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)),
-}
+_PORTS = {f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)}
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *_PORTS}
 
 
 def values(table: DataTable) -> list[dict[str, Cell]]:
@@ -137,6 +132,21 @@ def rule_at(value: float, axis: str = "x") -> Spec:
         "data": {"values": [{"value": value}]},
         "encoding": {axis: {"field": "value", "type": "quantitative"}},
     }
+
+
+def estimates(
+    field: str, title: str, shared: Mapping[str, Spec], has_interval: str = "isValid(datum.low)"
+) -> list[Spec]:
+    """Return points at the column `field`, and lines from the column `low` to `high`.
+
+    Args:
+      shared: encodings of both.
+      has_interval: test of the rows that have a line.
+    """
+    ends = {"x": quantity("low", title), "x2": {"field": "high"}, **shared}
+    lines = layer("rule", ends, strokeWidth=3)
+    points = layer("point", {"x": quantity(field, title), **shared}, filled=True, size=70)
+    return [{**lines, "transform": [{"filter": has_interval}]}, points]
 
 
 def svg(specification: Mapping[str, Any]) -> str:

@@ -23,8 +23,13 @@ from mjbench.report import (
     tuning,
     tuning_notes,
 )
-from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
-from mjbench.report.checkup_items import combination_gain
+from mjbench.report.checkup_items import (
+    CheckupItem,
+    GainGroup,
+    GainUnit,
+    ResultChange,
+    combination_gain,
+)
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.report.starts import starts_lines
@@ -229,7 +234,6 @@ def _why_nothing(run: Run) -> str:
 
 
 def _why_no_path(results: ModelResults) -> str:
-    """Return whether other ways of stepping may be faster than the plain loop."""
     rows = advice.advise(results)
     if not rows:
         return "other ways of stepping were not timed"
@@ -239,7 +243,6 @@ def _why_no_path(results: ModelResults) -> str:
 
 
 def _why_no_setting(record: TuneRecord) -> str:
-    """Return how many settings were tried."""
     tried = sum(len(each.settings) == 1 for each in record.attempts)
     if not tried:
         return "there was no time to try settings" if record.untried else ""

@@ -1,8 +1,12 @@
-"""What a check-up advises: items, each with the figure of the command that looks closer."""
+"""What a check-up advises: items, each with what it gains and what it changes in results.
+
+Their figures are those of the command that looks closer.
+"""
 
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 from mjbench.checkups.records import CheckedPart, Combination
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
@@ -13,13 +17,10 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.stats import Estimate
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
-from mjbench.paths.parallelism import nthread
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Basis, Remedy, RemedyKind
 from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
-from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
-from mjbench.report.content import Snippet
 from mjbench.report.lint import finding_place
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation import package_timer
@@ -34,6 +35,132 @@ _MOST_OF_PROGRAM = 6
 # Settings that err by more, as a share of the motion, are not listed: what they gain is no longer
 # of the same motion, and who only wants to save time would not expect it.
 _MOST_ERROR = 0.05
+
+
+class ResultChange(StrEnum):
+    """What an item does to results."""
+
+    CORRECTED = "corrected"
+    """They are wrong today."""
+    NONE = "none"
+    """Nothing, to the last bit; what `change_detail` says in runs other than those seen."""
+    TOLERANCE = "tolerance"
+    """No more than the solver's tolerance does."""
+    STATED = "stated"
+    """What `change_detail` says."""
+    ERROR = "error"
+    """An error, of which `error` has the size."""
+
+    @property
+    def keeps(self) -> bool:
+        return self in (ResultChange.NONE, ResultChange.TOLERANCE)
+
+
+class GainUnit(StrEnum):
+    """What a gain is a multiple of; that of a loop is the share of its time that is saved."""
+
+    PLAIN_LOOP = "times the plain loop"
+    SIMULATED_SECOND = "times as fast"
+    LOOP_SHARE = "of the loop's time saved"
+    ENV_STEP = "times env.step"
+    ONE_ENVIRONMENT = "times one environment"
+
+
+class GainGroup(StrEnum):
+    """Items of one group do the same work in another way: of them, use one."""
+
+    PATHS = "ways of stepping"
+    TIMER = "timer"
+    SETTINGS = "settings"
+    LOOP = "loop"
+    PHYSICS = "physics alone"
+    VECTORS = "several environments"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckupItem:
+    """One thing to do.
+
+    Attributes:
+      action: what to do, and where, in a line.
+      variant: the way of stepping that it advises; None of anything else.
+      settings: that it advises.
+      gain: None for a wrong result, and where the gain was not measured.
+      is_bound: whether it is at most that: what comes instead takes time, too.
+      change_detail: what else is given up, or may change in runs other than those seen, in a few
+        words; empty for nothing.
+      error: as a share of the motion; None unless results have one.
+      command: that looks closer.
+      snippet: code that does it; empty where `action` says all.
+      slow_effects: what it prevents that runs of a second are too short to show, in sentences.
+    """
+
+    action: str
+    variant: Variant | None = None
+    settings: Sequence[Setting] = ()
+    gain: Ratio | None = None
+    unit: GainUnit | None = None
+    is_bound: bool = False
+    change: ResultChange
+    change_detail: str = ""
+    error: float | None = None
+    group: GainGroup | None = None
+    command: str
+    snippet: str = ""
+    slow_effects: Sequence[str] = ()
+
+    @property
+    def times(self) -> float:
+        """How many times as fast, by estimate; 1 where that is not known."""
+        if self.gain is None:
+            return 1.0
+        if self.unit == GainUnit.LOOP_SHARE:
+            return 1 / max(1e-9, 1 - self.gain.estimate)
+        return self.gain.estimate
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Where it stands: wrong results first, then what keeps results, then the rest."""
+        if self.change == ResultChange.CORRECTED:
+            return 0, 0.0
+        if self.gain is None:
+            return 3, 0.0
+        if self.group == GainGroup.LOOP:  # `run` has ranked them
+            return 1, 0.0
+        return (1 if self.change.keeps else 2), -self.times
+
+    @property
+    def gain_text(self) -> str:
+        """The gain, as a sentence or a cell has it; empty where it is not known."""
+        if self.gain is None:
+            return ""
+        at_most = "≤ " if self.is_bound else ""
+        if self.unit == GainUnit.LOOP_SHARE:
+            return f"{at_most}{formats.whole_percent(self.gain.estimate)}"
+        return f"{at_most}{formats.factor(self.gain.estimate)}"
+
+    @property
+    def ends_text(self) -> str:
+        """The ends of its interval; empty where they are not known."""
+        form = formats.whole_percent if self.unit == GainUnit.LOOP_SHARE else formats.factor
+        return formats.ends(self.gain, form)
+
+    @property
+    def change_text(self) -> str:
+        match self.change:
+            case ResultChange.CORRECTED:
+                return "corrects them"
+            case ResultChange.NONE:
+                if self.change_detail:
+                    return f"nothing in the runs seen; {self.change_detail}"
+                return "nothing"
+            case ResultChange.TOLERANCE:
+                return "within the solver's tolerance"
+            case ResultChange.ERROR:
+                if self.error is None:
+                    return "an error of unknown size"
+                return f"an error of {tuning_notes.percent(self.error)} of the motion"
+        return self.change_detail
 
 
 def items(run: Run) -> list[CheckupItem]:
@@ -86,15 +213,14 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
             )
         lines += starts.warning_lines(model.warnings)
     for window in (each.window for each in started):
-        lines += map(_limit_raised, starts.limited_lines(window) if window else [])
+        lines += [
+            f"{line}; raise iterations in <option> until they do not"
+            for line in (starts.limited_lines(window) if window else ())
+        ]
     for line in dict.fromkeys(lines):
         yield CheckupItem(
             action=line, change=ResultChange.CORRECTED, command=f"mjbench compare {target}"
         )
-
-
-def _limit_raised(line: str) -> str:
-    return f"{line}; raise iterations in <option> until they do not"
 
 
 def _of_paths(
@@ -103,7 +229,7 @@ def _of_paths(
     """Yield the ways of stepping that `compare` advises, and the timer, unless settings have it."""
     command = f"mjbench compare {target}"
     advised = [each for each in advice.advise(model_results) if each.speedup is not None]
-    for row in _each_path_once(advised):
+    for row in {str(each.variant): each for each in advised}.values():
         loops = {each.loop for each in advised if each.variant == row.variant}
         yield CheckupItem(
             action=f"step by {advice.described(row.variant)}{_whose(row, loops)}",
@@ -134,10 +260,6 @@ def _of_paths(
             command=command,
             snippet=clock.snippet,
         )
-
-
-def _each_path_once(advised: Sequence[Advice]) -> list[Advice]:
-    return list({str(each.variant): each for each in advised}.values())
 
 
 def _whose(row: Advice, loops: set[Loop]) -> str:
@@ -200,17 +322,10 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         Effect.EQUIVALENT: ResultChange.TOLERANCE,
         Effect.APPROXIMATE: ResultChange.ERROR,
     }
-    return CheckupItem(
-        action=f"settings: {label(each.settings)}",
-        settings=each.settings,
-        gain=each.ratio.inverse,
-        unit=GainUnit.SIMULATED_SECOND,
-        change=changes[each.effect],
+    return replace(
+        _of_faster(each.settings, each.ratio, command, changes[each.effect]),
         change_detail=_in_other_runs(each.settings) if each.effect == Effect.FREE else "",
         error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
-        group=GainGroup.SETTINGS,
-        command=command,
-        snippet=_applied(each.settings),
         slow_effects=tuning.slow_lines(each.settings),
     )
 
@@ -227,23 +342,26 @@ def _in_other_runs(settings: Sequence[Setting]) -> str:
 def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
     assert attempt.ratio is not None, "it is certainly faster"
     setting = attempt.settings[0]
-    return CheckupItem(
-        action=f"settings: {setting.label}",
-        settings=attempt.settings,
-        gain=attempt.ratio.inverse,
-        unit=GainUnit.SIMULATED_SECOND,
-        change=ResultChange.STATED,
+    return replace(
+        _of_faster(attempt.settings, attempt.ratio, command, ResultChange.STATED),
         change_detail=f"gives up {setting.loses}" if setting.loses else tuning.changes(attempt),
-        group=GainGroup.SETTINGS,
-        command=command,
-        snippet=_applied(attempt.settings),
         slow_effects=tuning.slow_lines(attempt.settings) if setting.loses else (),
     )
 
 
-def _applied(settings: Sequence[Setting]) -> str:
-    snippets: list[Snippet] = list(tuning.to_apply(settings))
-    return "\n".join(snippet.code for snippet in snippets)
+def _of_faster(
+    settings: Sequence[Setting], ratio: Ratio, command: str, change: ResultChange
+) -> CheckupItem:
+    return CheckupItem(
+        action=f"settings: {label(settings)}",
+        settings=settings,
+        gain=ratio.inverse,
+        unit=GainUnit.SIMULATED_SECOND,
+        change=change,
+        group=GainGroup.SETTINGS,
+        command=command,
+        snippet="\n".join(snippet.code for snippet in tuning.to_apply(settings)),
+    )
 
 
 def combination_gain(verdict: VerdictRow) -> Ratio | None:
@@ -258,11 +376,12 @@ def combination_gain(verdict: VerdictRow) -> Ratio | None:
 
 
 def combination_command(combination: Combination, target: str) -> str:
-    settings = [f"path={combination.variant.path}"]
-    settings += [f"{name}={value}" for name, value in combination.variant.options.items()]
-    settings += [] if combination.has_timer else ["timer=off"]
+    settings = {"path": combination.variant.path, **combination.variant.options}
+    if not combination.has_timer:
+        settings["timer"] = "off"
     model = "tuned.xml" if combination.settings else target
-    return f"mjbench ab model={target} model={model},{','.join(settings)}"
+    texts = [f"{name}={value}" for name, value in settings.items()]
+    return f"mjbench ab model={target} model={model},{','.join(texts)}"
 
 
 # -- a program -------------------------------------------------------------------------------------
@@ -313,16 +432,12 @@ def _of_source(
     if any(row.loops or row.wrong for row in rows):
         return
     for finding in findings:
-        is_wrong = finding.is_wrong_result
+        place = finding_place(replace(finding, file=short_name(finding.file)))
         yield CheckupItem(
-            action=f"{_place(finding)}: {finding.message} ({finding.code})",
-            change=ResultChange.CORRECTED if is_wrong else ResultChange.NONE,
+            action=f"{place}: {finding.message} ({finding.code})",
+            change=ResultChange.CORRECTED if finding.is_wrong_result else ResultChange.NONE,
             command=f"mjbench lint {target}",
         )
-
-
-def _place(finding: Finding) -> str:
-    return finding_place(replace(finding, file=short_name(finding.file)))
 
 
 # -- an environment --------------------------------------------------------------------------------
@@ -333,12 +448,11 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
     command = f"mjbench env {target}"
     for line in environment.unrepeated_lines(record):
         yield CheckupItem(action=line, change=ResultChange.CORRECTED, command=command)
-    timed = [form for form in record.vector_forms if _is_faster(form.speedup)]
-    if timed:
-        fastest = max(timed, key=lambda form: form.speedup.median if form.speedup else 0.0)
+    forms = [form for form in record.vector_forms if environment.is_faster(form.speedup)]
+    if form := environment.fastest(forms):
         yield CheckupItem(
-            action=f"step {fastest.nenv} environments in one {fastest.form}",
-            gain=ratio_of(fastest.speedup),
+            action=f"step {form.nenv} environments in one {form.form}",
+            gain=_ratio(form.speedup),
             unit=GainUnit.ONE_ENVIRONMENT,
             change=ResultChange.NONE,
             group=GainGroup.VECTORS,
@@ -348,21 +462,18 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
         paths = [
             path
             for path in record.physics_paths
-            if _is_faster(path.speedup) and path.closed_loop == closed_loop
+            if environment.is_faster(path.speedup) and path.closed_loop == closed_loop
         ]
-        if paths:
-            fastest_path = max(paths, key=lambda p: p.speedup.median if p.speedup else 0.0)
-            yield _of_physics(fastest_path, command)
+        if path := environment.fastest(paths):
+            yield _of_physics(path, command)
 
 
 def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
-    threads = nthread(path.options)
-    place = f" on {threads} threads" if threads > 1 else ""
     loop = "" if path.closed_loop else ", with controls known beforehand"
     return CheckupItem(
-        action=f"step its physics yourself, by {path.path}{place}{loop}",
+        action=f"step its physics yourself, by {environment.place(path)}{loop}",
         variant=Variant(path.path, path.options),
-        gain=ratio_of(path.speedup),
+        gain=_ratio(path.speedup),
         unit=GainUnit.ENV_STEP,
         change=ResultChange.STATED,
         change_detail="the same physics, without observation, reward and wrappers",
@@ -371,9 +482,5 @@ def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
     )
 
 
-def _is_faster(speedup: Estimate | None) -> bool:
-    return speedup is not None and speedup.low is not None and speedup.low > 1
-
-
-def ratio_of(speedup: Estimate | None) -> Ratio | None:
+def _ratio(speedup: Estimate | None) -> Ratio | None:
     return None if speedup is None else Ratio(speedup.median, speedup.low, speedup.high)

@@ -1,7 +1,7 @@
 """What `mjbench compare` comes to: what follows for each model, its table, and notes."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race import MAX_LAUNCHES
@@ -58,9 +58,8 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
     if len({each.model.model for each in models}) > 1:
         advice = advice_table(models)
         if advice.rows:
-            heading_of_advice = "Advice: speed-ups over the plain loop; ? is not certain"
             yield Section(
-                heading_of_advice,
+                "Advice: speed-ups over the plain loop; ? is not certain",
                 [_advice_conclusion(models)],
                 figures=[comparison_figures.advice_figure(models)],
                 tables=[advice],
@@ -145,12 +144,8 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         subject += "" if names_size else f", {size}"
     sized = f"{size}: " if names_size and size else ""
     for text in model_results.cautions:
-        is_former = text == FORMER
-        yield (
-            Conclusion(text, Tone.CAUTION)
-            if is_former
-            else Conclusion(f"{sized}{text}", Tone.CAUTION, subject)
-        )
+        caution, about = (text, "") if text == FORMER else (f"{sized}{text}", subject)
+        yield Conclusion(caution, Tone.CAUTION, about)
     if record.status == Status.INTERRUPTED and not any(r.is_timed for r in model_results.results):
         yield Conclusion("interrupted before a path was timed", Tone.UNSURE, record.model)
     if record.status not in (Status.OK, Status.INTERRUPTED):
@@ -208,25 +203,17 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class RatedPath(PathResult):
-    """A row of the flat table: the result of a path, and whether it is advised.
+def flat_rows(models: Sequence[ModelResults]) -> Iterator[Mapping[str, object]]:
+    """Yield the results of paths as `mjbench.load` has them.
 
-    Attributes:
-      advised: `certain` or `not certain` where it is, for open or closed loop; else empty.
+    `advised` is `certain` or `not certain` for a path that is advised, for open or closed loop.
     """
-
-    advised: str = ""
-
-
-def flat_rows(models: Sequence[ModelResults]) -> Iterator[RatedPath]:
-    """Yield the results of paths as `mjbench.load` has them."""
     for model_results in models:
         certain = {str(row.variant): row.is_certain for row in advise(model_results)}
         for result in model_results.results:
             is_certain = certain.get(str(result.variant))
             advised = "" if is_certain is None else "certain" if is_certain else "not certain"
-            yield RatedPath(**vars(result), advised=advised)
+            yield {**vars(result), "advised": advised}
 
 
 def mark(is_certain: bool) -> str:
@@ -317,17 +304,14 @@ def _shown(model_results: ModelResults) -> list[PathResult]:
     return [
         result
         for result in model_results.results
-        if not (_is_unavailable(result) or _is_pending(result))
+        if not _is_unavailable(result)
+        and (result.status, result.agrees) != (Status.INTERRUPTED, None)
     ]
 
 
 def _unlike(model_results: ModelResults) -> list[PathResult]:
     """Return the results in the table that do not agree, or whose agreement is not known."""
     return [result for result in _shown(model_results) if agrees(result) != _AGREES]
-
-
-def _is_pending(result: PathResult) -> bool:
-    return result.status == Status.INTERRUPTED and result.agrees is None
 
 
 def times_real_time(factor: float) -> str:
@@ -348,7 +332,6 @@ def agrees(result: PathResult) -> str:
 
 
 def _compile_table(results: Sequence[PathResult]) -> DataTable:
-    """Return what compiling cost, and after how many steps of the plain loop it breaks even."""
     return DataTable.of(
         "Compiling",
         results,
@@ -394,8 +377,16 @@ def notes(model_results: ModelResults) -> list[str]:
         for r in results
         if r.is_accelerated and r.speedup is not None
     ]
-    lines += _buffer_lines(results)
-    return [*_race_notes(model_results), *lines, *_cores_note(model_results)]
+    lines += [
+        f"{result.path}: {keyword_arguments(result.buffer_sizes).removeprefix(', ')} suffice for"
+        f" {result.nbatch} simulations like these: twice what this run needed at most"
+        for result in results
+        if result.buffer_sizes and result.agrees
+    ]
+    # where threads had too few cores, the heading says so
+    if model_results.cores is not None and not model_results.disturbances:
+        lines.append(f"Threads had {model_results.cores} (calibration).")
+    return [*_race_notes(model_results), *lines]
 
 
 def _race_notes(model_results: ModelResults) -> list[str]:
@@ -426,28 +417,10 @@ def _what_would_decide(model_results: ModelResults) -> Iterator[str]:
     yield f"The budget ended the race after {launches}: a longer --budget makes it more certain."
 
 
-def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
-    return [
-        f"{result.path}: {keyword_arguments(result.buffer_sizes).removeprefix(', ')} suffice for"
-        f" {result.nbatch} simulations like these: twice what this run needed at most"
-        for result in results
-        if result.buffer_sizes and result.agrees
-    ]
-
-
-def _cores_note(model_results: ModelResults) -> list[str]:
-    """Return how many cores threads had; where they had too few, the heading says so."""
-    if model_results.cores is None or model_results.disturbances:
-        return []
-    return [f"Threads had {model_results.cores} (calibration)."]
-
-
 def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
-    paths_by_reason: dict[str, list[str]] = {}
+    paths_by_reason = defaultdict[str, dict[str, None]](dict)
     for result in filter(_is_unavailable, results):
-        names = paths_by_reason.setdefault(result.detail, [])
-        if result.path not in names:
-            names.append(result.path)
+        paths_by_reason[result.detail][result.path] = None
     return [
         f"Not compared: {', '.join(names)}: {reason}" for reason, names in paths_by_reason.items()
     ]

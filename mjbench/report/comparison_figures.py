@@ -11,37 +11,28 @@ from mjbench.report.results import ModelResults
 
 # Colours of paths by whether a policy can choose each control.
 _LOOPS = {Loop.OPEN.value: charts.ORANGE, Loop.CLOSED.value: charts.BLUE}
+_AXIS = "times as fast as the plain loop"
 
 
 def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
     """Yield speed-ups as bars, with their intervals as lines; nothing without any."""
-    timed = [r for r in model_results.results if r.speedup is not None]
+    timed = [(r.speedup.estimate, r) for r in model_results.results if r.speedup is not None]
     if not timed:
         return
-    timed.sort(key=lambda result: -result.speedup.estimate if result.speedup else 0.0)
+    timed.sort(key=lambda row: -row[0])
     model = model_results.model.model
     data = DataTable.of(
         "Speed-ups",
         timed,
-        (Column("path"), lambda result: str(result.variant)),
-        (
-            Column("speed-up", formats.factor),
-            lambda result: result.speedup.estimate if result.speedup else None,
-        ),
-        (
-            Column("low", formats.factor),
-            lambda result: result.interval.low if result.interval else None,
-        ),
-        (
-            Column("high", formats.factor),
-            lambda result: result.interval.high if result.interval else None,
-        ),
-        (Column("loop"), lambda result: result.loop.value),
+        (Column("path"), lambda row: str(row[1].variant)),
+        (Column("speed-up", formats.factor), lambda row: row[0]),
+        (Column("low", formats.factor), lambda row: i.low if (i := row[1].interval) else None),
+        (Column("high", formats.factor), lambda row: i.high if (i := row[1].interval) else None),
+        (Column("loop"), lambda row: row[1].loop.value),
     )
-    axis = "times as fast as the plain loop"
     y = charts.names(data)
     bars = {
-        "x": charts.quantity("speed-up", axis, zero=True),
+        "x": charts.quantity("speed-up", _AXIS, zero=True),
         "y": y,
         "color": charts.colour("loop", _LOOPS, "loop"),
     }
@@ -49,15 +40,13 @@ def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
     intervals = ""
     if any(row[2] is not None for row in data.rows):
         intervals = " Lines are 95 % intervals."
-        ends = {"x": charts.quantity("low", axis, zero=True), "x2": {"field": "high"}, "y": y}
+        ends = {"x": charts.quantity("low", _AXIS, zero=True), "x2": {"field": "high"}, "y": y}
         lines = charts.layer("rule", ends, strokeWidth=2, color="currentColor")
         layers.append({**lines, "transform": [{"filter": "isValid(datum.low)"}]})
-    fastest, speedup = max(
-        ((r.variant, r.speedup.estimate) for r in timed if r.speedup), key=lambda r: r[1]
-    )
+    speedup, fastest = timed[0]
     yield charts.figure(
         f"{model}: speed-up over the plain loop",
-        f"Bars of {len(timed)} paths; the longest is {fastest}, {speedup:.2f}×.{intervals}",
+        f"Bars of {len(timed)} paths; the longest is {fastest.variant}, {speedup:.2f}×.{intervals}",
         data,
         layers,
     )
@@ -81,25 +70,16 @@ def advice_figure(models: Sequence[ModelResults]) -> Figure:
         (Column("high", formats.factor), lambda row: row[1].high),
         (Column("loop"), lambda row: row[2].value),
     )
-    axis = "times as fast as the plain loop"
     shared = {"y": charts.names(data), "color": charts.colour("loop", _LOOPS, "loop")}
-    points = {"x": charts.quantity("speed-up", axis), **shared}
-    ends = {"x": charts.quantity("low", axis), "x2": {"field": "high"}, **shared}
-    intervals = charts.layer("rule", ends, strokeWidth=3)
     return charts.figure(
         "What is advised, and how much faster it is",
         f"{len(advised)} speed-ups with their 95 % intervals.",
         data,
-        [
-            charts.rule_at(1.0),
-            {**intervals, "transform": [{"filter": "isValid(datum.low)"}]},
-            charts.layer("point", points, filled=True, size=70),
-        ],
+        [charts.rule_at(1.0), *charts.estimates("speed-up", _AXIS, shared)],
     )
 
 
 def crossover_figure(name: str, models: Sequence[ModelResults]) -> Figure:
-    """Return the speeds of paths on a model by the number of simulations."""
     data = DataTable.of(
         "Speeds by the number of simulations",
         [

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from mjbench.measuring.stats import Estimate
 from mjbench.paired.records import CompilationFigures, VerdictRow
 from mjbench.report import formats
-from mjbench.report.content import Column, DataTable
+from mjbench.report.content import Column, DataTable, filled
 from mjbench.units import duration
 
 
@@ -17,8 +17,6 @@ def tables(rows: Sequence[VerdictRow]) -> list[DataTable]:
         if (both := row.compiling) is not None
         for label, figures in ((row.old, both.old), (row.new, both.new))
     ]
-    if not sides:
-        return []
     table = DataTable.of(
         "Compiling",
         sides,
@@ -30,7 +28,7 @@ def tables(rows: Sequence[VerdictRow]) -> list[DataTable]:
         (Column("steady run"), lambda side: _time(side[2].steady_run_s, side[2].processes)),
         (Column("programs", formats.count, leaves=1), lambda side: side[2].programs),
     )
-    return [table]
+    return filled(table)
 
 
 def _compile_time(figures: CompilationFigures) -> str:

@@ -240,6 +240,11 @@ class Report:
     machines: DataTable = field(default_factory=lambda: DataTable("Machines", (), ()))
 
 
+def filled(*tables: DataTable) -> list[DataTable]:
+    """Return the tables that have rows."""
+    return [table for table in tables if table.rows]
+
+
 def failure(name: str, status: str, detail: str) -> Section:
     text = f"{name}: {status}: {detail.removeprefix(f'{name}: ')}"
     return Section(name, [Conclusion(text, Tone.BAD)])

@@ -66,7 +66,6 @@ def _functions_section(count: InstructionsRecord, total: float, top: int) -> Sec
 def explanation_section(
     baseline: ModelCount, candidate: ModelCount, row: ExplainRecord, top: int
 ) -> Section:
-    """Return what changed from one release to another on one model."""
     heading = f"{candidate.model}, MuJoCo {baseline.release} → {candidate.release}"
     counts = (baseline, candidate)
     failed = [count for count in counts if count.status != Status.OK]

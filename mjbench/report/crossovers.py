@@ -5,6 +5,7 @@ Ray, it is the work of a call: its steps, of all simulations together. Its cost 
 of the plain loop, so that models can be compared.
 """
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -74,27 +75,29 @@ def crossovers(results: Sequence[PathResult]) -> list[Crossover]:
     for model in dict.fromkeys(result.model for result in timed):
         of_model = [result for result in timed if result.model == model]
         best_c = _best_c_by_size(of_model)
-        accelerated = [result for result in of_model if result.is_accelerated]
-        for variant in _variants(accelerated):
-            own = [r for r in accelerated if (r.path, r.options) == (variant.path, variant.options)]
+        by_variant = defaultdict[str, list[PathResult]](list)
+        for result in of_model:
+            if result.is_accelerated:
+                by_variant[str(result.variant)].append(result)
+        for own in by_variant.values():
             shares = {
-                int(r.nbatch_asked or 0): r.rate_over(best_c[int(r.nbatch_asked or 0)])
+                size: r.rate_over(best_c[size])
                 for r in own
-                if r.nbatch_asked in best_c
+                if (size := r.nbatch_asked or 0) in best_c
             }
             if len(shares) > 1:
-                rows.append(_crossover(variant, shares, best_c))
+                rows.append(_crossover(own[0], shares, best_c))
     return rows
 
 
 def _crossover(
-    variant: PathResult, shares: Mapping[int, float], best_c: Mapping[int, PathResult]
+    result: PathResult, shares: Mapping[int, float], best_c: Mapping[int, PathResult]
 ) -> Crossover:
     largest = max(shares)
     return Crossover(
-        model=variant.model,
-        path=variant.path,
-        options=variant.options,
+        model=result.model,
+        path=result.path,
+        options=result.options,
         nbatch=_overtakes_at([(size, shares.get(size, 0.0)) for size in sorted(best_c)]),
         largest=largest,
         rival=best_c[largest].variant,
@@ -157,36 +160,26 @@ def _ahead_from(grid: np.ndarray, line: np.ndarray) -> float | None:
 def _best_c_by_size(results: Sequence[PathResult]) -> dict[int, PathResult]:
     best: dict[int, PathResult] = {}
     for result in results:
-        size = int(result.nbatch_asked or 0)
+        size = result.nbatch_asked or 0
         if not result.is_accelerated and (size not in best or result.rate_over(best[size]) > 1.0):
             best[size] = result
     return best
 
 
-def _variants(results: Sequence[PathResult]) -> list[PathResult]:
-    keys = [(result.path, result.options) for result in results]
-    return [result for i, result in enumerate(results) if keys[i] not in keys[:i]]
-
-
 def describe_crossover(row: Crossover) -> str:
     """Return from which batch size on an accelerated path overtakes C, as a sentence."""
-    variant = str(Variant(row.path, row.options))
+    begin = f"{row.model}: {Variant(row.path, row.options)}"
+    rival = f"the best C path ({row.rival})"
     if row.nbatch:
-        text = (
-            f"overtakes the best C path ({row.rival}) at {row.nbatch:,} simulations of those tried"
-        )
-        text += _curve_crossing(row)
-    else:
-        text = (
-            f"does not overtake the best C path ({row.rival}) up to {row.largest:,} simulations,"
-            f" where it has {plain(row.share, 2)} of its speed"
-        )
-    return f"{row.model}: {variant} {text}"
+        crossing = _curve_crossing(row.curve)
+        return f"{begin} overtakes {rival} at {row.nbatch:,} simulations of those tried{crossing}"
+    return (
+        f"{begin} does not overtake {rival} up to {row.largest:,} simulations, where it has"
+        f" {plain(row.share, 2)} of its speed"
+    )
 
 
-def _curve_crossing(row: Crossover) -> str:
-    """Return where the curve through all sizes crosses, with its interval; empty without one."""
-    curve = row.curve
+def _curve_crossing(curve: CurveCrossing | None) -> str:
     if curve is None or curve.nbatch is None:
         return ""
     low = "fewer than all" if curve.low is None else f"{curve.low:,.0f}"

@@ -1,6 +1,7 @@
 """What `mjbench env` comes to: where a step goes, and what its physics costs alone."""
 
 from collections.abc import Iterator, Sequence
+from typing import TypeVar
 
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.environment.layer_shares import LayerShare
@@ -9,6 +10,7 @@ from mjbench.environment.recording import Moment
 from mjbench.environment.records import (
     EnvironmentFacts,
     EnvironmentRecord,
+    PhysicsPath,
     VectorForm,
     VectorSamples,
 )
@@ -17,7 +19,7 @@ from mjbench.measuring.stats import Estimate
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.report import charts, content, formats
-from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone, filled
 from mjbench.report.formats import Form
 from mjbench.status import Status
 from mjbench.units import duration, listed, plain
@@ -31,6 +33,7 @@ SUM_TOLERANCE = 0.03
 _MUCH_SHARE = 0.1
 # Smaller shares are shown as less than this.
 _LEAST_SHARE = 0.001
+_Timed = TypeVar("_Timed", PhysicsPath, VectorSamples)
 
 
 def sections(records: Sequence[EnvironmentRecord]) -> Iterator[Section]:
@@ -51,17 +54,12 @@ def _section(record: EnvironmentRecord, facts: EnvironmentFacts) -> Section:
     if record.check is not None and record.check.status == Status.DISAGREES:
         text = f"{record.environment}: {physics_lines(record)[0]}"
         sentences.insert(0, Conclusion(text, Tone.BAD))
-    tables = [_layers_table(record)]
-    if any(path.speedup for path in record.physics_paths):
-        tables.append(_paths_table(record))
-    if any(vector.speedup for vector in record.vector_forms):
-        tables.append(_vectors_table(record))
     return Section(
         heading=f"{record.environment}: where a step's time goes",
         conclusions=sentences,
         facts=[_recorded(facts), _step_line(record), reset_line(record)],
         figures=[_figure(record)],
-        tables=tables,
+        tables=[_layers_table(record), *filled(_paths_table(record), _vectors_table(record))],
         notes=[*timing_lines(record), *physics_lines(record), *notes(record)],
     )
 
@@ -113,7 +111,6 @@ def unrepeated_lines(record: EnvironmentRecord) -> list[str]:
 
 
 def _has_other_physics(facts: EnvironmentFacts) -> bool:
-    """Return whether the states of the simulation were not the same in another pass."""
     return any(each.is_physics for each in facts.unrepeated)
 
 
@@ -122,29 +119,36 @@ def _physics_conclusion(record: EnvironmentRecord) -> str:
     loop = next((path for path in record.physics_paths if path.path == BASE and path.speedup), None)
     if loop is None or loop.speedup is None:
         return ""
-    if loop.speedup.low is None or loop.speedup.low <= 1:
-        start = "The same physics in a plain loop is not certainly faster than env.step"
-    else:
+    start = "The same physics in a plain loop is not certainly faster than env.step"
+    if is_faster(loop.speedup):
         start = f"The same physics runs {_times(loop.speedup)} as fast in a plain loop"
     better = [_rival(record, closed_loop) for closed_loop in (True, False)]
     return "; ".join([start, *filter(None, better)]) + "."
 
 
+def is_faster(speedup: Estimate | None) -> bool:
+    """Return whether something is certainly faster."""
+    return speedup is not None and speedup.low is not None and speedup.low > 1
+
+
+def fastest(rows: Sequence[_Timed]) -> _Timed | None:
+    return max(rows, key=lambda row: row.speedup.median if row.speedup else 0.0, default=None)
+
+
+def place(path: PhysicsPath) -> str:
+    """Return a path with its number of threads, as a sentence names it."""
+    threads = nthread(path.options)
+    return path.path + (f" on {threads} threads" if threads > 1 else "")
+
+
 def _rival(record: EnvironmentRecord, closed_loop: bool) -> str:
     """Return the fastest path that is certainly faster than the plain loop; empty without one."""
-    rivals = [
-        path
-        for path in record.physics_paths
-        if path.closed_loop == closed_loop and path.over_loop and (path.over_loop.low or 0) > 1
-    ]
-    if not rivals:
+    paths = [path for path in record.physics_paths if path.closed_loop == closed_loop]
+    rival = fastest([path for path in paths if is_faster(path.over_loop)])
+    if rival is None or rival.speedup is None:
         return ""
-    fastest = max(rivals, key=lambda path: path.speedup.median if path.speedup else 0.0)
-    assert fastest.speedup is not None, "it was timed"
-    threads = nthread(fastest.options)
-    place = f" on {threads} threads" if threads > 1 else ""
     loop = "a policy can choose each control" if closed_loop else "open loop"
-    return f"{_times(fastest.speedup)} by {fastest.path}{place} ({loop})"
+    return f"{_times(rival.speedup)} by {place(rival)} ({loop})"
 
 
 def _times(speedup: Estimate) -> str:
@@ -154,15 +158,13 @@ def _times(speedup: Estimate) -> str:
 def _vector_conclusions(record: EnvironmentRecord) -> list[str]:
     """Return which vectorised form is fastest, and what slows processes; none without any form."""
     timed = [vector for vector in record.vector_forms if vector.speedup is not None]
-    if not timed:
+    best = fastest(timed)
+    if best is None or best.speedup is None:
         return []
-    fastest = max(timed, key=lambda vector: vector.speedup.median if vector.speedup else 0.0)
-    speedup = fastest.speedup
-    assert speedup is not None, "it was timed"
     first = "No vectorised form is certainly faster than one environment here."
-    if speedup.low is not None and speedup.low > 1:
+    if is_faster(best.speedup):
         first = (
-            f"{_named(fastest)} takes {_times(speedup)} as many steps per second as one"
+            f"{_named(best)} takes {_times(best.speedup)} as many steps per second as one"
             " environment."
         )
     processes = [vector for vector in timed if vector.form == VectorForm.ASYNC]

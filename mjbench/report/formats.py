@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
+from mjbench.measuring.ratio import Ratio
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.units import plain
 
@@ -38,9 +39,11 @@ def count(value: float) -> str:
     return f"{value:,.0f}"
 
 
-def tenths(value: float) -> str:
-    """Return a number to a tenth, such as seconds."""
-    return f"{value:.1f}"
+def decimals(count: int) -> Form:
+    return lambda value: f"{value:.{count}f}"
+
+
+tenths = decimals(1)
 
 
 def factor(ratio: float) -> str:
@@ -54,7 +57,6 @@ def percent(share: float) -> str:
 
 
 def whole_percent(share: float) -> str:
-    """Return a share in whole percent."""
     return f"{100 * share:.0f} %"
 
 
@@ -112,6 +114,11 @@ def in_brackets(interval: Bounded, form: Form = factor) -> str:
     """Return an interval as it follows an estimate in a sentence; empty where it is not known."""
     text = ends(interval, form, " to ")
     return f" ({text})" if text else ""
+
+
+def with_interval(ratio: Ratio, form: Form = factor) -> str:
+    """Return a ratio as a cell has it, such as `+1.2 % (+0.8 to +1.6 %)`."""
+    return f"{form(ratio.estimate)}{in_brackets(ratio, form)}"
 
 
 def ends_in(form: Form) -> Form:

@@ -7,9 +7,8 @@ from collections.abc import Iterator, Sequence
 from mjbench.host.machine import Machine
 from mjbench.releases import speed_history
 from mjbench.releases.change_points import FALSE_DISCOVERY_RATE, MIN_CHANGE, SIMULATED_DEVIATION
-from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
+from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.releases.release_ratios import LogEstimate
-from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import formats, history_plots
 from mjbench.report import history_tables as tables
 from mjbench.report.content import Conclusion, DataTable, Section
@@ -262,13 +261,13 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
     listed = 0
     shipped = models.shipped()
     for pair in NO_CHANGE_PAIRS:
-        for series in history.models:
-            index = _index(series, pair)
-            if index is None or series.name not in shipped or not history.lists(pair.new):
-                continue
-            names[pair.new] = None
-            changes.append(speed_history.change(*series.pair(index)))
-            listed += any(p.index == index for p in series.changes.change_points)
+        for series, before, after in tables.pairs(history, pair.new):
+            is_pair = before.release == pair.old and history.lists(pair.new)
+            if is_pair and series.name in shipped:
+                names[pair.new] = None
+                changes.append(speed_history.change(before, after))
+                points = series.changes.change_points
+                listed += any(series.measured[point.index] is after for point in points)
     if changes:
         deviation, expected = (
             math.sqrt(statistics.fmean(x * x for x in values))
@@ -281,15 +280,6 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
             f" standard errors predict {100 * expected:.2f} %; {listed} of them"
             f" {'is' if listed == 1 else 'are'} listed."
         )
-
-
-def _index(series: SpeedSeries, pair: NoChangePair) -> int | None:
-    """Return the index of the second release of a pair, if the first one is right before it."""
-    releases = [each.release for each in series.measured]
-    if pair.new not in releases:
-        return None
-    index = releases.index(pair.new)
-    return index if index and releases[index - 1] == pair.old else None
 
 
 def _machine(machine: Machine) -> str:

@@ -24,11 +24,9 @@ def run_files(folder: Path) -> list[Path]:
     )
 
 
-def read(
-    files: Sequence[Path], causes: Path | None, since: str | None = None, machine: str | None = None
-) -> SpeedHistory:
-    """Return the history that files hold of one machine; see `read_each` and `choose`."""
-    return choose(read_each(files, causes, since), machine)
+def read(files: Sequence[Path], causes: Path | None) -> SpeedHistory:
+    """Return the history that files hold of the only machine; see `read_each` and `choose`."""
+    return choose(read_each(files, causes), None)
 
 
 def choose(histories: Sequence[SpeedHistory], machine: str | None) -> SpeedHistory:
@@ -86,9 +84,9 @@ def of_runs(
     histories = []
     for machine, of_machine in steps.items():
         borrowed = [] if _has(of_machine, OperationRatioRecord) else operations
-        records = [record for run in (*of_machine, *borrowed) for record in run.records]
+        ratios = [r for run in (*of_machine, *borrowed) for r in run.of_type(RatioRecord)]
         history = speed_history.from_records(
-            [*counts, *records],
+            [*counts, *ratios],
             known,
             machine.name,
             of_machine[0].header.machine,

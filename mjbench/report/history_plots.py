@@ -4,7 +4,7 @@ Each plot is a Vega-Lite specification (see `charts`).
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +76,10 @@ def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
     releases = [release for release in history.releases() if history.lists(release)]
     reference = series.measured[-1].record.reference
     work = [*_work(history, series)]
+    count_line = charts.layer("line", {"y": _value(zero=False)}, color=BLUE, point={"color": BLUE})
     panels = [
         _panel(f"time ({reference} = 1)", [*_times(history, series)], _time_layers(), _TIME_HEIGHT),
-        _panel("instructions (k)", [*_instructions(history, series)], [_line(BLUE)]),
+        _panel("instructions (k)", [*_instructions(history, series)], [count_line]),
         _panel("work per step", work, [_counters(work)]),
         _panel("drift of one step", [*_drifts(history, series)], [_drift_points()]),
     ]
@@ -152,23 +153,12 @@ def _time_layers() -> list[Spec]:
     def y(field: str) -> Spec:
         return {"field": field, "type": "quantitative", "scale": scale}
 
+    shipped = {"y": y("shipped"), "y2": {"field": "ratio"}}
     return [
-        {
-            "mark": {"type": "area", "color": ORANGE, "opacity": 0.25},
-            "encoding": {"y": y("shipped"), "y2": {"field": "ratio"}},
-        },
-        {
-            "mark": {"type": "rule", "color": BLUE},
-            "encoding": {"y": y("low"), "y2": {"field": "high"}},
-        },
-        {
-            "mark": {"type": "line", "color": BLUE, "point": {"color": BLUE}},
-            "encoding": {"y": y("ratio")},
-        },
-        {
-            "mark": {"type": "point", "shape": "diamond", "size": 140, "color": ORANGE},
-            "encoding": {"y": y("change point")},
-        },
+        charts.layer("area", shipped, color=ORANGE, opacity=0.25),
+        charts.layer("rule", {"y": y("low"), "y2": {"field": "high"}}, color=BLUE),
+        charts.layer("line", {"y": y("ratio")}, color=BLUE, point={"color": BLUE}),
+        charts.layer("point", {"y": y("change point")}, shape="diamond", size=140, color=ORANGE),
     ]
 
 
@@ -199,23 +189,18 @@ def _value(**scale: Any) -> Spec:
     return {"field": "value", "type": "quantitative", "scale": scale}
 
 
-def _line(color: str) -> Spec:
-    mark = {"type": "line", "color": color, "point": {"color": color}}
-    return {"mark": mark, "encoding": {"y": _value(zero=False)}}
-
-
 def _counters(rows: Sequence[Row]) -> Spec:
     most = max((row["value"] for row in rows), default=0.0)
-    color: Mapping[str, Any] = {
+    color = {
         "field": "counter",
         "type": "nominal",
         "title": None,
         "scale": {"range": [BLUE, ORANGE, GREEN]},
     }
     y = _value(type="symlog") | {"axis": {"values": [n for n in _WORK_TICKS if n <= most]}}
-    return {"mark": {"type": "line", "point": True}, "encoding": {"y": y, "color": color}}
+    return charts.layer("line", {"y": y, "color": color}, point=True)
 
 
 def _drift_points() -> Spec:
     y = _value(type="log", domainMin=_LEAST_DRIFT) | {"axis": {"format": ".0e", "tickCount": 4}}
-    return {"mark": {"type": "point", "filled": True, "color": GREY}, "encoding": {"y": y}}
+    return charts.layer("point", {"y": y}, filled=True, color=GREY)

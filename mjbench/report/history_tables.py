@@ -29,7 +29,6 @@ def step_changes(history: SpeedHistory, only: str | None = None) -> DataTable:
 
 
 def operation_changes(history: SpeedHistory, only: str | None = None) -> DataTable:
-    """Return the change points of operations; see `step_changes`."""
     listed = listed_changes(history, history.operations, only)
     return _change_points("Change points around the step", "operation", listed)
 

@@ -5,14 +5,13 @@ from collections.abc import Sequence
 from mjbench import paths
 from mjbench.releases.release import version_key
 from mjbench.report import formats
-from mjbench.report.content import Column, DataTable
+from mjbench.report.content import Column, DataTable, filled
 from mjbench.report.results import PathResult
 from mjbench.simulation.judgement import (
     EngineAnswer,
     EngineJudgement,
     JudgedPart,
     Measure,
-    PairContacts,
 )
 from mjbench.units import listed, plain
 
@@ -20,12 +19,7 @@ from mjbench.units import listed, plain
 def judgement_tables(results: Sequence[PathResult]) -> list[DataTable]:
     """Return what was judged of accelerated paths; empty where nothing was."""
     judged = [(r.path, r.judgement) for r in results if r.judgement and r.judgement.parts]
-    if not judged:
-        return []
-    tables = [_part_table(judged)]
-    if any(judgement.pairs for _, judgement in judged):
-        tables.append(_contact_table(judged))
-    return tables
+    return filled(_part_table(judged), _contact_table(judged))
 
 
 def _part_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
@@ -54,22 +48,20 @@ def _closeness(measure: Measure) -> float:
 
 
 def _contact_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
-    def pair(row: tuple[str, PairContacts]) -> PairContacts:
-        return row[1]
 
     return DataTable.of(
         "Contacts",
         [(path, pair) for path, judgement in judged for pair in judgement.pairs],
         (Column("contacts of"), lambda row: row[0]),
-        (Column("geoms"), lambda row: "–".join(pair(row).types)),
-        (Column("states", formats.count, leaves=1), lambda row: pair(row).states),
-        (Column("contacts", formats.tenths), lambda row: pair(row).count),
-        (Column("in C", formats.tenths), lambda row: pair(row).count_in_c),
-        (Column("apart mm", _millimetres, leaves=3), lambda row: pair(row).position_m),
-        (Column("normals °", _significant, leaves=2), lambda row: pair(row).normal_degrees),
-        (Column("acceleration", _share, leaves=4), lambda row: pair(row).effect),
-        (Column("largest", _share), lambda row: pair(row).largest_effect),
-        (Column("answer"), lambda row: pair(row).answer.value),
+        (Column("geoms"), lambda row: "–".join(row[1].types)),
+        (Column("states", formats.count, leaves=1), lambda row: row[1].states),
+        (Column("contacts", formats.tenths), lambda row: row[1].count),
+        (Column("in C", formats.tenths), lambda row: row[1].count_in_c),
+        (Column("apart mm", _millimetres, leaves=3), lambda row: row[1].position_m),
+        (Column("normals °", _significant, leaves=2), lambda row: row[1].normal_degrees),
+        (Column("acceleration", _share, leaves=4), lambda row: row[1].effect),
+        (Column("largest", _share), lambda row: row[1].largest_effect),
+        (Column("answer"), lambda row: row[1].answer.value),
     )
 
 

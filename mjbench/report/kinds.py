@@ -25,7 +25,7 @@ from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
-from mjbench.releases.release_ratios import OperationRatioRecord, StepRatioRecord
+from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report import (
     bisect,
     checkup,
@@ -132,7 +132,6 @@ def _selfcheck_rows(run: Run) -> list[SelfcheckRow]:
     return trials.summary(run.of_type(TrialRecord), min_effect)
 
 
-_RATIOS = (StepRatioRecord, OperationRatioRecord)
 _VERDICTS = documents.results_document(VerdictRow)
 
 CHECKUP = Kind(
@@ -185,20 +184,16 @@ BISECT = Kind(
 )
 HISTORY = Kind(
     ("history",),
-    _RATIOS,
+    (StepRatioRecord, OperationRatioRecord),
     documents.HistoryDocument,
-    lambda run: documents.HistoryDocument.of(run.header.machine, _ratios(run)),
-    lambda run: [release_ratios.section(_ratios(run))],
-    lambda run: _ratios(run),
+    lambda run: documents.HistoryDocument.of(run.header.machine, run.of_type(RatioRecord)),
+    lambda run: [release_ratios.section(run.of_type(RatioRecord))],
+    lambda run: run.of_type(RatioRecord),
 )
 EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)
 INSTRUCTIONS = _kind(InstructionsRecord, counts.sections, "instructions", has_machine=False)
 TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
 WEB = _kind(WebRecord, web.sections, "web", rows=web.rows)
-
-
-def _ratios(run: Run) -> list[StepRatioRecord | OperationRatioRecord]:
-    return [record for record in run.records if isinstance(record, _RATIOS)]
 
 
 # A run of a check-up has records of several kinds; its own comes first.

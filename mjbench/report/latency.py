@@ -59,21 +59,16 @@ def sections(rows: Sequence[LatencyRow]) -> Iterator[Section]:
 
 
 def _remedies(rows: Sequence[LatencyRow]) -> list[str]:
-    """Return what to do about slow steps, a line for each cause that was seen."""
     names = dict.fromkeys(feature.name for row in rows for feature in _common_features(row.slow))
     causes: dict[str, list[str]] = {}
     for name in names:
         causes.setdefault(_REMEDIES.get(name, ""), []).append(name)
     remedies = [f"{', '.join(same)}: {remedy}" for remedy, same in causes.items() if remedy]
-    if not remedies and any(map(_misses_mostly, rows)):
+    if not remedies and any((row.missed or 0) > (row.nstep or 0) / 2 for row in rows):
         return [f"Most steps take longer than the deadline: {_FASTER_STEPS}"]
     if not remedies and any(row.missed for row in rows):
         return ["`mjbench doctor` says what delays programs on this machine"]
     return remedies
-
-
-def _misses_mostly(row: LatencyRow) -> bool:
-    return (row.missed or 0) > (row.nstep or 0) / 2
 
 
 def _missed(row: LatencyRow) -> Conclusion:

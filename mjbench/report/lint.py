@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,20 +52,19 @@ def statistics_lines(findings: Sequence[Finding]) -> list[str]:
 
 def as_github(document: LintDocument) -> str:
     """Return findings as workflow commands of GitHub Actions, which mark lines of a change."""
-    return "".join(f"{line}\n" for line in _github_lines(document))
-
-
-def _github_lines(document: LintDocument) -> Iterator[str]:
+    lines = []
     for finding in document.findings:
         places = {"file": finding.file, "line": str(finding.line), "col": str(finding.col)}
         if finding.cell:  # its lines are not those of the file
             places = {"file": finding.file}
         places["title"] = finding.code
         values = ",".join(f"{key}={_github_value(value)}" for key, value in places.items())
-        yield f"::error {values}::{_github_text(finding_line(finding))}"
+        lines.append(f"::error {values}::{_github_text(finding_line(finding))}\n")
     for unchecked in document.unchecked:
         file = _github_value(unchecked.file)
-        yield f"::warning file={file},title=not checked::{_github_text(unchecked.detail)}"
+        text = _github_text(unchecked.detail)
+        lines.append(f"::warning file={file},title=not checked::{text}\n")
+    return "".join(lines)
 
 
 def _github_text(text: str) -> str:

@@ -48,14 +48,10 @@ def models_table(rows: Sequence[ListedModel]) -> DataTable:
             (Column(size, str, leaves=leaves), lambda row, size=size: getattr(row[1], size))
             for size, leaves in sizes.items()
         ),
-        (Column("timestep", _milliseconds), lambda row: row[1].timestep),
+        (Column("timestep", lambda seconds: f"{1e3 * seconds:g} ms"), lambda row: row[1].timestep),
         (Column("integrator", leaves=2), lambda row: row[1].integrator),
         (Column("solver", leaves=1), lambda row: row[1].solver),
     )
-
-
-def _milliseconds(seconds: float) -> str:
-    return f"{1e3 * seconds:g} ms"
 
 
 def failed_models(rows: Sequence[ListedModel]) -> list[str]:

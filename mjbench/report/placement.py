@@ -67,11 +67,8 @@ def describe_spread(row: SpreadRecord) -> str:
 
 
 def _ratio(row: SpreadRecord, residue: int) -> Ratio | None:
-    """Return how long a step takes where the code is moved by a residue, beside as shipped."""
     return next((each.ratio for each in row.residues if each.residue == residue), None)
 
 
 def _change(ratio: Ratio) -> str:
-    """Return a ratio as a change with its interval, such as `+1.2 % (+0.8 to +1.6 %)`."""
-    interval = formats.in_brackets(ratio, formats.change_to_tenth)
-    return f"{formats.change_to_tenth(ratio.estimate)}{interval}"
+    return formats.with_interval(ratio, formats.change_to_tenth)

@@ -1,6 +1,7 @@
 """What `mjbench plan` comes to."""
 
 import itertools
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 from mjbench.comparison.plan import Variant, describe_options
@@ -80,7 +81,6 @@ def _fastest_text(fastest: PlanningRow) -> str:
 
 
 def _pace(plans_per_s: float, control_hz: float | None) -> str:
-    """Return whether plans keep up with real time, as a sentence goes on."""
     if control_hz is None:
         return ""
     rate = plain(control_hz, 3)
@@ -107,7 +107,6 @@ def _table(rows: Sequence[PlanningRow]) -> DataTable:
 
 
 def _agreement(row: PlanningRow) -> str:
-    """Return whether a path made the same plans, or why that is not known."""
     if row.plan_s is not None:
         return "yes"
     return "NO" if row.status == Status.DISAGREES else row.status.value
@@ -116,19 +115,17 @@ def _agreement(row: PlanningRow) -> str:
 def sizes_sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:
     """Yield the fastest path at each size of a model's plans, where there are several sizes."""
     for model in dict.fromkeys(row.model for row in rows):
-        yield from _sizes_section(model, [row for row in rows if row.model == model])
+        by_size = defaultdict[tuple[int, int], list[PlanningRow]](list)
+        for row in rows:
+            if row.model == model:
+                by_size[row.samples, row.horizon].append(row)
+        fastest = [best for of_size in by_size.values() if (best := fastest_of(of_size))]
+        if len(fastest) > 1:
+            yield Section(f"{model}, by the size of the plan", tables=[_sizes_table(fastest)])
 
 
-def _sizes_section(model: str, rows: Sequence[PlanningRow]) -> Iterator[Section]:
-    sizes = dict.fromkeys((row.samples, row.horizon) for row in rows)
-    fastest = [
-        row
-        for size in sizes
-        if (row := fastest_of([row for row in rows if (row.samples, row.horizon) == size]))
-    ]
-    if len(fastest) < 2:
-        return
-    table = DataTable.of(
+def _sizes_table(fastest: Sequence[PlanningRow]) -> DataTable:
+    return DataTable.of(
         "Sizes",
         fastest,
         (Column("samples", formats.count), lambda row: row.samples),
@@ -141,4 +138,3 @@ def _sizes_section(model: str, rows: Sequence[PlanningRow]) -> Iterator[Section]
         ),
         (Column("fastest here"), lambda row: str(_variant(row))),
     )
-    yield Section(f"{model}, by the size of the plan", tables=[table])

@@ -6,7 +6,7 @@ from mjbench.loop.engine_stages import OTHER
 from mjbench.loop.profile import FRAMES_PER_S, ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import charts, content, formats
-from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import package_timer
 from mjbench.units import duration, plain
@@ -24,11 +24,18 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
             yield content.failure(row.model, row.status, row.detail)
             continue
         stages = _stages(steps)
+        title = f"{row.model}: stages of a step"
+        held = ["Each run holds the controls of its start"] if steps.run_nstep else []
         yield Section(
             heading=f"{row.model}: where a step's time goes",
             conclusions=[*conclusions(row.model, steps)],
-            facts=_facts(steps),
-            figures=[_figure(row.model, stages)],
+            facts=[
+                work_line(steps),
+                *starts_lines(steps.starts, with_warnings=False),
+                *held,
+                *warning_lines(steps.warnings),
+            ],
+            figures=[charts.share_bars(title, stages, "stages", "ns", "ns of a step")],
             tables=[
                 stages,
                 *([_sensors(steps)] if steps.sensors else []),
@@ -72,16 +79,6 @@ def work_line(steps: ProfiledSteps) -> str:
         f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)} constraints,"
         f" {plain(work.solver_iterations, 3)} solver iterations"
     )
-
-
-def _facts(steps: ProfiledSteps) -> list[str]:
-    held = ["Each run holds the controls of its start"] if steps.run_nstep else []
-    return [
-        work_line(steps),
-        *starts_lines(steps.starts, with_warnings=False),
-        *held,
-        *warning_lines(steps.warnings),
-    ]
 
 
 def _stages(steps: ProfiledSteps) -> DataTable:
@@ -145,8 +142,3 @@ def _simulated_second(parts: Mapping[str, float]) -> DataTable:
 
 def _resolved(ns: float) -> str:
     return duration(ns) if ns > 0 else _UNRESOLVED
-
-
-def _figure(model: str, stages: DataTable) -> Figure:
-    title = f"{model}: stages of a step"
-    return charts.share_bars(title, stages, "stages", "ns", "ns of a step")

@@ -3,7 +3,6 @@
 import signal
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.program import remedies
@@ -16,7 +15,16 @@ from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.step_times import StepTimes
 from mjbench.report import charts, formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import (
+    Cell,
+    Column,
+    Conclusion,
+    DataTable,
+    Figure,
+    Section,
+    Tone,
+    filled,
+)
 from mjbench.report.formats import whole_percent
 from mjbench.status import Status
 from mjbench.units import duration, plain
@@ -65,30 +73,19 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
         yield from _steps_section(row)
 
 
-@dataclass(frozen=True)
-class ActivityRow:
-    """An activity in a loop, for tables of a whole run."""
-
-    program: str
-    loop: str
-    activity: Activity
-    share: float
-    share_error: float
-    seconds: float
-
-
-def program_rows(row: ProgramRow) -> Iterator[ActivityRow]:
+def program_rows(row: ProgramRow) -> Iterator[Mapping[str, object]]:
+    """Yield the activities in the loops of a program as rows of a flat table."""
     for report in row.loops:
         time = report.time
         for activity, share in time.activities.items():
-            yield ActivityRow(
-                program=row.program,
-                loop=where(time),
-                activity=activity,
-                share=share,
-                share_error=time.error(share),
-                seconds=share * time.seconds,
-            )
+            yield {
+                "program": row.program,
+                "loop": where(time),
+                "activity": activity,
+                "share": share,
+                "share_error": time.error(share),
+                "seconds": share * time.seconds,
+            }
 
 
 def conclusion(row: ProgramRow) -> str:
@@ -168,7 +165,6 @@ def _outside(row: ProgramRow) -> str:
 
 
 def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
-    """Return what costs most in the physics of a loop, and where to look next."""
     physics = time.activities[Activity.PHYSICS]
     text = f"physics takes {whole_percent(physics)} of the loop in {where(time)}"
     if row.physics is not None:
@@ -185,7 +181,6 @@ def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
 
 
 def _nothing_to_do(time: LoopTime) -> str:
-    """Return why no change is suggested, and where to look next."""
     if time.activities.get(Activity.COMPILING, 0.0) >= MOSTLY_COMPILING:
         seconds = time.activities[Activity.COMPILING] * time.seconds
         return (
@@ -253,29 +248,16 @@ def _memory_lines(row: ProgramRow) -> list[str]:
     growth = row.memory_growth_bytes or 0
     if growth < _LEAST_GROWTH_BYTES:
         return []
-    makers = sorted(
-        (call for report in row.loops for call in report.time.calls if call.callee in _KEEPERS),
-        key=lambda call: -call.calls,
-    )
-    why = (
-        f"; {makers[0].place} makes {round(makers[0].calls):,} × {makers[0].callee}"
-        if makers
-        else ""
-    )
+    calls = [call for report in row.loops for call in report.time.calls]
+    makers = [call for call in calls if call.callee in _KEEPERS]
+    most = max(makers, key=lambda call: call.calls, default=None)
+    why = f"; {most.place} makes {round(most.calls):,} × {most.callee}" if most else ""
     return [f"Memory grew by {growth / 2**20:,.0f} MiB while it stepped{why}."]
 
 
 def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
-    """Return where the time of one loop goes, and what to do about it."""
     time = report.time
     by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
-    tables = [
-        _remedies_table(report.remedies),
-        _activities_table(time),
-        _lines_table("Lines of your code", "line of your code", time.lines),
-        _lines_table("Functions of packages", "function of a package", time.inner_functions),
-        _jax_table(time),
-    ]
     return Section(
         f"{row.program}: the loop in {where(time)}",
         facts=[
@@ -283,7 +265,13 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
             f" {plain(row.wall_s, 3)} s"
         ],
         figures=[_figure(time)],
-        tables=[table for table in tables if table.rows],
+        tables=filled(
+            _remedies_table(report.remedies),
+            _activities_table(time),
+            _lines_table("Lines of your code", "line of your code", time.lines),
+            _lines_table("Functions of packages", "function of a package", time.inner_functions),
+            _jax_table(time),
+        ),
     )
 
 
@@ -409,11 +397,11 @@ def _steps_section(row: ProgramRow) -> Iterator[Section]:
     steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
     stages = row.physics.stages if row.physics is not None else steps.stages if steps else {}
     facts = [] if steps is None else _step_lines(steps, len(row.steps), stages)
-    tables = [_physics_table(row), *([] if steps is None else [_durations_table(steps)])]
+    durations = [] if steps is None else [_durations_table(steps)]
     yield Section(
         f"{row.program}: steps",
         facts=[*facts, *filter(None, [gil_wait(row)])],
-        tables=[table for table in tables if table.rows],
+        tables=filled(_physics_table(row), *durations),
         notes=[_cost_line(row)],
     )
 

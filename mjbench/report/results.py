@@ -263,7 +263,6 @@ def _result(
     base_ns: float | None,
     speedup: tuple[Ratio, int] | None,
 ) -> PathResult:
-    """Return the result of a variant."""
     untimed = PathResult(**vars(record), starts=model.starts)
     ratio, launches = speedup or (None, 1)
     if not record.agrees or record.status != Status.OK:
@@ -321,8 +320,7 @@ def _step_s(record: MeasurementRecord) -> float:
 
 def steps_per_block(record: MeasurementRecord) -> int:
     """Return the steps of one block, all simulations together."""
-    assert record.nbatch is not None, "a timed record has its sizes"
-    assert record.nstep is not None, "a timed record has its sizes"
+    assert record.nbatch is not None and record.nstep is not None, "a timed record has its sizes"
     return record.nbatch * record.nstep
 
 

@@ -1,6 +1,6 @@
 """A run file or run set as a flat table: one row a result, for pandas, polars or a spreadsheet."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -59,18 +59,15 @@ def of_run(run: Run) -> list[dict[str, Cell]]:
 
 
 def _rows(run: Run) -> Iterator[dict[str, Cell]]:
-    return (dict(_flattened(json_form(result))) for result in _results(run))
+    for kind in kinds.kinds_of(run):
+        for result in kind.rows(run):
+            yield dict(_flattened(json_form(result)))
 
 
 def _with_all_keys(some: Iterable[dict[str, Cell]]) -> list[dict[str, Cell]]:
     rows = list(some)
     keys = dict.fromkeys(key for row in rows for key in row)
     return [{key: row.get(key) for key in keys} for row in rows]
-
-
-def _results(run: Run) -> Iterator[object]:
-    for kind in kinds.kinds_of(run):
-        yield from kind.rows(run)
 
 
 def _flattened(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Cell]]:
@@ -83,14 +80,10 @@ def _flattened(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             case dict():
                 yield from _flattened(item, f"{key}.")
             case list() | tuple():
-                if _is_plain(item):
+                if all(isinstance(each, str | int | float) for each in item):
                     yield key, ", ".join(map(str, item))
                 elif name == "sides":
                     for side, target in zip(("old", "new"), item, strict=False):
                         yield from _flattened(target, f"{side}.")
             case _:
                 yield key, item
-
-
-def _is_plain(items: Sequence[Any]) -> bool:
-    return all(isinstance(item, str | int | float) for item in items)

@@ -163,22 +163,26 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
             TimedBlocks(olds[-1].step_s, identity(old, olds[-1].machine)),
             across,
         )
-        ratio = Ratio(speedup.median, speedup.low, speedup.high)
-        if olds[-1].is_former or news[-1].is_former:
-            ratio = Ratio(speedup.median, None, None)
+        is_former = olds[-1].is_former or news[-1].is_former
+        ends = (None, None) if is_former else (speedup.low, speedup.high)
+        ratio = Ratio(speedup.median, *ends)
     except InputError as error:
         status, detail = Status.INPUT, str(error)
-    verdict = None
-    if ratio is not None:
-        verdict = Verdict.INCONCLUSIVE if cautions else _verdict(ratio)
-    row = RunDifference(
-        new.model, new.path, new.options, new.nbatch, status, detail, ratio, verdict
+    return RunDifference(
+        new.model,
+        new.path,
+        new.options,
+        new.nbatch,
+        status,
+        detail,
+        ratio,
+        Verdict.INCONCLUSIVE if ratio is not None and cautions else _verdict(ratio),
+        cautions=cautions,
     )
-    return replace(row, cautions=cautions)
 
 
-def _verdict(ratio: Ratio) -> Verdict | None:
-    if ratio.low is None or ratio.high is None:
+def _verdict(ratio: Ratio | None) -> Verdict | None:
+    if ratio is None or ratio.low is None or ratio.high is None:
         return None
     if ratio.low > 1 + MIN_EFFECT:
         return Verdict.SLOWER
@@ -269,6 +273,7 @@ def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
 
 
 def _table(rows: Sequence[RunDifference]) -> DataTable:
+    digits = formats.decimals(3)
     return DataTable.of(
         "Differences",
         rows,
@@ -277,12 +282,8 @@ def _table(rows: Sequence[RunDifference]) -> DataTable:
         (Column("path"), lambda row: row.path),
         (Column("options"), lambda row: describe_options(row.options)),
         (Column("simulations", formats.count, leaves=1), lambda row: row.nbatch),
-        (Column("new / old", _three_digits), lambda row: row.ratio.estimate if row.ratio else None),
-        (Column("95 %", formats.ends_in(_three_digits)), lambda row: row.ratio),
+        (Column("new / old", digits), lambda row: row.ratio.estimate if row.ratio else None),
+        (Column("95 %", formats.ends_in(digits)), lambda row: row.ratio),
         (Column("verdict"), lambda row: row.verdict.value if row.verdict else None),
         (Column("detail"), lambda row: row.detail),
     )
-
-
-def _three_digits(ratio: float) -> str:
-    return f"{ratio:.3f}"

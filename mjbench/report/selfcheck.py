@@ -6,7 +6,7 @@ from typing import assert_never
 from mjbench.paired.outcomes import MIN_EFFECT, Arm
 from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow
 from mjbench.report import formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone, filled
 
 # From this share of trials on, undecided ones are too many.
 _MANY = 0.2
@@ -22,10 +22,7 @@ def section(
     return Section(
         "How often is a verdict wrong?",
         [_conclusion(rows, confidence)],
-        tables=[
-            *([_slowdown_table(slowdowns)] if slowdowns else []),
-            *([_build_table(between)] if between else []),
-        ],
+        tables=filled(_slowdown_table(slowdowns), _build_table(between)),
         notes=[
             *(f"compared as shipped: {problem}" for problem in problems),
             *_small_slowdowns(slowdowns, min_effect),

@@ -29,11 +29,10 @@ class SpeedHistory:
     """The speed of MuJoCo over the releases, and what is known of its changes.
 
     Attributes:
-      models: the time of a step of each.
-      operations: the time of each operation around the step.
+      operations: around the step.
       counts: of instructions by function, of neighbouring releases, on any machine.
       causes: that no measurement names.
-      name: of the machine that steps were measured on.
+      name: of the machine.
       since: the first release whose changes are listed; None for all.
       failures: records of what a release crashed, hung or failed in.
       operations_machine: that operations were measured on, if it is another one.
@@ -101,15 +100,7 @@ def from_records(
         if record.status in FAILURES and (record.series, record.release) not in measured
     ]
     return SpeedHistory(
-        models,
-        operations,
-        counts,
-        causes,
-        name,
-        machine,
-        since,
-        failures,
-        operations_machine,
+        models, operations, counts, causes, name, machine, since, failures, operations_machine
     )
 
 

@@ -25,7 +25,11 @@ def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]
     """
     if starts is None:
         return []
-    lines = _file_lines(starts) if starts.window is None else [_window_line(starts, starts.window)]
+    lines = []
+    if starts.window is not None:
+        lines.append(_window_line(starts, starts.window))
+    elif starts.file is not None or starts.controls_file is not None:
+        lines.append(f"Starts{_source(starts)}")
     lines += [*capture_lines(starts), *_limit_lines(starts)]
     if starts.window is not None:
         lines += _regime_lines(starts.window)
@@ -49,13 +53,6 @@ def _source(starts: Starts) -> str:
         return f" and their controls from {starts.file}"
     controls = f"controls of {starts.controls_file}" if starts.controls_file else "random controls"
     return f" from {starts.file}, {controls}"
-
-
-def _file_lines(starts: Starts) -> list[str]:
-    """Return which files starts and controls are from, where nothing else is known."""
-    if starts.file is None and starts.controls_file is None:
-        return []
-    return [f"Starts{_source(starts)}"]
 
 
 def capture_lines(starts: Starts) -> list[str]:
@@ -100,20 +97,16 @@ def _regime_lines(window: Window) -> list[str]:
     """Return what limits how far the figures hold, a line each."""
     lines = limited_lines(window)
     if window.flat_hfields:
-        fields = (
-            "1 height field is"
-            if window.flat_hfields == 1
-            else (f"{window.flat_hfields} height fields are")
-        )
+        fields = count_of(window.flat_hfields, "height field")
         lines.append(
-            f"{fields} flat (all zero). If your program fills it, save the filled model with"
-            " mjbench.capture(…, save_model=…) and measure that"
+            f"{fields} {'is' if window.flat_hfields == 1 else 'are'} flat (all zero). If your"
+            " program fills it, save the filled model with mjbench.capture(…, save_model=…) and"
+            " measure that"
         )
     return [*lines, *_later_lines(window), *_sleep_lines(window)]
 
 
 def _later_lines(window: Window) -> list[str]:
-    """Return that the model does other work later in its run, where it does."""
     if window.later is None:
         return []
     before, after = window.contacts, window.later.contacts
@@ -127,7 +120,6 @@ def _later_lines(window: Window) -> list[str]:
 
 
 def _sleep_lines(window: Window) -> list[str]:
-    """Return how much of the model slept, where sleeping is enabled."""
     if window.asleep is None:
         return []
     asleep, in_run = short_percent(window.asleep), window.asleep_in_run

@@ -43,7 +43,6 @@ def cells_section(cells: Sequence[Cell], done: Mapping[Cell, CellOutcome], comma
 
 
 def summary_section(summary: Summary, outcomes: Mapping[Cell, CellOutcome]) -> Section:
-    """Return what the nodes did, which of all cells failed, and which are missing."""
     missing = []
     if summary.missing:
         count = len(summary.missing)

@@ -1,11 +1,19 @@
 """What `mjbench tune` says: which settings are recommended, what they cost, and what to paste."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
-from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
+from mjbench.report.content import (
+    Column,
+    Conclusion,
+    DataTable,
+    Figure,
+    Section,
+    Snippet,
+    Tone,
+    filled,
+)
 from mjbench.report.formats import short_percent
 from mjbench.report.tuning_notes import in_units, notes, percent
 from mjbench.simulation import package_timer
@@ -48,37 +56,17 @@ _RESULTS = {
 }
 
 
-@dataclass(frozen=True)
-class TunedRow:
-    """A recommendation as a row of a flat table.
-
-    Attributes:
-      effect: on the motion.
-      ratio: time of a simulated second, or of a batched step, over that of the present settings.
-      error: of nine runs in ten, as a share of the motion; of MJX and Warp, the transfer error;
-        None without a reference.
-    """
-
-    model: str
-    engine: str
-    settings: str
-    effect: Effect
-    ratio: Ratio
-    error: float | None
-
-
-def rows(record: TuneRecord) -> list[TunedRow]:
-    return [
-        TunedRow(
-            record.model,
-            record.engine,
-            label(each.settings),
-            each.effect,
-            each.ratio,
-            each.error.share if each.error else None,
-        )
-        for each in record.front
-    ]
+def rows(record: TuneRecord) -> Iterator[Mapping[str, object]]:
+    """Yield what is recommended as rows of a flat table."""
+    for each in record.front:
+        yield {
+            "model": record.model,
+            "engine": record.engine,
+            "settings": label(each.settings),
+            "effect": each.effect,
+            "ratio": each.ratio,
+            "error": each.error.share if each.error else None,
+        }
 
 
 def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
@@ -95,7 +83,7 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
             figures=[_front_figure(record, present)] if present and present.error else [],
             tables=[
                 *([_front_table(record)] if record.front or record.batch else []),
-                *([_alone_table(record, alone)] if alone else []),
+                *filled(_alone_table(record, alone)),
             ],
             notes=notes(record),
             snippets=[snippet for each in advised(record) for snippet in to_apply(each.settings)],
@@ -104,7 +92,6 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
 
 
 def _unconverged(present: Present) -> list[Conclusion]:
-    """Return that the solver does not converge, where it does not: it bears on all that follows."""
     if present.is_converged:
         return []
     return [
@@ -149,19 +136,16 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
         Column("time of a simulated second", formats.digits(4)),
         Column("point"),
     )
-    most = max(
-        (len(row.accuracy.run_errors) for row in record.attempts if row.accuracy is not None),
-        default=0,
-    )
+    judged = [(row, row.accuracy) for row in record.attempts if row.accuracy is not None]
+    most = max((len(accuracy.run_errors) for _, accuracy in judged), default=0)
     assert present.error is not None, "it has a reference"
     rows = [(label(()), 100 * present.error.share, 1.0, _PRESENT)]
     rows += [
-        (label(row.settings), 100 * row.accuracy.error.share, row.time_ratio, _TRIED)
-        for row in record.attempts
-        if row.accuracy is not None
-        and row.accuracy.error is not None
+        (label(row.settings), 100 * accuracy.error.share, row.time_ratio, _TRIED)
+        for row, accuracy in judged
+        if accuracy.error is not None
         and row.time_ratio is not None
-        and len(row.accuracy.run_errors) == most  # errors of fewer runs are of another kind
+        and len(accuracy.run_errors) == most  # errors of fewer runs are of another kind
     ]
     rows += [
         (label(each.settings), 100 * each.error.share, each.ratio.estimate, _CONFIRMED)

@@ -104,11 +104,9 @@ def _basis_of_batch(record: TuneRecord, batch: Batch, facts: BatchFacts) -> list
 def in_units(error: Distance) -> str:
     """Return an error of positions in the units that they have."""
     position = error.position
-    parts = [
-        *([f"{_length(position.m)}"] if position.m is not None else []),
-        *([f"{plain(position.rad, 2)} rad"] if position.rad is not None else []),
-    ]
-    return ", ".join(parts)
+    length = "" if position.m is None else _length(position.m)
+    angle = "" if position.rad is None else f"{plain(position.rad, 2)} rad"
+    return ", ".join(filter(None, [length, angle]))
 
 
 def _length(metres: float) -> str:

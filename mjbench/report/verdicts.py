@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.across_machines import (
     AcrossMachines,
@@ -15,7 +16,7 @@ from mjbench.paired.across_machines import (
 from mjbench.paired.family import Family
 from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, ResultsOutcome, Verdict
-from mjbench.paired.records import ControlRow, Pair, TargetRow, VerdictRow
+from mjbench.paired.records import ControlRow, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.releases import packages
 from mjbench.report import charts, compiling, formats
@@ -63,7 +64,6 @@ def section(
 
 
 def _what_would_decide(rows: Sequence[VerdictRow], min_effect: float) -> Iterator[str]:
-    """Yield what to do about comparisons that time left undecided."""
     undecided = [row for row in rows if row.verdict == Verdict.INCONCLUSIVE]
     if not undecided:
         return
@@ -132,15 +132,13 @@ def describe_family(decided: Family, confidence: float) -> str:
     ]
     sentence = f"All {decided.count} together: {', '.join(parts)}."
     if not all(METRICS[row.metric].is_exact for row in changes):
-        sentence += _false_alarms(
-            {spec.more: bool(decided.slower), spec.less: bool(decided.faster)}, confidence
-        )
+        outcomes = {spec.more: decided.slower, spec.less: decided.faster}
+        sentence += _false_alarms([word for word, rows in outcomes.items() if rows], confidence)
     return sentence
 
 
-def _false_alarms(are_named: Mapping[str, bool], confidence: float) -> str:
+def _false_alarms(named: Sequence[str], confidence: float) -> str:
     """Return how many of the changes that are named may be wrong; empty where none is named."""
-    named = [word for word, is_there in are_named.items() if is_there]
     if not named:
         return ""
     each = " each" if len(named) == 2 else ""
@@ -156,12 +154,14 @@ def describe_all_machines(across: AcrossMachines) -> str:
     parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
     counted = count_of(len(verdicts), "verdict")
     machines = count_of(len(across.machines), "machine")
-    are_named = {
-        outcome.value: any(_is_timed(c) and c.of_outcome(outcome) for c in across.comparisons)
+    timed = [each for each in across.comparisons if not METRICS[each.metric].is_exact]
+    named = [
+        outcome.value
         for outcome in (MachinesOutcome.SLOWER, MachinesOutcome.FASTER)
-    }
+        if any(comparison.of_outcome(outcome) for comparison in timed)
+    ]
     text = f"{counted} on {machines}, decided together: {', '.join(parts)}."
-    return text + _false_alarms(are_named, across.confidence)
+    return text + _false_alarms(named, across.confidence)
 
 
 def describe_machines(comparison: MachineComparison, name: str) -> str:
@@ -213,10 +213,6 @@ def _spread(comparison: MachineComparison) -> str:
     return f"machines differ beyond their intervals, {spread}" if comparison.differs else spread
 
 
-def _is_timed(comparison: MachineComparison) -> bool:
-    return not METRICS[comparison.metric].is_exact
-
-
 def _count_of_models(rows: Sequence[VerdictRow]) -> str:
     models = dict.fromkeys(row.model for row in rows)
     return f"{len(rows)} ({', '.join(models)})" if rows else "none"
@@ -242,7 +238,8 @@ def describe_change(row: VerdictRow) -> str:
     things = "steps" if row.path else "calls"
     ratio = describe_ratio(row.metric, row.verdict, row.ratio, things)
     if row.timesteps_s is not None and row.metric == Metric.TIME:
-        ratio += f" per simulated second (timestep {_timesteps(row.timesteps_s)})"
+        steps_s = row.timesteps_s
+        ratio += f" per simulated second (timestep {steps_s.old:g} → {steps_s.new:g} s)"
     return f"{ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
 
 
@@ -276,7 +273,6 @@ def notes(row: VerdictRow) -> list[str]:
 
 
 def _package_lines(row: VerdictRow) -> list[str]:
-    """Return what differs between two environments besides what the user named."""
     named = frozenset().union(*(packages.names_in(side.packages) for side in row.sides))
     others = [
         f"{each.name} {each.old or 'none'} → {each.new or 'none'}"
@@ -305,40 +301,37 @@ def _revision_lines(row: VerdictRow) -> list[str]:
 
 
 def describe_control(control: ControlRow) -> str:
-    ends = formats.ends(control.ratio, formats.change, " to ")
-    interval = f"interval {ends}" if ends else "too few launches for an interval"
-    change = formats.change(control.ratio.estimate)
-    text = f"control, the baseline against itself: {change} ({interval})"
+    text = f"control, the baseline against itself: {_change(control.ratio)}"
     if control.covers:
         return text
     return f"{text}; it should hold 0, so this machine was too noisy for this verdict"
+
+
+def _change(ratio: Ratio) -> str:
+    interval = formats.ends(ratio, formats.change, " to ")
+    certainty = f"interval {interval}" if interval else "too few launches for an interval"
+    return f"{formats.change(ratio.estimate)} ({certainty})"
 
 
 def _starts_lines(row: VerdictRow) -> list[str]:
     """Return which states were stepped from; of each side where they are not the same."""
     if row.candidate_starts is None:
         return starts_lines(row.starts, with_warnings=False)
-    return [
-        f"{role}: {line}"
-        for role, starts in (("baseline", row.starts), ("candidate", row.candidate_starts))
-        for line in starts_lines(starts, with_warnings=False)
-    ]
+    sides = (row.starts, row.candidate_starts)
+    return _by_role(*(starts_lines(starts, with_warnings=False) for starts in sides))
 
 
 def _warning_lines(row: VerdictRow) -> list[str]:
     """Return what MuJoCo's warnings mean for a comparison; once if both targets have the same."""
     if row.warnings is None:
         return []
-    baseline, candidate = (
-        warning_lines(warnings) for warnings in (row.warnings.old, row.warnings.new)
-    )
-    if baseline == candidate:
-        return baseline
-    return [
-        f"{role}: {line}"
-        for role, lines in (("baseline", baseline), ("candidate", candidate))
-        for line in lines
-    ]
+    baseline, candidate = map(warning_lines, (row.warnings.old, row.warnings.new))
+    return baseline if baseline == candidate else _by_role(baseline, candidate)
+
+
+def _by_role(baseline: Sequence[str], candidate: Sequence[str]) -> list[str]:
+    lines = {"baseline": baseline, "candidate": candidate}
+    return [f"{role}: {line}" for role, of_role in lines.items() for line in of_role]
 
 
 def describe_targets(row: VerdictRow | MachineComparison) -> str:
@@ -363,12 +356,7 @@ def describe_work(row: VerdictRow) -> str:
     )
 
 
-def _timesteps(timesteps: Pair[float]) -> str:
-    return f"{timesteps.old:g} → {timesteps.new:g} s"
-
-
 def _describe_cause(row: VerdictRow) -> str:
-    """Return what follows a change of time: whether the code changed, where that is known."""
     is_different = row.verdict in (Verdict.FASTER, Verdict.SLOWER)
     if row.cause == Cause.CODE:
         return " because of its code"
@@ -378,7 +366,6 @@ def _describe_cause(row: VerdictRow) -> str:
 
 
 def _describe_placement(row: VerdictRow) -> str:
-    """Return what the placement of code adds, or why it was not averaged out."""
     placement = row.placement
     if placement is None:
         return ""
@@ -386,10 +373,7 @@ def _describe_placement(row: VerdictRow) -> str:
         return f"; compared as shipped: {placement.problem}"
     if placement.effect is None:
         return ""
-    interval = formats.ends(placement.effect, formats.change, " to ")
-    certainty = f"interval {interval}" if interval else "too few launches for an interval"
-    change = formats.change(placement.effect.estimate)
-    return f"; the placement of these builds adds {change} ({certainty})"
+    return f"; the placement of these builds adds {_change(placement.effect)}"
 
 
 def _settings(target: TargetRow) -> Mapping[str, Any]:
@@ -404,14 +388,14 @@ def _settings(target: TargetRow) -> Mapping[str, Any]:
 
 
 def _table(rows: Sequence[VerdictRow]) -> DataTable:
-    names = formats.short_names([row.model for row in rows])
+    names, digits = formats.short_names([row.model for row in rows]), formats.decimals(4)
     return DataTable.of(
         "Verdicts",
         rows,
         (Column("model"), lambda row: names[row.model]),
         (Column("old → new", wraps=True), describe_targets),
-        (Column("new / old", _four_digits), lambda row: row.ratio.estimate if row.ratio else None),
-        (Column("interval", formats.ends_in(_four_digits)), lambda row: row.ratio),
+        (Column("new / old", digits), lambda row: row.ratio.estimate if row.ratio else None),
+        (Column("interval", formats.ends_in(digits)), lambda row: row.ratio),
         (Column("verdict"), _outcome),
         (Column("cause", leaves=6), lambda row: row.cause.value if row.cause else None),
         (Column("placement", formats.change, leaves=4), _added_by_placement),
@@ -427,10 +411,6 @@ def _table(rows: Sequence[VerdictRow]) -> DataTable:
 
 def _outcome(row: VerdictRow) -> str:
     return METRICS[row.metric].outcome(row.verdict) if row.verdict else row.status.value
-
-
-def _four_digits(ratio: float) -> str:
-    return f"{ratio:.4f}"
 
 
 def _added_by_placement(row: VerdictRow) -> float | None:
@@ -456,8 +436,6 @@ def _forest(rows: Sequence[VerdictRow], min_effect: float) -> Figure:
     )
     title = "change, % (above 0 is slower)"
     shared = {"y": charts.names(data), "color": charts.colour("verdict", _COLOURS, "verdict")}
-    intervals = {"x": charts.quantity("low", title), "x2": {"field": "high"}, **shared}
-    points = {"x": charts.quantity("change", title), **shared}
     counts = Counter(row[4] for row in data.rows)
     summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in _COLOURS if counts[verdict])
     return charts.figure(
@@ -467,10 +445,6 @@ def _forest(rows: Sequence[VerdictRow], min_effect: float) -> Figure:
         data,
         [
             *(charts.rule_at(value) for value in (-percent, 0.0, percent)),
-            {
-                **charts.layer("rule", intervals, strokeWidth=3),
-                "transform": [{"filter": "isValid(datum.low) && isValid(datum.high)"}],
-            },
-            charts.layer("point", points, filled=True, size=70),
+            *charts.estimates("change", title, shared, "isValid(datum.low) && isValid(datum.high)"),
         ],
     )

@@ -76,7 +76,6 @@ def conclusion(record: WebRecord) -> str:
 
 
 def _agreement(check: RoundingCheck) -> str:
-    """Return how far a build that agrees is from C, as part of a sentence."""
     if check.first is None:
         return "its states are C's to the last bit"
     if not check.final.difference:
@@ -101,7 +100,6 @@ def notes(record: WebRecord) -> list[str]:
 
 
 def _short_blocks(record: WebRecord) -> Iterator[str]:
-    """Yield a warning if blocks are so short that more than the steps counts."""
     step_ns = next((path.step_ns for path in record.path_results if path.path == C_PATH), None)
     if step_ns is None or record.block_nbatch is None or record.block_nstep is None:
         return
@@ -114,7 +112,6 @@ def _short_blocks(record: WebRecord) -> Iterator[str]:
 
 
 def _check_lines(check: RoundingCheck) -> Iterator[str]:
-    """Yield where a build first differs from C, and how far its run gets from C's."""
     if check.first is None:
         yield f"identical to C, to the last bit, over {check.nstep} steps"
     else:
@@ -183,7 +180,6 @@ def _table(record: WebRecord) -> DataTable:
 
 
 def _agrees(path: WebPath) -> str | None:
-    """Return whether a path agrees with C, or why that is not known; None of C itself."""
     if path.check is None:
         return None if path.status == Status.OK else path.status.value
     identical = "identical" if path.check.first is None else "yes"

@@ -152,12 +152,12 @@ def test_without_a_reference_no_error_is_shown():
     of_all = replace(record(unknown), present=replace(PRESENT, error=None, solver=None))
     printed = terminal.text_of(tuning.sections([of_all]))
     assert "No reference was run" in printed
-    assert tuning.rows(of_all)[0].error is None
+    assert next(tuning.rows(of_all))["error"] is None
 
 
 def test_a_row_of_the_flat_table_has_an_error_as_a_share():
     (row,) = tuning.rows(record(FREE))
-    assert (row.settings, row.error) == ("engine clock off, jacobian=sparse", 0.02)
+    assert (row["settings"], row["error"]) == ("engine clock off, jacobian=sparse", 0.02)
 
 
 def timed_alone(label, ratios):
