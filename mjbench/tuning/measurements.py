@@ -5,7 +5,6 @@ Whatever steps the model runs in a process of its own: a setting may crash MuJoC
 
 import pickle
 import random
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,7 +16,7 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import knobs, mesh_notes, observed, reference, variants
+from mjbench.tuning import attempts, knobs, mesh_notes, observed, reference, variants
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
@@ -101,27 +100,22 @@ class CMeasurements:
     def launch(self, request: SettingLaunchRequest) -> list[Attempt]:
         """Try settings, one after the other, in a fresh process; return those that were begun.
 
-        One that crashes, hangs or diverges has a status, no more; the others go on in another
-        process.
+        One that crashes, hangs or diverges has a status, no more.
         """
-        attempts: list[Attempt] = []
-        end_s = time.monotonic() + request.stop_after_s
-        while len(attempts) < len(request.settings):
-            left = replace(
-                request,
-                settings=request.settings[len(attempts) :],
-                stop_after_s=end_s - time.monotonic(),
+        begun: list[Attempt] = []
+
+        def arguments(
+            left: Sequence[Settings], left_s: float
+        ) -> tuple[ModelSource, SearchFiles, SettingLaunchRequest]:
+            still = replace(request, settings=left, stop_after_s=left_s)
+            return self._source, self._files, still
+
+        if request.settings:
+            settings, stop_after_s = request.settings, request.stop_after_s
+            attempts.launch(
+                run_launch, arguments, settings, stop_after_s, begun.append, self._limit_s
             )
-            ended = isolate.run(
-                run_launch, (self._source, self._files, left), attempts.append, self._limit_s
-            )
-            if ended.status == Status.OK:
-                break
-            if ended.position is None:
-                ended.check()
-            settings = request.settings[len(attempts)]
-            attempts.append(Attempt(settings, ended.status, ended.detail))
-        return attempts
+        return begun
 
 
 # -- launches until a rule has enough ------------------------------------------------------------

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.errors import InputError, failure_of
+from mjbench.errors import InputError
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile
 from mjbench.loop.loop_starts import StartsInTurn
@@ -28,11 +28,11 @@ from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import distance, trajectories, variants
+from mjbench.tuning import attempts, distance, trajectories, variants
 from mjbench.tuning.physics import physics
 from mjbench.tuning.records import Accuracy, Attempt, Effect, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
-from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, label, loop_change
+from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, loop_change
 from mjbench.tuning.trajectories import SensorChange, Trajectories, Trials
 
 # Seconds of a block; controls of each of its runs, and runs at least, unless one takes longer.
@@ -80,23 +80,15 @@ def run_launch(
     source: ModelSource, files: SearchFiles, request: SettingLaunchRequest, channel: Channel
 ) -> None:
     """Send an `Attempt` for each setting that is begun in time; runs in a child."""
-    begin_s = time.perf_counter()
+    end_s = time.perf_counter() + request.stop_after_s
     channel.doing(f"loading {source.name}")
     baseline: Baseline = pickle.loads(files.baseline.read_bytes())
     if request.nrun:
         baseline = baseline.only(request.nrun)
     model = models.load(ModelSource(source.name, files.model))
     launch = _Launch(source, files, request, baseline, model)
-    for number, settings in enumerate(request.settings):
-        if time.perf_counter() - begin_s > request.stop_after_s:
-            break
-        channel.doing(f"trying {label(settings)}", number)
-        try:
-            attempt = launch.attempt(settings)
-        except (InputError, mujoco.FatalError) as error:
-            failure = failure_of(error)
-            attempt = Attempt(settings, failure.status, failure.detail)
-        channel.send(attempt)
+    refusals = (InputError, mujoco.FatalError)
+    attempts.try_each(request.settings, end_s, channel, launch.attempt, refusals)
 
 
 @dataclass(frozen=True, eq=False)
