@@ -31,10 +31,11 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import attempts, distance, knob_values, reference, trajectories
+from mjbench.tuning import distance, knob_values, reference, trajectories
 from mjbench.tuning.distance import Distance, Motion
 from mjbench.tuning.records import Attempt, BatchFacts, TunedProgram, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
+from mjbench.tuning.setting_launch import launch, try_each
 from mjbench.tuning.settings import Settings, buffer_sizes_of, edits_of
 from mjbench.tuning.trajectories import Trajectories, Trials
 
@@ -117,7 +118,7 @@ class EngineMeasurements:
             else:
                 on_attempt(message)
 
-        attempts.launch(
+        launch(
             run_launch,
             lambda left, left_s: (self._case, left, has_errors, left_s),
             settings,
@@ -180,20 +181,20 @@ def run_launch(
     model = models.load(case.source)
     baseline: EngineBaseline = pickle.loads(case.file.read_bytes())
     path = accelerated_path(case.engine)
-    launch = _Launch(case, has_errors, model, baseline, path, channel)
+    trying = _Launch(case, has_errors, model, baseline, path, channel)
     channel.doing("compiling the present settings")
     try:
-        present, program, sizes = launch.present()
+        present, program, sizes = trying.present()
     except (NotImplementedError, TypeError, ValueError) as error:  # engines trace, then reject
         reason = f"{path.engine} does not take this model: {describe(error)}"
         raise UnavailableError(reason) from error
     channel.send(program)
 
     def attempt(tried: Settings) -> Attempt:
-        return launch.attempt(tried, present, sizes)
+        return trying.attempt(tried, present, sizes)
 
     # engines reject settings with exceptions of any type
-    attempts.try_each(settings, end_s, channel, attempt, (Exception,))
+    try_each(settings, end_s, channel, attempt, (Exception,))
 
 
 @dataclass(frozen=True)

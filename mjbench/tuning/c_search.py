@@ -14,7 +14,7 @@
 import math
 import random
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from mjbench.errors import InputError, MachineError
@@ -35,7 +35,7 @@ from mjbench.tuning.records import (
 from mjbench.tuning.reference import Present
 from mjbench.tuning.search_base import LEAST_GAIN, Search, too_far
 from mjbench.tuning.setting_launch import SettingLaunchRequest
-from mjbench.tuning.settings import Setting, label
+from mjbench.tuning.settings import Setting, Settings, label
 from mjbench.units import plain
 
 # A setting that costs more than this share, by its first launch, is not in the second one.
@@ -211,7 +211,7 @@ class CSearch(Search[CMeasurements]):
             self._note(attempt)
         return [*faster, *together]
 
-    def _tried(self, chosen: Sequence[tuple[Setting, ...]], nrun: int | None) -> list[Attempt]:
+    def _tried(self, chosen: Sequence[Settings], nrun: int | None) -> list[Attempt]:
         """Try combinations until time is up; return those that do what they may."""
         self._advance(2, f"{len(chosen)} combinations", 0.0)
         request = self._request(chosen, self._timed_s, nrun, TOGETHER_END)
@@ -298,7 +298,9 @@ class CSearch(Search[CMeasurements]):
             return
         self._advance(3, f"the time of {len(confirmed)} settings", 0.6)
         settings = [first.settings for first, _ in confirmed]
-        rule = self._rule(len(settings), LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, 1.0, _is_wanted)
+        rule = SettingRule(
+            len(settings), LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, self._end_s(1.0), self._clock
+        )
         try:
             self._launch(settings, rule)
         finally:  # Ctrl-C, or a crash, leaves what has enough launches
@@ -350,7 +352,7 @@ class CSearch(Search[CMeasurements]):
 
     def _request(
         self,
-        settings: Sequence[tuple[Setting, ...]],
+        settings: Sequence[Settings],
         timed_s: float = 0.0,
         nrun: int | None = 0,
         end: float = 1.0,
@@ -362,7 +364,7 @@ class CSearch(Search[CMeasurements]):
 
     def _launched(
         self,
-        settings: Sequence[tuple[Setting, ...]],
+        settings: Sequence[Settings],
         least: int,
         most: int,
         end: float,
@@ -376,25 +378,14 @@ class CSearch(Search[CMeasurements]):
           cut: share at which a launch begins no other setting; then settings leave that seem
             slower. None for neither.
         """
-        if not settings:
-            return []
-        stays = _is_wanted if cut is None else _is_hopeful
-        rule = self._rule(len(settings), least, most, end, stays)
+        rule = SettingRule(len(settings), least, most, self._end_s(end), self._clock)
+        if cut is not None:
+            rule.stays = _is_hopeful
         self._launch(settings, rule, cut)
         return [rule.attempts[position] for position in sorted(rule.attempts)]
 
-    def _rule(
-        self,
-        count: int,
-        least: int,
-        most: int,
-        end: float,
-        stays: Callable[[Sequence[Attempt]], bool],
-    ) -> SettingRule:
-        return SettingRule(count, least, most, self._end_s(end), self._clock, stays)
-
     def _launch(
-        self, settings: Sequence[tuple[Setting, ...]], rule: SettingRule, cut: float | None = None
+        self, settings: Sequence[Settings], rule: SettingRule, cut: float | None = None
     ) -> None:
         """Launch settings as a rule says; it has their attempts, however this ends."""
 
@@ -403,10 +394,11 @@ class CSearch(Search[CMeasurements]):
 
         targets = SettingTargets(self._measure.launch, settings, self._timed_s, left_s, self._rng)
         for ending in launches.launch(targets, rule):
-            if ending is not None and ending.status == Status.INTERRUPTED:
+            if ending is None or ending.status == Status.OK:
+                continue
+            if ending.status == Status.INTERRUPTED:
                 raise KeyboardInterrupt
-            if ending is not None and ending.status != Status.OK:
-                raise MachineError(ending.detail)
+            raise MachineError(ending.detail)
 
     def _end_s(self, share: float) -> float:
         """Return when a part ends, by the clock: at a share of the budget, but not at once."""
@@ -420,10 +412,6 @@ class CSearch(Search[CMeasurements]):
 def _fastest(attempts: Sequence[Attempt], exact: bool) -> list[Attempt]:
     of_kind = [each for each in attempts if (effect_of(each) != Effect.APPROXIMATE) == exact]
     return sorted(of_kind, key=fronts.time_ratio_of)[:MOST_ALONE]
-
-
-def _is_wanted(_: Sequence[Attempt]) -> bool:
-    return True
 
 
 def _is_hopeful(attempts: Sequence[Attempt]) -> bool:

@@ -6,7 +6,7 @@ Whatever steps the model runs in a process of its own: a setting may crash MuJoC
 import pickle
 import random
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -16,13 +16,14 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import attempts, knobs, mesh_notes, observed, reference, variants
+from mjbench.tuning import knobs, mesh_notes, observed, reference, variants
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
 from mjbench.tuning.setting_launch import (
     SearchFiles,
     SettingLaunchRequest,
+    launch,
     run_launch,
     stage_shares,
 )
@@ -112,9 +113,7 @@ class CMeasurements:
 
         if request.settings:
             settings, stop_after_s = request.settings, request.stop_after_s
-            attempts.launch(
-                run_launch, arguments, settings, stop_after_s, begun.append, self._limit_s
-            )
+            launch(run_launch, arguments, settings, stop_after_s, begun.append, self._limit_s)
         return begun
 
 
@@ -123,73 +122,62 @@ class CMeasurements:
 SettingLaunch = Mapping[int, Attempt]
 
 
+@dataclass
 class SettingTargets(Targets[SettingLaunch]):
-    """Settings to time; each launch has them in an order of its own, and new starts."""
+    """Settings to time; each launch has them in an order of its own, and new starts.
 
-    def __init__(
-        self,
-        try_settings: Callable[[SettingLaunchRequest], Sequence[Attempt]],
-        settings: Sequence[Settings],
-        timed_s: float,
-        left_s: Callable[[], float],
-        rng: random.Random,
-    ):
-        self._try_settings, self._settings, self._timed_s = try_settings, settings, timed_s
-        self._left_s, self._rng = left_s, rng
-        self._is_first = True
-
-    def launch(self, positions: Sequence[int]) -> SettingLaunch:
-        """See `Targets.launch`; a setting that fails has a status.
-
-        The first launch keeps the order, in which the likely gains come first: time may run out.
-        """
-        order = list(positions)
-        if not self._is_first:
-            self._rng.shuffle(order)
-        self._is_first = False
-        request = SettingLaunchRequest(
-            [self._settings[i] for i in order],
-            self._timed_s,
-            seed=self._rng.randrange(2**31),
-            stop_after_s=self._left_s(),
-        )
-        return dict(zip(order, self._try_settings(request), strict=False))
-
-
-class SettingRule(StopRule[SettingLaunch]):
-    """Launch settings a number of times, or until time is up; `attempts` is what is known.
-
-    Those that fail leave, and those that `stays` refuses.
+    The first one keeps the order, in which the likely gains come first: time may run out.
     """
 
-    def __init__(
-        self,
-        count: int,
-        least: int,
-        most: int,
-        end_s: float,
-        clock: Callable[[], float],
-        stays: Callable[[Sequence[Attempt]], bool],
-    ):
-        """Launch `count` settings.
+    try_settings: Callable[[SettingLaunchRequest], Sequence[Attempt]]
+    settings: Sequence[Settings]
+    timed_s: float
+    left_s: Callable[[], float]
+    rng: random.Random
+    is_first: bool = True
 
-        Args:
-          least: launches that are begun in any case.
-          most: launches at most.
-          end_s: after the least, no launch is begun that would end later than this, by `clock`.
-          stays: whether a setting is in the next launch, after its launches so far.
-        """
-        self.attempts: dict[int, list[Attempt]] = {}
-        self._left, self._least, self._most = list(range(count)), least, most
-        self._end_s, self._clock, self._stays = end_s, clock, stays
+    def launch(self, positions: Sequence[int]) -> SettingLaunch:
+        """See `Targets.launch`; a setting that fails has a status."""
+        order = list(positions)
+        if not self.is_first:
+            self.rng.shuffle(order)
+        self.is_first = False
+        settings, seed = [self.settings[i] for i in order], self.rng.randrange(2**31)
+        request = SettingLaunchRequest(
+            settings, self.timed_s, seed=seed, stop_after_s=self.left_s()
+        )
+        return dict(zip(order, self.try_settings(request), strict=False))
+
+
+@dataclass
+class SettingRule(StopRule[SettingLaunch]):
+    """Launch settings a number of times, or until time is up; those that fail leave.
+
+    Attributes:
+      least: launches that are begun in any case.
+      most: launches at most.
+      end_s: after the least, no launch is begun that would end later than this, by `clock`.
+      stays: whether a setting is in the next launch, after its launches so far.
+      attempts: of each setting, so far.
+    """
+
+    count: int
+    least: int
+    most: int
+    end_s: float
+    clock: Callable[[], float]
+    stays: Callable[[Sequence[Attempt]], bool] = lambda attempts: True
+    attempts: dict[int, list[Attempt]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._left = list(range(self.count))
         self._begin_s = self._launch_s = 0.0
         self._ndone = 0
 
     def next_targets(self) -> Sequence[int]:
-        now_s = self._clock()
-        is_late = now_s + self._launch_s > self._end_s
-        self._begin_s = now_s
-        if self._ndone >= self._most or (self._ndone >= self._least and is_late):
+        self._begin_s = self.clock()
+        is_late = self._begin_s + self._launch_s > self.end_s
+        if self._ndone >= self.most or (self._ndone >= self.least and is_late):
             return []
         return self._left
 
@@ -201,9 +189,9 @@ class SettingRule(StopRule[SettingLaunch]):
         self._left = [
             i
             for i in self._left
-            if i in launch and launch[i].status == Status.OK and self._stays(self.attempts[i])
+            if i in launch and launch[i].status == Status.OK and self.stays(self.attempts[i])
         ]
-        spent_s = self._clock() - self._begin_s
+        spent_s = self.clock() - self._begin_s
         self._launch_s = spent_s * max(len(self._left) / max(1, before), SHARE_OF_START)
         self._ndone += 1
 

@@ -10,15 +10,17 @@ import hashlib
 import math
 import pickle
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypeVarTuple
 
 import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.errors import InputError
+from mjbench.errors import InputError, failure_of
+from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile
 from mjbench.loop.loop_starts import StartsInTurn
@@ -28,17 +30,72 @@ from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import attempts, distance, trajectories, variants
+from mjbench.tuning import distance, trajectories, variants
 from mjbench.tuning.physics import physics
 from mjbench.tuning.records import Accuracy, Attempt, Effect, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
-from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, loop_change
+from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, label, loop_change
 from mjbench.tuning.trajectories import SensorChange, Trajectories, Trials
+
+_Arguments = TypeVarTuple("_Arguments")
 
 # Seconds of a block; controls of each of its runs, and runs at least, unless one takes longer.
 BLOCK_S, BLOCK_NCONTROL, LEAST_NRUN = 0.002, 2, 2
 # Quads of blocks that a setting gets in a launch, at least and at most.
 LEAST_QUADS, MOST_QUADS = 1, 25
+
+
+def launch(
+    task: Callable[[*_Arguments, Channel], None],
+    arguments: Callable[[Sequence[Settings], float], tuple[*_Arguments]],
+    settings: Sequence[Settings],
+    stop_after_s: float,
+    on_message: Callable[[Any], None],
+    limit_s: float,
+    **options: Any,
+) -> None:
+    """Have a task try settings in a fresh process; after one that ends it, go on in another.
+
+    Args:
+      arguments: of the task, from the settings that are left, and the seconds that are.
+      on_message: called with what the task sends, and the `Attempt` of a setting that ended it.
+      options: of `isolate.run`.
+    """
+    end_s = time.monotonic() + stop_after_s
+    while True:
+        given = arguments(settings, end_s - time.monotonic())
+        ended = isolate.run(task, given, on_message, limit_s, **options)
+        if ended.position is None:  # it ended well, or without a setting to blame
+            ended.check()
+            return
+        on_message(Attempt(settings[ended.position], ended.status, ended.detail))
+        settings = settings[ended.position + 1 :]
+        if not settings:
+            return
+
+
+def try_each(
+    settings: Sequence[Settings],
+    end_s: float,
+    channel: Channel,
+    attempt: Callable[[Settings], Attempt],
+    refusals: tuple[type[Exception], ...],
+) -> None:
+    """Send an `Attempt` for each setting that is begun by `end_s`, of `perf_counter`.
+
+    Args:
+      refusals: what `attempt` raises for settings that are rejected.
+    """
+    for number, each in enumerate(settings):
+        if time.perf_counter() > end_s:
+            break
+        channel.doing(f"trying {label(each)}", number)
+        try:
+            tried = attempt(each)
+        except refusals as error:
+            failure = failure_of(error)
+            tried = Attempt(each, failure.status, failure.detail)
+        channel.send(tried)
 
 
 @dataclass(frozen=True)
@@ -88,13 +145,11 @@ def run_launch(
     model = models.load(ModelSource(source.name, files.model))
     launch = _Launch(source, files, request, baseline, model)
     refusals = (InputError, mujoco.FatalError)
-    attempts.try_each(request.settings, end_s, channel, launch.attempt, refusals)
+    try_each(request.settings, end_s, channel, launch.attempt, refusals)
 
 
 @dataclass(frozen=True, eq=False)
 class _Launch:
-    """A model, and what settings of it are compared with."""
-
     source: ModelSource
     files: SearchFiles
     request: SettingLaunchRequest
@@ -191,7 +246,6 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
 
 
 def _effect(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Effect:
-    """Return what settings do to the states: nothing, no more than SAME_SHARE, or more."""
     if runs.is_identical(baseline.present):
         return Effect.FREE
     ncontrol = baseline.same_ncontrol
