@@ -122,29 +122,36 @@ def _figures(model: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
             compat.restart(with_energy, data, np.ascontiguousarray(states[at]))
             mujoco.mj_forward(with_energy, data)
             figures[:, *at] = (
-                max([0.0, *(-c.dist for c in data.contact[: data.ncon])]),
-                _violation(data),
-                _normal_force(with_energy, data),
+                penetration_m(data),
+                violation(data),
+                contact_force_n(with_energy, data),
                 data.energy.sum(),
             )
     return figures
 
 
-def _violation(data: mujoco.MjData) -> float:
+def penetration_m(data: mujoco.MjData) -> float:
+    """Return how deep the deepest contact of a state is; 0 without contact."""
+    return max(0.0, -float(np.min(data.contact.dist[: data.ncon], initial=0.0)))
+
+
+def violation(data: mujoco.MjData) -> float:
+    """Return the largest violation of an equality or a limit, in m or rad."""
     limits = (
         int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT),
         int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
     )
-    kind, residual = np.asarray(data.efc_type), np.asarray(data.efc_pos)
+    kind, residual = data.efc_type[: data.nefc], data.efc_pos[: data.nefc]
     equality = np.abs(residual[kind == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)])
     return float(max(equality.max(initial=0.0), (-residual[np.isin(kind, limits)]).max(initial=0)))
 
 
-def _normal_force(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+def contact_force_n(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the sum of the normal forces of all contacts."""
     force, total = np.zeros(6), 0.0
     for i in range(data.ncon):
         mujoco.mj_contactForce(model, data, i, force)
-        total += force[0]
+        total += float(force[0])
     return total
 
 

@@ -100,12 +100,7 @@ class EngineSearch(Search[EngineMeasurements]):
         self._set(front=simplest)
 
     def _judge(self, first: Attempt, launches: Sequence[Attempt], limit: float) -> None:
-        """Recommend settings, or withdraw them.
-
-        Args:
-          launches: how they did in the second look, in each process; the first has errors.
-          limit: of the transfer error in the second look.
-        """
+        """Recommend or withdraw settings, by all processes of the second look."""
         settings, second = first.settings, launches[0]
         failed = next((each.detail for each in launches if each.samples is None), None)
         if failed is not None:

@@ -65,7 +65,7 @@ class Motion:
 
     Attributes:
       is_rad: (nv,) bool: which degrees of freedom are angles.
-      position: root mean square over runs of the farthest distance from the start, in m and rad.
+      position: root mean square over runs of the farthest distance from the start.
     """
 
     is_rad: np.ndarray
@@ -73,11 +73,7 @@ class Motion:
 
 
 def motion(model: mujoco.MjModel, initial_qpos: np.ndarray, runs: Trajectories) -> Motion:
-    """Return how far a model moves.
-
-    Args:
-      initial_qpos: (nrun, nq) positions at the start.
-    """
+    """Return how far a model moves from (nrun, nq) initial positions."""
     is_rad = angular(model)
     moved = _position_errors(model, np.repeat(initial_qpos[:, None], runs.qpos.shape[1], 1), runs)
     per_run = _largest_rms(moved, is_rad)

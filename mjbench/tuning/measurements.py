@@ -80,7 +80,6 @@ class CMeasurements:
         self._files = SearchFiles(model, baseline, pool.new_folder())
 
     def survey(self, seed: int, computing_s: float = observed.MAX_COMPUTING_S) -> Survey:
-        """Return what there is to try on the model, after so many seconds of computing."""
         arguments = self._source, seed, self._starts, self._hold, computing_s
         return isolate.call(look, *arguments, limit_s=self._limit_s)
 
@@ -208,7 +207,9 @@ def look(
     channel: Channel,
 ) -> Survey:
     channel.doing(f"stepping {source.name}")
-    seen = observed.observe(source, seed, starts, hold, computing_s)
+    seen = observed.observe_model(
+        models.load(source), observed.is_mjcf(source.path), seed, starts, hold, computing_s
+    )
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
     return Survey(settings, mesh_notes.mesh_notes(seen.model))
 

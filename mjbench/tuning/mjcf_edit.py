@@ -8,6 +8,7 @@ counts where its `<include>` is. So an attribute changes where the file sets it 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from xml.sax import saxutils
 
 from mjbench.errors import InputError, one_line
 from mjbench.tuning import mjcf_sections
@@ -17,14 +18,7 @@ from mjbench.tuning.settings import Edit, Part
 _INDENTATION = "  "  # of a file that shows none
 # Characters that no XML holds, even escaped.
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_ESCAPES = {
-    "&": "&amp;",
-    "<": "&lt;",
-    ">": "&gt;",
-    "\t": "&#9;",
-    "\n": "&#10;",
-    "\r": "&#13;",
-}
+_ESCAPES = {"\t": "&#9;", "\n": "&#10;", "\r": "&#13;"}
 _QUOTE_ESCAPES = {'"': "&quot;", "'": "&apos;"}
 
 
@@ -186,5 +180,4 @@ def _markup(elements: Sequence[_New], indentation: str, unit: str, newline: str)
 def _escaped(value: str, quote: str) -> str:
     if _FORBIDDEN.search(value):
         raise InputError(f"{one_line(repr(value), 60)} has a character that XML cannot hold")
-    escapes = {**_ESCAPES, quote: _QUOTE_ESCAPES[quote]}
-    return "".join(escapes.get(character, character) for character in value)
+    return saxutils.escape(value, {**_ESCAPES, quote: _QUOTE_ESCAPES[quote]})

@@ -28,13 +28,14 @@ _LINE_END = re.compile(rb"\r\n|\n|\r")
 _NO_TEXT = re.compile("[\udc80-\udcff]")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Element:
     """An element of a file.
 
     Attributes:
       attributes: as XML defines their values: entities replaced, line ends as spaces.
       start: byte at which its start tag begins.
+      depth: 1 of the root.
       end: byte at which its end tag begins; without a meaning where it has none.
       children: elements directly inside, in the order of the file: of the root all, of `<option>`,
         `<compiler>` and `<contact>` all, of other elements none.
@@ -43,8 +44,9 @@ class Element:
     name: str
     attributes: Mapping[str, str]
     start: int
-    end: int
-    children: tuple["Element", ...]
+    depth: int
+    end: int = 0
+    children: list["Element"] = field(default_factory=list)
 
     def named(self, name: str) -> list["Element"]:
         return [child for child in self.children if child.name == name]
@@ -157,15 +159,6 @@ def _first_newline(text: bytes) -> str:
     return match[0].decode() if match else ""
 
 
-@dataclass
-class _Open:
-    name: str
-    attributes: dict[str, str]
-    start: int
-    depth: int
-    children: list[Element] = field(default_factory=list)
-
-
 class _Reader:
     """The handlers of expat's events, and what they recorded."""
 
@@ -173,7 +166,7 @@ class _Reader:
         self.visible = visible
         self.files: list[str] = []
         self._depth = 0
-        self._open: list[_Open] = []
+        self._open: list[Element] = []
         self._parser = expat.ParserCreate("utf-8")
         self._parser.specified_attributes = True
         self._parser.StartDoctypeDeclHandler = self._doctype
@@ -199,18 +192,16 @@ class _Reader:
         start = self._parser.CurrentByteIndex
         if not self.visible.startswith(f"<{name}".encode(), start):
             _refuse_entities(f"its <{one_line(name, 40)}> comes from an entity")
-        self._open.append(_Open(name, attributes, start, self._depth))
+        element = Element(name, attributes, start, self._depth)
+        if self._open:
+            self._open[-1].children.append(element)
+        else:
+            self.root = element
+        self._open.append(element)
 
     def _end(self, name: str) -> None:
         if self._open[-1].depth == self._depth:
-            last = self._open.pop()
-            end = self._parser.CurrentByteIndex
-            children = tuple(last.children)
-            element = Element(last.name, last.attributes, last.start, end, children)
-            if self._open:
-                self._open[-1].children.append(element)
-            else:
-                self.root = element
+            self._open.pop().end = self._parser.CurrentByteIndex
         self._depth -= 1
 
 

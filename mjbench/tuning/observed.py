@@ -14,8 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjbench.simulation import compat, models, sampling, starts, workload
-from mjbench.simulation.models import ModelSource
+from mjbench.simulation import compat, sampling, starts, workload
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.tuning.pair_watch import IdlePair, PairWatch
@@ -36,11 +35,7 @@ _WIDE_SPREAD = 1.0 / workload.CONTROL_SHARE
 
 @dataclass(frozen=True)
 class Usage:
-    """How many iterations the steps of the usual regime took.
-
-    Attributes:
-      median: half of the steps took at most so many.
-    """
+    """How many iterations the steps of the usual regime took."""
 
     median: int
     most: int
@@ -72,21 +67,6 @@ class ObservedModel:
     unnamed_idle_pairs: int = 0
 
 
-def observe(
-    source: ModelSource,
-    seed: int = 0,
-    plan: StartPlan = DEFAULT_STARTS,
-    hold: int = 1,
-    computing_s: float = MAX_COMPUTING_S,
-) -> ObservedModel:
-    """Return what is seen of a model that is loaded and stepped in this process.
-
-    Args:
-      computing_s: seconds that simulations may take, apart from settling.
-    """
-    return observe_model(models.load(source), is_mjcf(source.path), seed, plan, hold, computing_s)
-
-
 def is_mjcf(path: Path) -> bool:
     """Return whether a model file is MJCF: XML, and not a URDF."""
     if path.suffix.lower() != ".xml":
@@ -107,7 +87,7 @@ def observe_model(
     hold: int = 1,
     computing_s: float = MAX_COMPUTING_S,
 ) -> ObservedModel:
-    """Return what is seen of a loaded model; arguments and errors are those of `observe`."""
+    """Return what is seen of a model; simulations may take `computing_s`, apart from settling."""
     step_s = sampling.settled_step_s(model)
     wanted = OBSERVED_S / float(model.opt.timestep)
     nstep = max(1, int(min(wanted, computing_s / (step_s + _READING_S))))

@@ -1,7 +1,4 @@
-"""What searches for settings of C, and of MJX and Warp, share: a plan, a record, and how they end.
-
-That of C is in `c_search`, that of MJX and Warp in `accelerated_search`.
-"""
+"""What searches for settings of C, MJX and Warp share: a plan, a record, and how they end."""
 
 import abc
 import functools
@@ -71,7 +68,7 @@ class SearchPlan:
 
 
 class Search(abc.ABC, Generic[Measurements]):
-    """One search for settings of one model; `record` says what came of it, at any time."""
+    """One search for settings of one model."""
 
     def __init__(
         self,
@@ -89,21 +86,14 @@ class Search(abc.ABC, Generic[Measurements]):
     def result(self) -> TuneRecord:
         """Search; return what came of it, however it ended."""
         try:
-            self.run()
+            self._measure_present()
+            if attempts := self._try_settings():
+                self._second_look(attempts)
         except MjbenchError as error:
-            return self.record(failure_of(error).status, self._detail_of(error))
+            self._set(status=failure_of(error).status, detail=self._detail_of(error))
         except KeyboardInterrupt:
-            return self.record(Status.INTERRUPTED)
-        return self.record()
-
-    def run(self) -> None:
-        """Search; after an error or Ctrl-C, `record` has what was measured."""
-        self._measure_present()
-        if attempts := self._try_settings():
-            self._second_look(attempts)
-
-    def record(self, status: Status = Status.OK, detail: str = "") -> TuneRecord:
-        return replace(self._record, status=status, detail=detail, seconds=self._spent_s())
+            self._set(status=Status.INTERRUPTED)
+        return replace(self._record, seconds=self._spent_s())
 
     def _detail_of(self, error: MjbenchError) -> str:
         return failure_of(error).detail.removeprefix(f"{self._record.model}: ")

@@ -100,13 +100,7 @@ def try_each(
 
 @dataclass(frozen=True)
 class SearchFiles:
-    """The files of a model under search.
-
-    Attributes:
-      model: with the present settings.
-      baseline: a pickled `Baseline`.
-      folder: of models with settings that have to be compiled.
-    """
+    """The model with the present settings, a pickled `Baseline`, and a folder of changed models."""
 
     model: Path
     baseline: Path
@@ -234,15 +228,9 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
         error = distance.distance(model, scale, within, baseline.reference)
         along = physics(model, baseline.trials.initial_state, runs.points)
         run_errors = distance.shares(model, scale, within, baseline.reference).tolist()
-    return Accuracy(
-        Effect.APPROXIMATE if sensors.changed else effect,
-        error,
-        distance.distance(model, scale, within, present),
-        along,
-        run_errors,
-        sensors.changed,
-        sensors.share,
-    )
+    effect = Effect.APPROXIMATE if sensors.changed else effect
+    apart = distance.distance(model, scale, within, present)
+    return Accuracy(effect, error, apart, along, run_errors, *sensors)
 
 
 def _effect(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Effect:

@@ -144,8 +144,7 @@ def with_options(
 
 
 def _compiled(source: ModelSource, edits: Sequence[Edit]) -> tuple[mujoco.MjModel, list[str]]:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         spec = _spec(source)
         for edit in edits:
             _apply(source, spec, edit)
@@ -193,15 +192,12 @@ def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
             " that is a number, true or false"
         )
     try:  # some releases have integers for true and false
-        value = _KEYWORDS[edit.value] if isinstance(present, bool) else _number(edit.value)
+        number = _KEYWORDS.get(edit.value, edit.value)
+        value = _KEYWORDS[edit.value] if isinstance(present, bool) else float(number)
     except (KeyError, ValueError):
         kind = "true or false" if isinstance(present, bool) else "a number, true or false"
         raise InputError(f"{_label(source, [edit])}: its value is {kind}") from None
     setattr(spec.compiler, edit.name, type(present)(value))
-
-
-def _number(text: str) -> float:
-    return float(_KEYWORDS.get(text, text))
 
 
 def _is_excluded(spec: Any, edit: Edit) -> bool:
@@ -256,8 +252,7 @@ def _absent(source: ModelSource, edits: Sequence[Edit]) -> list[Edit]:
     """Return the edits that are not of pairs which a file included by the model excludes."""
     if not any(edit.part == Part.EXCLUDE for edit in edits) or compat.spec_unavailable():
         return list(edits)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # `compiled` reports those of edits
+    with warnings.catch_warnings(action="ignore"):  # `compiled` reports those of edits
         spec = _spec(source)
     return [e for e in edits if e.part != Part.EXCLUDE or not _is_excluded(spec, e)]
 
