@@ -47,13 +47,8 @@ def _version_argument(cell: Cell, version: str) -> str:
 def _versions(cells: Sequence[Cell]) -> CommandLine:
     first = cells[0]
     assert first.metric is not None
-    options = [
-        "--old",
-        _version_argument(first, first.baseline),
-        "--new",
-        _version_argument(first, first.release),
-    ]
-    options += ["--paths", first.path, "--metric", first.metric.value]
+    old, new = (_version_argument(first, each) for each in (first.baseline, first.release))
+    options = ["--old", old, "--new", new, "--paths", first.path, "--metric", first.metric.value]
     return CommandLine(("versions", *options), tuple(cell.model for cell in cells))
 
 
@@ -65,21 +60,16 @@ def _compare(cells: Sequence[Cell]) -> CommandLine:
 def _instructions(cells: Sequence[Cell]) -> CommandLine:
     """Count one model in several releases, all with what the first release of the plan draws."""
     first = cells[0]
-    releases = dict.fromkeys([first.baseline, *(cell.release for cell in cells)])
-    options = [
-        argument
-        for version in releases
-        for argument in ("--release", _version_argument(first, version))
-    ]
+    options: list[str] = []
+    for version in dict.fromkeys([first.baseline, *(cell.release for cell in cells)]):
+        options += ["--release", _version_argument(first, version)]
     return CommandLine(("profile", "--instructions", *options), (first.model,))
 
 
 def _history(cells: Sequence[Cell]) -> CommandLine:
     models = [argument for cell in cells for argument in ("--model", cell.model)]
-    return CommandLine(
-        ("history", "measure", "--no-operations", *models),
-        (_version_argument(cells[0], cells[0].release),),
-    )
+    release = _version_argument(cells[0], cells[0].release)
+    return CommandLine(("history", "measure", "--no-operations", *models), (release,))
 
 
 # Options without a value: `true` is `--name`.

@@ -41,7 +41,8 @@ def session(address: str) -> Iterator[None]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_task_oom_retries", _MEMORY_RETRIES)
     with contextlib.ExitStack() as closing:
-        closing.enter_context(_quiet())
+        # Ray's warnings are about its own next releases
+        closing.enter_context(warnings.catch_warnings(action="ignore"))
         with _own_signals():
             _connect(address, closing)
         closing.enter_context(_unheard())
@@ -99,14 +100,6 @@ def _check_reachable(address: str) -> None:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Ray's warnings from the user: they are about Ray's own next releases."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-
-
-@contextlib.contextmanager
 def _unheard() -> Iterator[None]:
     """Keep Ray's log lines about nodes and workers from standard output, where it prints them."""
     import ray
@@ -125,11 +118,8 @@ def _unheard() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _own_signals() -> Iterator[None]:
-    handlers = {
-        number: signal.getsignal(number)
-        for name in _SIGNALS
-        if (number := getattr(signal, name, None)) is not None
-    }
+    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    handlers = {number: signal.getsignal(number) for number in numbers}
     try:
         yield
     finally:

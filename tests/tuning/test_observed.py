@@ -8,7 +8,7 @@ import pytest
 from tuning_models import GEOMETRY, ROD_GAP_M
 
 from benchmarks.tuning_planted import rods
-from mjbench.simulation import geom_pairs, model_options
+from mjbench.simulation import geom_pairs, model_options, models
 from mjbench.tuning import observed
 from mjbench.tuning.observed import ObservedModel, observe_model
 
