@@ -149,11 +149,7 @@ class ModelChildren:
         )
 
     def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
-        """Return the records of all variants as far as they are known, in the plan's order.
-
-        Args:
-          timed: variants that a race timed.
-        """
+        """Return the records of all variants, in the plan's order; a race has timed some."""
         model, untimed = self.model_record(), self._untimed(is_over)
         records = []
         for position in range(len(self.plan.variants)):
@@ -175,7 +171,6 @@ class ModelChildren:
 
 
 def _not_compiled(limit_s: float) -> str:
-    """Return what is known of a path whose compiler was killed: a lower bound, and what to do."""
     return (
         f"not compiled within {accelerated_run.COMPILER_PATIENCE * limit_s:g} s, and killed: its"
         " first step comes later than that, and no speed of its is known. Paths of C need no"

@@ -43,12 +43,7 @@ _FIGURES = ("penetration, m", "violation of constraints, m or rad", "contact for
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """States of a run at some points of it.
-
-    Attributes:
-      step: (npoint,) steps before each point.
-      states: (npoint, nsim, nstate), of the simulations that are followed.
-    """
+    """States (npoint, nsim, nstate) of a run, and the (npoint,) steps before each point."""
 
     step: np.ndarray
     states: np.ndarray
