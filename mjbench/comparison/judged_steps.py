@@ -173,8 +173,8 @@ def judge_constraints(
     answer = worst(pair.answer for pair in pairs)
     deciding = (str(pair) for pair in pairs if pair.answer == answer != EngineAnswer.YES)
     of_contacts = JudgedPart(PartName.CONTACTS, answer, reason="; ".join(deciding))
-    solution = _solution_part(errors, precision)
-    return JudgedConstraints(precision, of_contacts, solution, pairs, states, contact_states)
+    of_solution = _solution_part(errors, precision)
+    return JudgedConstraints(precision, of_contacts, of_solution, pairs, states, contact_states)
 
 
 def _solution_part(errors: _Errors, precision: Precision) -> JudgedPart:
