@@ -15,6 +15,7 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mjbench.errors import MachineError, describe
@@ -36,10 +37,10 @@ _ENVIRONMENT: Mapping[str, str | None] = {
 }
 
 
+@dataclass
 class _LocalRay:
-    def __init__(self) -> None:
-        self.users = 0
-        self.closing = ExitStack()
+    users: int = 0
+    closing: ExitStack = field(default_factory=ExitStack)
 
 
 _local = _LocalRay()
@@ -48,11 +49,7 @@ _local = _LocalRay()
 def acquire(store_bytes: int) -> None:
     """Use Ray until `release`, and start it where nobody in this process uses it yet.
 
-    Args:
-      store_bytes: size of what is in the object store at a time: a new store gets room for it.
-
-    Raises:
-      MachineError: Ray does not start.
+    A new object store gets room for `store_bytes` at a time. MachineError where Ray does not start.
     """
     with ray_environment.local():
         import ray
@@ -74,10 +71,16 @@ def _start(store_bytes: int) -> None:
 
     with ExitStack() as closing:
         folder = closing.enter_context(scratch.folder())
-        _check_length(folder)
+        if len(os.fsencode(folder)) + _RAY_ADDS_BYTES > _SOCKET_NAME_BYTES:
+            raise MachineError(
+                f"Ray needs a temporary folder with a shorter name than {folder}: set TMPDIR"
+            )
         closing.callback(session_guard.start())
         closing.callback(ray.shutdown)
-        with ray_environment.local({**_ENVIRONMENT, **_search_path()}), _signal_handler_kept():
+        # actors import what this process does
+        path = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
+        environment = {**_ENVIRONMENT, "PYTHONPATH": path}
+        with ray_environment.local(environment), _signal_handler_kept():
             try:
                 ray.init(
                     address="local",
@@ -92,18 +95,6 @@ def _start(store_bytes: int) -> None:
             except Exception as error:  # Ray raises what its services and the system do
                 raise MachineError(f"Ray does not start: {describe(error)}") from error
         _local.closing = closing.pop_all()
-
-
-def _search_path() -> dict[str, str]:
-    """Return the environment in which actors import what this process does."""
-    return {"PYTHONPATH": os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)}
-
-
-def _check_length(folder: Path) -> None:
-    if len(os.fsencode(folder)) + _RAY_ADDS_BYTES > _SOCKET_NAME_BYTES:
-        raise MachineError(
-            f"Ray needs a temporary folder with a shorter name than {folder}: set TMPDIR"
-        )
 
 
 @contextlib.contextmanager

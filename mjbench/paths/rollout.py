@@ -162,16 +162,15 @@ class _RolloutRun:
 
     def final_states(self) -> States:
         """Return the returned states, and the whole state of each thread's last simulation."""
-        values, mask = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
-        values[:, self.physics] = self.state[:, -1]
-        mask[:, self.physics] = True
+        states = States.of_entries(self.final_state, self.physics, self.state[:, -1])
+        values, mask = states.values, np.asarray(states.mask)
         row = np.empty(values.shape[1])
         for data in self.datas:
             compat.get_state(self.model, data, row)
             matches = np.flatnonzero(_equal_rows(values[:, self.physics], row[self.physics]))
             if len(matches) == 1:  # none: the thread ran no simulation; several: equal simulations
                 values[matches[0]], mask[matches[0]] = row, True
-        return States(values, mask)
+        return states
 
     def verify(self) -> States:
         """Run the timed call, and each simulation alone for the entries it does not return."""
@@ -179,8 +178,7 @@ class _RolloutRun:
         alone = whole_final_states(self.model, self.datas[0], self.inputs, nstep)
         self.clear()
         self.run()
-        timed = self.final_states()
-        return States(np.where(np.asarray(timed.mask), timed.values, alone))
+        return self.final_states().completed(alone)
 
 
 def _rollout_function(options: Options, resources: Resources) -> Callable[..., Any]:
