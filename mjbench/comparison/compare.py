@@ -27,10 +27,8 @@ class ModelChildren:
     """The children of one model's comparison, and what they have said so far.
 
     Attributes:
-      reference: what the child said of the model and its reference run; None before.
-      ended: how the last child ended that every path needs; None before, and where the user
-        interrupted.
-      measured: of variants, by their positions in the plan, as far as children have said.
+      ended: how the last child ended that every path needs; None before, and after Ctrl-C.
+      measured: of variants, by their positions in the plan.
     """
 
     source: ModelSource

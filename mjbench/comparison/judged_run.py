@@ -152,10 +152,9 @@ def contact_force_n(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 @dataclass(frozen=True, eq=False)
 class RunFigure:
-    """A figure at points of a run: arrays are (npoint, nsim).
+    """A figure at points of a run, (npoint, nsim): of the engine, and of C.
 
     Attributes:
-      reached: of the engine.
       rounded: of C's states, rounded to float32 once.
       in_shadow: of a run in which they are rounded before each step.
     """

@@ -77,10 +77,7 @@ class JudgedConstraints:
 
     @property
     def has_same_contacts(self) -> bool:
-        """Whether contacts change accelerations by no more than rounding does in any model.
-
-        They may agree and change more, where rounding does more in this model.
-        """
+        """Whether contacts change accelerations by no more than rounding does in any model."""
         return self.contacts.answer == EngineAnswer.YES and all(
             pair.largest_effect is not None and pair.largest_effect <= CONTACT_LIMIT[self.precision]
             for pair in self.pairs
@@ -278,9 +275,9 @@ def judge_warm_start(
     """Judge whether a model that turns warm starts off ignores them.
 
     Args:
-      cold: (n, nv) accelerations of steps that start at zero.
+      cold: (n, nv) accelerations of steps that start at zero; `again` are those of a repetition,
+        as a GPU adds in any order.
       warm: those of the same steps that start elsewhere.
-      again: those of a repetition of `cold`; a GPU adds in any order.
     """
     repeated = float(np.abs(again - cold).max(initial=0.0))
     noise = 0.0 if is_deterministic else ROUNDING_FACTOR * repeated

@@ -43,7 +43,6 @@ class PlanningRequest:
     Attributes:
       variants: paths that roll out, the base path first.
       hold: steps for which each control is held, in the plan and in the loop.
-      duration_s: simulated seconds of the loop.
       budget_s: seconds after which no plan begins, once there are a few.
       states_file: with the states to plan from, one a plan; None to plan from where the loop is.
     """

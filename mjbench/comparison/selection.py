@@ -113,11 +113,7 @@ def rivals(names: Sequence[str]) -> list[str]:
 
 
 def choices(arguments: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
-    """Return option values by option name from arguments such as `pool=new,kept`.
-
-    Raises:
-      InputError: no such option, or a value that it cannot have.
-    """
+    """Return option values by option name from arguments such as `pool=new,kept`."""
     options = {
         option.name: option
         for name in [*paths.registry(), *names]

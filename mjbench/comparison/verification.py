@@ -32,11 +32,9 @@ class ReferenceCase:
 
     Attributes:
       workload: without diverged simulations.
-      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the reference run.
       outputs: of the reference run, of every step, as the workload asks for.
       numbers: (nbatch,) of the simulations, as they were before they were reordered.
-      label: how it differs from what the user asked for, such as `with every input set`; empty for
-        the user's own.
+      label: how it differs from what the user asked for, such as `with every input set`.
     """
 
     workload: Workload
@@ -172,8 +170,7 @@ class FurtherCases:
 
     Attributes:
       contact: of a model that starts in contact; None where the user's does.
-      inputs: of the user's model with every input set, by what they return; empty where all of
-        their simulations diverge.
+      inputs: of the user's model with every input set, by what they return; empty if all diverge.
     """
 
     contact: ReferenceCase | None

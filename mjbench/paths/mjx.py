@@ -298,11 +298,7 @@ class MjxProgram:
         return time.perf_counter() - begin
 
     def cached_compile_s(self) -> float:
-        """Return the seconds of compiling the timed program where it is in JAX's cache.
-
-        The cache is a new folder inside the current one, and is filled first. Tracing does not use
-        it.
-        """
+        """Return the seconds of compiling the timed program where it is in a cache, filled first."""
         import jax
         from jax.experimental.compilation_cache import compilation_cache
 

@@ -227,8 +227,6 @@ class RolloutInputs:
     """The arrays that a rollout starts from; all variants of a workload share them.
 
     Attributes:
-      start: (nbatch, nphysics) states.
-      warmstart: (nbatch, nv) accelerations.
       control_spec: mjtState components in a row of `control`.
       control: (nbatch, nstep, ncontrol); None without any.
     """
@@ -330,11 +328,9 @@ def inputs_snippet(workload: Workload) -> str:
 
 
 def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], None]]:
-    """Return the control specification of a rollout, its controls, and how they are written.
+    """Return the control specification of a rollout, its controls, and what writes them.
 
-    Returns:
-      The specification; (nbatch, nstep, ncontrol) controls, which are the workload's own where they
-      are all that is sent; and a function that writes them where they are not.
+    The controls are the workload's own where they are all that is sent.
     """
     spec = compat.state_spec("CTRL")
     inputs = changed_inputs(workload)

@@ -47,12 +47,7 @@ TIMED_S, MIN_QUADS, MAX_QUADS = 4.0, 4, 25
 
 @dataclass(frozen=True)
 class EngineCase:
-    """An engine and a model.
-
-    Attributes:
-      file: of C's runs, an `EngineBaseline`.
-      limit_s: seconds of silence after which a child is killed; its compiler gets more.
-    """
+    """An engine, a model, the file of C's `EngineBaseline`, and the limit of silence."""
 
     source: ModelSource
     engine: str
@@ -104,12 +99,7 @@ class EngineMeasurements:
         stop_after_s: float = math.inf,
         has_errors: bool = True,
     ) -> TunedProgram:
-        """Try settings, one after the other, in a fresh process; return the present program.
-
-        Args:
-          stop_after_s: seconds after which no other is begun.
-          has_errors: whether to measure transfer errors, beside times.
-        """
+        """Try settings in a fresh process, errors only if asked for; return the present program."""
         programs: list[TunedProgram] = []
 
         def receive(message: TunedProgram | Attempt) -> None:

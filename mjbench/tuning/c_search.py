@@ -154,10 +154,7 @@ class CSearch(Search[CMeasurements]):
             yield timed
 
     def _judged(self, faster: Sequence[Attempt]) -> list[Attempt]:
-        """Run settings from all starts; return those that do what they may.
-
-        The reference is run only where one of them needs an error.
-        """
+        """Run settings from all starts; return those that do what they may."""
         if any(self._needs_error(each) for each in faster):
             self._advance(1, "the reference", 0.7)
             self._set(present=self._reference() or self._present)
@@ -373,7 +370,6 @@ class CSearch(Search[CMeasurements]):
         """Return the launches of each setting that was begun, in the order of `settings`.
 
         Args:
-          least, most: launches.
           end: share of the budget at which they end.
           cut: share at which a launch begins no other setting; then settings leave that seem
             slower. None for neither.

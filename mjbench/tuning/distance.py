@@ -61,12 +61,7 @@ class Distance:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How far a model moves: what distances are a share of.
-
-    Attributes:
-      is_rad: (nv,) bool: which degrees of freedom are angles.
-      position: root mean square over runs of the farthest distance from the start.
-    """
+    """How far a model moves from the start at most, as a root mean square over runs."""
 
     is_rad: np.ndarray
     position: Units

@@ -52,10 +52,7 @@ def _knob(alone: Attempt) -> str:
 
 
 def _fastest_by_knob(settings: Sequence[Attempt]) -> tuple[Setting, ...]:
-    """Return the fastest setting of each knob, in the order of their names.
-
-    The loop's own settings exclude each other.
-    """
+    """Return the fastest setting of each knob; the loop's own settings exclude each other."""
     by_knob: dict[str, Setting] = {}
     for each in sorted(settings, key=lambda each: each.ratio.estimate if each.ratio else 1.0):
         (setting,) = each.settings

@@ -278,8 +278,7 @@ def of_batched_step(
 
     Args:
       peaks: contacts and constraints that C needs at most.
-      default_sizes: of the engine's buffers, for each simulation, by their names; empty where the
-        engine sizes its buffers itself.
+      default_sizes: of buffers, for each simulation; empty where the engine sizes them itself.
     """
     opt, keywords = model.opt, (("solver", SOLVERS), ("jacobian", JACOBIANS))
     by_knob = [

@@ -46,12 +46,7 @@ class Survey:
 
 @dataclass(frozen=True)
 class PresentRuns:
-    """What the present settings do, without a reference.
-
-    Attributes:
-      stages: share of a step by stage.
-      reference_s: seconds that the reference takes at least, by its number of steps.
-    """
+    """What the present settings do; `reference_s` is what the reference takes at least."""
 
     present: Present
     stages: Mapping[str, float]
@@ -89,11 +84,7 @@ class CMeasurements:
         return isolate.call(run_present, *arguments, limit_s=self._long_s)
 
     def reference(self, horizon_ncontrol: int | None = None) -> Present:
-        """Run the reference; return what the present settings do beside it.
-
-        Args:
-          horizon_ncontrol: controls over which errors are compared; None to see how many can be.
-        """
+        """Run the reference, to a horizon if there is one; return what the present settings do."""
         arguments = self._source, self._files, horizon_ncontrol
         return isolate.call(run_reference, *arguments, limit_s=self._long_s)
 
@@ -154,10 +145,8 @@ class SettingRule(StopRule[SettingLaunch]):
 
     Attributes:
       least: launches that are begun in any case.
-      most: launches at most.
       end_s: after the least, no launch is begun that would end later than this, by `clock`.
       stays: whether a setting is in the next launch, after its launches so far.
-      attempts: of each setting, so far.
     """
 
     count: int

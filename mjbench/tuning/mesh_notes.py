@@ -64,12 +64,7 @@ def mesh_notes(model: mujoco.MjModel) -> list[MeshNote]:
 
 @dataclass(frozen=True, eq=False)
 class _Hull:
-    """The convex hull of a mesh.
-
-    Attributes:
-      vertices: (nvertex, 3) of the hull, in m.
-      triangles: (ntriangle, 3, 3) their corners.
-    """
+    """Vertices (nvertex, 3) of a convex hull, and triangles (ntriangle, 3, 3), in m."""
 
     vertices: np.ndarray
     triangles: np.ndarray

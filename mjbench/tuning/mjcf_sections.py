@@ -35,10 +35,8 @@ class Element:
     Attributes:
       attributes: as XML defines their values: entities replaced, line ends as spaces.
       start: byte at which its start tag begins.
-      depth: 1 of the root.
       end: byte at which its end tag begins; without a meaning where it has none.
-      children: elements directly inside, in the order of the file: of the root all, of `<option>`,
-        `<compiler>` and `<contact>` all, of other elements none.
+      children: of the root all, of `<option>`, `<compiler>` and `<contact>` all, of others none.
     """
 
     name: str
@@ -69,7 +67,6 @@ class StartTag:
       end: behind its `>`.
       last: behind its last attribute; behind its name where it has none.
       quote: of its last attribute; `"` where it has none.
-      is_empty: whether it is the whole element, as in `<option/>`.
     """
 
     end: int

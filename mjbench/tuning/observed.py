@@ -47,10 +47,8 @@ class ObservedModel:
 
     Attributes:
       nposes: random poses that were looked at for bodies that touch.
-      solver: solver iterations of a step, those of the constraint island with the most, which
-        `iterations` bounds.
-      line_search: iterations of the longest line search of a step, which `ls_iterations` bounds; 0
-        with a solver that has none.
+      solver: iterations of a step in the constraint island with the most.
+      line_search: iterations of the longest line search of a step; 0 with a solver that has none.
       idle_pairs: bodies that were tested for collision in detail and never touched.
       unnamed_idle_pairs: how many more there are, with a body that has no name.
     """

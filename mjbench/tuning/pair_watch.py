@@ -17,12 +17,7 @@ _FAR_M = 1000.0
 
 @dataclass(frozen=True)
 class IdlePair:
-    """Two bodies that collision detection tested in detail, and that never touched.
-
-    Attributes:
-      closest_m: the shortest distance that was seen; None where none was computed, as in releases
-        that cannot.
-    """
+    """Bodies that were tested in detail and never touched; None where no distance was computed."""
 
     body1: str
     body2: str
@@ -79,10 +74,7 @@ class PairWatch:
             )
 
     def idle(self) -> tuple[tuple[IdlePair, ...], int]:
-        """Return the pairs that were tested in detail and never touched, in the model's order.
-
-        MJCF cannot name a pair of which a body has no name: only their number is returned.
-        """
+        """Return the pairs tested in detail that never touched, and how many have no name."""
         idle, unnamed = [], 0
         for key in np.unique(self._keys[self._was_near]):
             if int(key) in self._touched:

@@ -31,12 +31,7 @@ class Physics:
 
 
 def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray) -> Physics:
-    """Return what a model says of states.
-
-    Args:
-      initial_state: (nrun, nstate) where the runs began, rows of mjSTATE_INTEGRATION.
-      points: (nrun, npoint, nstate) states along the runs.
-    """
+    """Return what a model says of (nrun, npoint, nstate) states from (nrun, nstate) starts."""
     data = mujoco.MjData(model)
     rows = []
     for start, states in zip(initial_state, points, strict=True):

@@ -347,8 +347,7 @@ def horizon(error: np.ndarray, rounding: np.ndarray) -> int:
     """Return for how many controls errors can be compared.
 
     Args:
-      error: (nrun, ncontrol) of the present settings at the end of each control, as shares of the
-        motion.
+      error: (nrun, ncontrol) of the present settings after each control, as shares of the motion.
       rounding: (nrun, ncontrol) distance of runs from starts that differ in the last place.
     """
     error_now, rounding_now = np.median(error, axis=0), np.median(rounding, axis=0)

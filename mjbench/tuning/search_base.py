@@ -55,12 +55,7 @@ class SearchPlan:
     def trials(
         self, look: int, ncontrol: int | None = None, horizon_ncontrol: int | None = None
     ) -> TrialPlan:
-        """Return the starts and controls of a look.
-
-        Args:
-          look: 0 for the search, 1 for the second look, more for further ones, which have the
-            lengths that the search had.
-        """
+        """Return the starts and controls of a look: 0 for the search, 1 for the second look."""
         reference_s = min(REFERENCE_S, REFERENCE_SHARE * self.budget_s)
         return TrialPlan(
             self.seed + look, self.starts, self.hold, ncontrol, horizon_ncontrol, reference_s

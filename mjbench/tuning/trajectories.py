@@ -56,8 +56,7 @@ class Trajectories:
     """The states of a model at the end of each control.
 
     Attributes:
-      qpos: (nrun, ncontrol, nq).
-      qvel: (nrun, ncontrol, nv).
+      qpos: (nrun, ncontrol, nq); `qvel` likewise.
       points: (nrun, NPOINT, nstate) whole states after equal shares of the run.
       sensordata: (nrun, NPOINT, nsensordata) of these whole states.
       diverged: (nrun,) bool: which raised a warning of a bad state, or are not finite.

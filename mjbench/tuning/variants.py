@@ -223,8 +223,7 @@ def _shown(edit: Edit) -> str:
 def _inputs(path: Path) -> Iterator[Path]:
     """Yield the files of MJCF that a model is read from, as far as they can be read.
 
-    MuJoCo looks for an included file in the folder of the model, and in that of the file including
-    it.
+    MuJoCo looks for an included file in the folders of the model and of the file including it.
     """
     pending, visited = [path], set()
     while pending:
