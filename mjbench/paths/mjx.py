@@ -298,7 +298,7 @@ class MjxProgram:
         return time.perf_counter() - begin
 
     def cached_compile_s(self) -> float:
-        """Return the seconds of compiling the timed program where it is in a cache, filled first."""
+        """Return the seconds of compiling the timed program where a cache, filled first, has it."""
         import jax
         from jax.experimental.compilation_cache import compilation_cache
 
