@@ -156,11 +156,9 @@ class _StepGraph:
         """Take `nstep` steps from other states (see `Compiled.advance`)."""
         self._data.overflow.zero_()
         self._rollout(self._fields_on_device(fields), self._controls_on_device(control), nstep)
-        return StepOutcome(
-            self._fields(),
-            _contacts(self._data),
-            *(_rows_of(array) for array in (self._data.qacc, self._data.qfrc_constraint)),
-        )
+        solved = (self._data.qacc, self._data.qfrc_constraint)
+        rows = (np.asarray(array.numpy(), dtype=np.float64) for array in solved)
+        return StepOutcome(self._fields(), _contacts(self._data), *rows)
 
     def _make_rollout(self) -> "_Rollout":
         import warp as wp
@@ -226,10 +224,6 @@ def _array_like(array: Any, values: np.ndarray) -> Any:
     new = wp.empty_like(array)
     new.assign(values.reshape(array.numpy().shape).astype(array.numpy().dtype))
     return new
-
-
-def _rows_of(array: Any) -> np.ndarray:
-    return np.asarray(array.numpy(), dtype=np.float64)
 
 
 def peak_gpu_memory_bytes() -> int | None:

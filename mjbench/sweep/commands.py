@@ -128,15 +128,11 @@ def batches(cells: Sequence[Cell], nodes: Mapping[str, int]) -> list[tuple[Cell,
     for cell in cells:
         together = COMMANDS[cell.kind].together(cell)
         groups.setdefault((cell.machine, cell.kind, *together), []).append(cell)
-    return [
-        tuple(group[begin : begin + size])
-        for group in groups.values()
-        for size in [_size(group[0], sorts, nodes)]
-        for begin in range(0, len(group), size)
-    ]
-
-
-def _size(cell: Cell, sorts: Mapping[tuple[str, CellKind], int], nodes: Mapping[str, int]) -> int:
-    command, count = COMMANDS[cell.kind], nodes.get(cell.machine, 1)
-    share = math.ceil(sorts[cell.machine, cell.kind] / (2 * count)) if count > 1 else command.most
-    return min(command.most, max(command.least, share))
+    batched = []
+    for group in groups.values():
+        machine, kind = group[0].machine, group[0].kind
+        command, count = COMMANDS[kind], nodes.get(machine, 1)
+        share = math.ceil(sorts[machine, kind] / (2 * count)) if count > 1 else command.most
+        size = min(command.most, max(command.least, share))
+        batched += [tuple(group[begin : begin + size]) for begin in range(0, len(group), size)]
+    return batched

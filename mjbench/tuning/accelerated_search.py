@@ -35,9 +35,10 @@ ALONE_SHARE, TOGETHER_SHARE = 0.5, 0.65
 FINALISTS, LEAST_PROCESSES, PROCESSES = 2, 4, 8
 
 
-class EngineSearch(Search[EngineMeasurements]):
+class EngineSearch(Search):
     """A search for settings of MJX or Warp; all effects are allowed."""
 
+    _measure: EngineMeasurements
     _facts: BatchFacts
     _present: TunedProgram | None = None
 

@@ -60,9 +60,10 @@ COMBINATIONS, RUNG_NRUN = 32, 8
 LAST_RUNG = 2 * FRONT
 
 
-class CSearch(Search[CMeasurements]):
+class CSearch(Search):
     """A search for settings of C."""
 
+    _measure: CMeasurements
     _settings: Sequence[Setting] = ()
     _reference_s: float = 0.0
 
@@ -232,7 +233,10 @@ class CSearch(Search[CMeasurements]):
             return
         error = self._present_again(attempts)
         if self._record.no_reference:
-            attempts = self._without_errors(attempts, front)
+            for each in filter(self._needs_error, front):
+                reason = f"no reference from new starts: {self._record.no_reference}"
+                self._withdraw(each.settings, reason)
+            attempts = [each for each in attempts if not self._needs_error(each)]
             front = fronts.pareto_front(attempts, self._plan.max_error, first_error)
         confirmed: list[tuple[Attempt, Attempt]] = []
         looked: set[str] = set()
@@ -263,15 +267,6 @@ class CSearch(Search[CMeasurements]):
             if present.error is not None:
                 self._set(present=replace(present, error=first.error.larger(present.error)))
         return present.tolerated_error
-
-    def _without_errors(
-        self, attempts: Sequence[Attempt], front: Sequence[Attempt]
-    ) -> list[Attempt]:
-        for each in front:
-            if self._needs_error(each):
-                reason = f"no reference from new starts: {self._record.no_reference}"
-                self._withdraw(each.settings, reason)
-        return [each for each in attempts if not self._needs_error(each)]
 
     def _confirmed(
         self, new: Sequence[Attempt], first_error: float, error: float

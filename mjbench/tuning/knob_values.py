@@ -6,11 +6,13 @@ model or this release has no use for them.
 
 import copy
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, zip_longest
 
 import mujoco
+import numpy as np
 
 from mjbench.host import topology
 from mjbench.simulation import compat, model_options
@@ -101,12 +103,12 @@ def no_noslip(observed: ObservedModel) -> list[Setting]:
 
 def fewer(name: str, choices: Iterable[int], applies: Condition) -> Values:
     """Return what offers smaller bounds of an option, where this release has it."""
-    return _compared(name, choices, applies, lambda choice, present: choice < present)
+    return _compared(name, choices, applies, operator.lt)
 
 
 def coarser(name: str, choices: Iterable[float], applies: Condition) -> Values:
     """Return what offers larger tolerances of an option, where this release has it."""
-    return _compared(name, choices, applies, lambda choice, present: choice > present)
+    return _compared(name, choices, applies, operator.gt)
 
 
 def _compared(
@@ -184,20 +186,18 @@ def has_islands(observed: ObservedModel) -> bool:
 
 def is_damped_euler(observed: ObservedModel) -> bool:
     is_euler = keyword(observed.model, "integrator") == "euler"
-    return is_euler and features.damps_joints(observed.model)
+    return is_euler and bool(np.any(observed.model.dof_damping))
 
 
 def unused_features(observed: ObservedModel) -> list[Setting]:
     model = observed.model
-    absent = {
-        flag: plural
-        for flag, plural in features.absent(model).items()
-        if compat.flag_enabled(model, flag)
-    }
+    absent = [
+        item for item in features.absent(model).items() if compat.flag_enabled(model, item[0])
+    ]
     if not absent:
         return []
-    edits = tuple(Edit(Part.FLAG, flag, "disable") for flag in absent)
-    evidence = f"the model has no {', no '.join(absent.values())}"
+    edits = tuple(Edit(Part.FLAG, flag, "disable") for flag, _ in absent)
+    evidence = f"the model has no {', no '.join(plural for _, plural in absent)}"
     return [Setting("unused features", "unused features off", edits, evidence=evidence)]
 
 
@@ -219,11 +219,10 @@ def no_visual_geoms(observed: ObservedModel) -> list[Setting]:
     count = features.drawn_geoms(observed.model)
     if not count or not observed.is_mjcf:
         return []
-    edit = Edit(Part.COMPILER, "discardvisual", "true")
-    evidence = f"{count} geom{' is' if count == 1 else 's are'} only drawn"
+    edits = (Edit(Part.COMPILER, "discardvisual", "true"),)
     loses = "geoms that are only drawn"
-    label = "discardvisual=true"
-    return [Setting("visual geoms", label, (edit,), loses=loses, evidence=evidence)]
+    evidence = f"{count} geom{' is' if count == 1 else 's are'} only drawn"
+    return [Setting("visual geoms", "discardvisual=true", edits, loses=loses, evidence=evidence)]
 
 
 def _never_touched(observed: ObservedModel) -> str:

@@ -79,7 +79,8 @@ class PairWatch:
         for key in np.unique(self._keys[self._was_near]):
             if int(key) in self._touched:
                 continue
-            names = [self._name(int(body)) for body in divmod(int(key), self._model.nbody)]
+            bodies, kind = divmod(int(key), self._model.nbody), mujoco.mjtObj.mjOBJ_BODY
+            names = [mujoco.mj_id2name(self._model, kind, body) or "" for body in bodies]
             if not all(names):
                 unnamed += 1
                 continue
@@ -87,9 +88,6 @@ class PairWatch:
             is_known = np.isfinite(closest_m)
             idle.append(IdlePair(names[0], names[1], closest_m if is_known else None))
         return tuple(idle), unnamed
-
-    def _name(self, body: int) -> str:
-        return mujoco.mj_id2name(self._model, mujoco.mjtObj.mjOBJ_BODY, body) or ""
 
     def _gaps(self, data: mujoco.MjData) -> np.ndarray:
         """Return (npair,) what separates the bounding spheres of two geoms, in metres.

@@ -5,7 +5,7 @@ import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from mjbench.errors import MjbenchError, failure_of
 from mjbench.measuring.ratio import Ratio
@@ -25,8 +25,6 @@ REFERENCE_SHARE = 0.1
 Advance = Callable[[int, str, float], None]
 # Parts of a search: present settings, each alone, together, second look.
 PARTS = 4
-
-Measurements = TypeVar("Measurements")
 
 
 @dataclass(frozen=True)
@@ -62,14 +60,14 @@ class SearchPlan:
         )
 
 
-class Search(abc.ABC, Generic[Measurements]):
+class Search(abc.ABC):
     """One search for settings of one model."""
 
     def __init__(
         self,
         record: TuneRecord,
         plan: SearchPlan,
-        measurements: Measurements,
+        measurements: Any,
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
