@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.comparison.judged_run import SHADOW_FACTOR, figure_measures, run_points
+from mjbench.comparison.judged_run import SHADOW_FACTOR, figure_measures
 from mjbench.comparison.judged_steps import (
     SMOOTH_LIMIT,
     SOLUTION_LIMIT,
@@ -210,10 +210,9 @@ class _Check:
         lost = int((~np.isfinite(np.hstack(compared)).all(axis=1)).sum())
         measures = [Measure("simulations that do not end in finite numbers", lost, 0)]
         if not lost:
-            points = run_points(workload, self._timed, self.reference)
             measures += figure_measures(
-                workload.model,
-                points,
+                workload,
+                self._timed,
                 self.reference,
                 self._shadow,
                 self._precision,

@@ -71,13 +71,12 @@ class CSearch(Search):
         plan = self._plan
         self._advance(0, "what there is to try", 0.0)
         computing_s = min(MAX_COMPUTING_S, SURVEY_SHARE * plan.budget_s)
-        survey = self._measure.survey(plan.seed, computing_s)
+        settings, meshes = self._measure.survey(plan.seed, computing_s)
         self._advance(0, "the present settings", 0.5)
-        runs = self._measure.present(plan.trials(0))
-        self._set(meshes=survey.meshes, present=runs.present, stages=runs.stages)
-        self._reference_s = runs.reference_s
-        wanted = [each for each in survey.settings if each.knob not in plan.skip]
-        self._settings = sorted(wanted, key=lambda each: -knobs.likely_gain(each, runs.stages))
+        present, stages, self._reference_s = self._measure.present(plan.trials(0))
+        self._set(meshes=meshes, present=present, stages=stages)
+        wanted = [each for each in settings if each.knob not in plan.skip]
+        self._settings = sorted(wanted, key=lambda each: -knobs.likely_gain(each, stages))
         self._rng = random.Random(plan.seed)
 
     def _try_settings(self) -> list[Attempt]:
@@ -259,7 +258,7 @@ class CSearch(Search):
         first = self._present
         self._advance(3, "present settings from new starts", 0.0)
         lengths = first.ncontrol, first.horizon_ncontrol
-        present = self._measure.present(self._plan.trials(1, *lengths)).present
+        present, _, _ = self._measure.present(self._plan.trials(1, *lengths))
         if first.error is None:
             self._set(present=present)
         elif any(self._needs_error(each) for each in attempts):

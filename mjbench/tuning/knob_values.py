@@ -190,14 +190,12 @@ def is_damped_euler(observed: ObservedModel) -> bool:
 
 
 def unused_features(observed: ObservedModel) -> list[Setting]:
-    model = observed.model
-    absent = [
-        item for item in features.absent(model).items() if compat.flag_enabled(model, item[0])
-    ]
+    names = features.absent(observed.model)
+    absent = [flag for flag in names if compat.flag_enabled(observed.model, flag)]
     if not absent:
         return []
-    edits = tuple(Edit(Part.FLAG, flag, "disable") for flag, _ in absent)
-    evidence = f"the model has no {', no '.join(plural for _, plural in absent)}"
+    edits = tuple(Edit(Part.FLAG, flag, "disable") for flag in absent)
+    evidence = f"the model has no {', no '.join(names[flag] for flag in absent)}"
     return [Setting("unused features", "unused features off", edits, evidence=evidence)]
 
 

@@ -36,23 +36,6 @@ SILENCE_S = 120.0
 SHARE_OF_START = 0.25
 
 
-@dataclass(frozen=True)
-class Survey:
-    """What there is to try on a model."""
-
-    settings: Sequence[Setting]
-    meshes: Sequence[MeshNote]
-
-
-@dataclass(frozen=True)
-class PresentRuns:
-    """What the present settings do; `reference_s` is what the reference takes at least."""
-
-    present: Present
-    stages: Mapping[str, float]
-    reference_s: float
-
-
 class CMeasurements:
     """Measures a model in C on this machine.
 
@@ -74,12 +57,17 @@ class CMeasurements:
         model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
         self._files = SearchFiles(model, baseline, pool.new_folder())
 
-    def survey(self, seed: int, computing_s: float = observed.MAX_COMPUTING_S) -> Survey:
+    def survey(self, seed: int, computing_s: float) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
+        """Return what there is to try, and meshes that nearly fill a primitive."""
         arguments = self._source, seed, self._starts, self._hold, computing_s
         return isolate.call(look, *arguments, limit_s=self._limit_s)
 
-    def present(self, plan: TrialPlan) -> PresentRuns:
-        """Draw trials, and return what the present settings do; launches use them from then on."""
+    def present(self, plan: TrialPlan) -> tuple[Present, Mapping[str, float], float]:
+        """Draw the trials of launches; return what the present settings do from there.
+
+        Returns:
+          That, the share of a step by stage, and the seconds that the reference takes at least.
+        """
         arguments = self._source, plan, self._files
         return isolate.call(run_present, *arguments, limit_s=self._long_s)
 
@@ -194,25 +182,25 @@ def look(
     hold: int,
     computing_s: float,
     channel: Channel,
-) -> Survey:
+) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
     channel.doing(f"stepping {source.name}")
     seen = observed.observe_model(
         models.load(source), observed.is_mjcf(source.path), seed, starts, hold, computing_s
     )
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
-    return Survey(settings, mesh_notes.mesh_notes(seen.model))
+    return settings, mesh_notes.mesh_notes(seen.model)
 
 
 def run_present(
     source: ModelSource, plan: TrialPlan, files: SearchFiles, channel: Channel
-) -> PresentRuns:
+) -> tuple[Present, Mapping[str, float], float]:
     channel.doing(f"running {source.name} with its present settings")
     model = variants.compiled(source, ())
     baseline = reference.present_runs(model, plan)
     files.baseline.write_bytes(pickle.dumps(baseline))
     models.save(model, files.model)
     stages = stage_shares(model, baseline.trials)
-    return PresentRuns(baseline.facts, stages, reference.seconds(model, baseline.trials))
+    return baseline.facts, stages, reference.seconds(model, baseline.trials)
 
 
 def run_reference(
