@@ -181,12 +181,10 @@ class OfModel(Protocol):
     """A record of a model at one size."""
 
     @property
-    def model(self) -> str:
-        """Its name."""
+    def model(self) -> str: ...
 
     @property
-    def nbatch_asked(self) -> int | None:
-        """Simulations that the user asked for; None where mjbench chose."""
+    def nbatch_asked(self) -> int | None: ...
 
 
 _R = TypeVar("_R", bound=OfModel)

@@ -26,6 +26,7 @@ _LEAST_STORE_BYTES = 128 << 20
 # The longest name that a socket can have, in bytes, and what Ray adds to its temporary folder:
 # `/session_2026-11-23_14-55-56_123456_1234567/sockets/plasma_store.1`.
 _SOCKET_NAME_BYTES, _RAY_ADDS_BYTES = 107, 68
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 # The environment in which Ray's processes start. One thread is all that an actor has.
 _ENVIRONMENT: Mapping[str, str | None] = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -80,7 +81,7 @@ def _start(store_bytes: int) -> None:
         # actors import what this process does
         path = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
         environment = {**_ENVIRONMENT, "PYTHONPATH": path}
-        with ray_environment.local(environment), _signal_handler_kept():
+        with ray_environment.local(environment), own_signals():
             try:
                 ray.init(
                     address="local",
@@ -98,11 +99,14 @@ def _start(store_bytes: int) -> None:
 
 
 @contextlib.contextmanager
-def _signal_handler_kept() -> Iterator[None]:
-    """Put back the handler of SIGTERM, which Ray replaces."""
-    handler = signal.getsignal(signal.SIGTERM)
+def own_signals() -> Iterator[None]:
+    """Put back the handlers of signals that Ray replaces."""
+    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    handlers = {number: signal.getsignal(number) for number in numbers}
     try:
         yield
     finally:
-        if handler is not None and threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, handler)
+        is_main = threading.current_thread() is threading.main_thread()
+        for number, handler in handlers.items():
+            if is_main and handler is not None and signal.getsignal(number) != handler:
+                signal.signal(number, handler)

@@ -3,7 +3,6 @@
 import contextlib
 import logging
 import os
-import signal
 import socket
 import warnings
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from mjbench import extras
 from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.host import ray_environment, scratch
 from mjbench.host.machine import LABEL_VARIABLE
+from mjbench.paths import local_ray
 
 # The custom resource by which a node says that it may be taken, and the label with the name of its
 # machine.
@@ -23,7 +23,6 @@ _MEMORY_RETRIES = "2"
 LOCAL, AUTO = "local", "auto"
 # How long the head of a cluster may take to accept a connection, in seconds.
 _CONNECT_S = 10.0
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 # The longest folder in which Ray's sockets can be: their whole path has 107 bytes at most.
 _LONGEST_FOLDER, _SHORT_FOLDER = 40, "/tmp/ray"
 
@@ -43,7 +42,7 @@ def session(address: str) -> Iterator[None]:
     with contextlib.ExitStack() as closing:
         # Ray's warnings are about its own next releases
         closing.enter_context(warnings.catch_warnings(action="ignore"))
-        with _own_signals():
+        with local_ray.own_signals():
             _connect(address, closing)
         closing.enter_context(_unheard())
         yield
@@ -114,15 +113,3 @@ def _unheard() -> Iterator[None]:
         yield
     finally:
         module.print_to_stdstream = show
-
-
-@contextlib.contextmanager
-def _own_signals() -> Iterator[None]:
-    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
-    handlers = {number: signal.getsignal(number) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            if handler is not None and signal.getsignal(number) != handler:
-                signal.signal(number, handler)

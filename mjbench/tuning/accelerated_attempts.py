@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -83,14 +84,11 @@ class EngineMeasurements:
 
     def baseline(self, plan: TrialPlan) -> BatchFacts:
         """Draw trials and run C; launches use them from then on."""
-        return isolate.call(
-            run_baseline,
-            self._case,
-            plan,
-            limit_s=max(reference.RUNS_SILENCE_S, self._case.limit_s),
-            environment=self._environment,
-            memory_bytes=_memory_bytes(),
+        limit_s = max(reference.RUNS_SILENCE_S, self._case.limit_s)
+        facts: BatchFacts = isolate.call(
+            run_baseline, self._case, plan, limit_s=limit_s, **self._child()
         )
+        return facts
 
     def launch(
         self,
@@ -115,14 +113,13 @@ class EngineMeasurements:
             stop_after_s,
             receive,
             self._case.limit_s,
-            environment=self._environment,
-            memory_bytes=_memory_bytes(),
+            **self._child(),
         )
         return programs[0]
 
-
-def _memory_bytes() -> int:
-    return int(CHILD_MEMORY_SHARE * machine.available_memory_bytes())
+    def _child(self) -> dict[str, Any]:
+        memory_bytes = int(CHILD_MEMORY_SHARE * machine.available_memory_bytes())
+        return {"environment": self._environment, "memory_bytes": memory_bytes}
 
 
 # -- in the child --------------------------------------------------------------------------------
@@ -135,7 +132,10 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     channel.doing(f"running {case.source.name} with its present settings")
     full = reference.baseline(model, plan)
     rounded = trajectories.run(model, _rounded(full.trials, path))
-    ncontrol = _horizon(model, full, rounded)
+    # for as many controls, errors mean something in C and in the engine's precision
+    apart = distance.shares_over_time(model, full.motion, rounded, full.present)
+    of_engine = max(LEAST_NCONTROL, reference.horizon(apart, np.zeros_like(apart)))
+    ncontrol = min(full.facts.horizon_ncontrol, of_engine)
     trials, runs = full.trials.first(ncontrol), full.present.first(ncontrol)
     repeated = _batch(model, trials, trials.nrun, trials.ncontrol)
     reason = path.cannot_run(repeated, {})
@@ -239,13 +239,6 @@ def _rounded(trials: Trials, path: AcceleratedPath) -> Trials:
         initial_state=trials.initial_state.astype(path.precision).astype(float),
         control=trials.control.astype(path.precision).astype(float),
     )
-
-
-def _horizon(model: mujoco.MjModel, full: reference.Baseline, rounded: Trajectories) -> int:
-    """Return for how many controls errors mean something, for C and for the engine's precision."""
-    apart = distance.shares_over_time(model, full.motion, rounded, full.present)
-    of_engine = max(LEAST_NCONTROL, reference.horizon(apart, np.zeros_like(apart)))
-    return min(full.facts.horizon_ncontrol, of_engine)
 
 
 def _batch(model: mujoco.MjModel, trials: Trials, nbatch: int, ncontrol: int) -> Workload:
