@@ -134,7 +134,6 @@ class MeasurementRecord:
 
     @property
     def is_accelerated(self) -> bool:
-        """Whether the path compiles first and is held to tolerances."""
         return self.precision is not None
 
     @classmethod
@@ -159,7 +158,6 @@ class MeasurementRecord:
 
     @staticmethod
     def upgrade(value: dict[str, Any]) -> dict[str, Any]:
-        """Return a stored record with the keys of today."""
         if "returns" not in value:  # a rollout used to return all that it can, others final states
             product = Product.SENSORS if value.get("path") == "rollout" else Product.FINAL
             value = {**value, "returns": product.value}

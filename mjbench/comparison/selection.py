@@ -18,7 +18,6 @@ SCALING_PATHS, SCALING_CHUNKS = ("rollout", "batch_step"), (1, 4, 16)
 
 
 def default_threads() -> list[int]:
-    """Return the thread counts tried by default: one, and every usable core."""
     return sorted({1, machine.usable_cores()})
 
 

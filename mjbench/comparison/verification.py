@@ -60,7 +60,6 @@ class ReferenceCase:
 
     @classmethod
     def in_contact(cls, hold: int, seed: int) -> "ReferenceCase":
-        """Return a small case that starts in contact, for models that do not."""
         model = models.load(models.resolve(CONTACT_MODEL))
         nstep = workload.whole_holds(CONTACT_NSTEP, hold)
         contact_workload = workload.make(model, CONTACT_NBATCH, nstep, hold, seed)
@@ -106,7 +105,6 @@ class ReferenceCase:
         return compat.state_columns(self.workload.model, compat.FULLPHYSICS)
 
     def reorder(self, rng: np.random.Generator) -> None:
-        """Reorder the simulations of the workload and of the reference run, in place."""
         order = workload.draw_order(self.workload.nbatch, rng)
         self.resources.reorder(order)
         self.final_state[...] = self.final_state[order]

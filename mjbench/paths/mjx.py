@@ -198,7 +198,6 @@ class MjxWarp(Mjx):
 
 
 def _matmul_precision() -> str:
-    """Return the precision of float32 matrix products: `highest` unless the user names another."""
     return os.environ.get(_MATMUL, "highest")
 
 
@@ -365,7 +364,6 @@ def _count_on_device(nstep: int) -> "jax.Array":
 
 
 def _check_buffers(data: "mjx.Data") -> None:
-    """Reject a result for which one of Warp's buffers was too small."""
     own = compat.mjx_own(data)
     if hasattr(own, "overflow"):
         warp_buffers.check_overflow(np.asarray(own.overflow))

@@ -85,8 +85,6 @@ class _SharedArray:
 
 @dataclass(frozen=True, eq=False)
 class _SharedWorkload:
-    """A workload in shared memory, as it is sent to the workers, and what they return."""
-
     model: mujoco.MjModel
     hold: int
     returns: Product

@@ -161,8 +161,6 @@ class _Actor:
 
 
 class _ActorPool:
-    """Started actors, what they are sent, and the arrays that what they return is copied to."""
-
     def __init__(self, workload: Workload, count: int, resources: Resources):
         self.outputs, self._final_state = resources.step_outputs(), resources.final_state()
         self._rows = shares(workload.nbatch, count)

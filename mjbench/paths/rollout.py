@@ -62,7 +62,6 @@ class Rollout(SteppingPath):
         return compat.rollout_threads_unavailable() if options["threads"] > 1 else None
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """One thread has neither pool nor chunks."""
         if options["threads"] == 1:
             options = {**options, "pool": None, "chunk": None}
         if options["checks"] == "on":
@@ -237,7 +236,6 @@ class RolloutInputs:
     control: np.ndarray | None
 
     def part(self, rows: slice) -> "RolloutInputs":
-        """Return the inputs of some simulations, which share their memory with these."""
         control = None if self.control is None else self.control[rows]
         return RolloutInputs(self.start[rows], self.warmstart[rows], self.control_spec, control)
 

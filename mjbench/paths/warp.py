@@ -99,7 +99,6 @@ class Warp(AcceleratedPath):
         )
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return a loop over a captured step; options are sizes of buffers."""
         launch = "    wp.capture_launch(capture.graph)"
         if workload.hold > 1:
             launch = f"    for _ in range({workload.hold}):\n    {launch}"
@@ -227,7 +226,6 @@ def _array_like(array: Any, values: np.ndarray) -> Any:
 
 
 def peak_gpu_memory_bytes() -> int | None:
-    """Return the peak memory of a GPU's pool that Warp used; None on a CPU."""
     import warp as wp
 
     device = wp.get_device()

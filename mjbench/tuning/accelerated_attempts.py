@@ -233,7 +233,6 @@ class _Launch:
 
 
 def _rounded(trials: Trials, path: AcceleratedPath) -> Trials:
-    """Return trials as an engine of some precision receives them."""
     return dataclasses.replace(
         trials,
         initial_state=trials.initial_state.astype(path.precision).astype(float),

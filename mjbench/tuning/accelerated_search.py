@@ -76,7 +76,6 @@ class EngineSearch(Search):
         return allowed_error(self._plan.max_error, present.error.share, facts.rounding.share)
 
     def _second_look(self, attempts: Sequence[Attempt]) -> None:
-        """Measure the fastest settings again, from new starts, in fresh processes."""
         plan, settings = self._plan, [each.settings for each in attempts]
         self._advance(3, "C from new starts", 0.0)
         ncontrol = self._facts.horizon_ncontrol

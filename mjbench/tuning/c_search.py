@@ -144,7 +144,6 @@ class CSearch(Search):
         return [*_fastest(allowed, exact=True), *_fastest(allowed, exact=False)]
 
     def _figures(self, promising: Sequence[Attempt]) -> Iterator[Attempt]:
-        """Time settings in further processes, which have not chosen them; yield their figures."""
         self._advance(1, f"the time of {len(promising)} settings", 0.5)
         settings = [each.settings for each in promising]
         launches = self._launched(settings, LEAST_LAUNCHES, MOST_LAUNCHES, FIGURES_END)
@@ -178,7 +177,6 @@ class CSearch(Search):
         return is_known and effect_of(attempt).rank <= self._plan.only.rank
 
     def _may_be(self, attempt: Attempt) -> bool:
-        """Return whether settings do to the motion what they may."""
         if attempt.status != Status.OK or attempt.time_ratio is None:
             return False
         if not self._may_change_so_much(attempt):
@@ -209,7 +207,6 @@ class CSearch(Search):
         return [*faster, *together]
 
     def _tried(self, chosen: Sequence[Settings], nrun: int | None) -> list[Attempt]:
-        """Try combinations until time is up; return those that do what they may."""
         self._advance(2, f"{len(chosen)} combinations", 0.0)
         request = self._request(chosen, self._timed_s, nrun, TOGETHER_END)
         tried = self._measure.launch(request) if chosen else []
@@ -284,7 +281,6 @@ class CSearch(Search):
         return confirmed
 
     def _time_again(self, confirmed: Sequence[tuple[Attempt, Attempt]], first_error: float) -> None:
-        """Recommend settings that are certainly faster from the new starts, too."""
         if not confirmed:
             return
         self._advance(3, f"the time of {len(confirmed)} settings", 0.6)
@@ -300,7 +296,6 @@ class CSearch(Search):
     def _decide(
         self, confirmed: Sequence[tuple[Attempt, Attempt]], rule: SettingRule, first_error: float
     ) -> None:
-        """Recommend the settings that are certainly faster by their launches; withdraw others."""
         for position, (first, second) in enumerate(confirmed):
             of_setting = rule.attempts.get(position, [])
             has_failed = bool(of_setting) and of_setting[-1].status != Status.OK
@@ -420,7 +415,6 @@ def _together_known(attempts: Sequence[Attempt]) -> Attempt:
 
 
 def _with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
-    """Return an attempt with what a launch says of states and stages, or how it failed."""
     if seen.status != Status.OK:
         return Attempt(attempt.settings, seen.status, seen.detail)
     return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)

@@ -117,7 +117,6 @@ def is_allowed(attempt: Attempt, max_error: float | None, present_error: float) 
 
 
 def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTINCT) -> None:
-    """Add an attempt to a front, if it takes at most this share of the time of the last one."""
     if time_ratio_of(attempt) < factor * (time_ratio_of(front[-1]) if front else 1.0):
         front.append(attempt)
 

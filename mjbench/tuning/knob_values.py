@@ -65,7 +65,6 @@ def keywords(name: str, choices: Sequence[str], applies: Condition = _always) ->
 
 
 def integrators(observed: ObservedModel) -> list[Setting]:
-    """Return integrators that are faster than the model's, or about as fast."""
     present = keyword(observed.model, "integrator")
     faster = {each.lower(): others for each, others in _FASTER_INTEGRATORS.items()}
     others = keywords("integrator", faster.get(present, ()))(observed)
@@ -76,7 +75,6 @@ def integrators(observed: ObservedModel) -> list[Setting]:
 
 
 def jacobians(observed: ObservedModel) -> list[Setting]:
-    """Return the storage of the constraint Jacobian that the model does not have now."""
     model = observed.model
     if not observed.max_constraints:
         return []
@@ -96,18 +94,15 @@ def timesteps(observed: ObservedModel) -> list[Setting]:
 
 
 def no_noslip(observed: ObservedModel) -> list[Setting]:
-    """Return no iterations of the NoSlip solver, where there are some and contacts to slip."""
     has_some = observed.model.opt.noslip_iterations > 0 and observed.max_constraints > 0
     return [option("noslip_iterations", "0")] if has_some else []
 
 
 def fewer(name: str, choices: Iterable[int], applies: Condition) -> Values:
-    """Return what offers smaller bounds of an option, where this release has it."""
     return _compared(name, choices, applies, operator.lt)
 
 
 def coarser(name: str, choices: Iterable[float], applies: Condition) -> Values:
-    """Return what offers larger tolerances of an option, where this release has it."""
     return _compared(name, choices, applies, operator.gt)
 
 
@@ -149,7 +144,6 @@ def _is_accepted(model: mujoco.MjModel, name: str, choice: str) -> bool:
 
 
 def _can_step(model: mujoco.MjModel) -> bool:
-    """Return whether the engine steps a model: it refuses some features together."""
     try:
         mujoco.mj_step(model, start_data(model))
     except mujoco.FatalError:
@@ -203,7 +197,6 @@ def unused_features(observed: ObservedModel) -> list[Setting]:
 
 
 def excludes(observed: ObservedModel) -> list[Setting]:
-    """Return one setting that excludes all pairs of bodies that never touched."""
     pairs = observed.idle_pairs
     if not pairs or not observed.is_mjcf:
         return []
@@ -213,7 +206,6 @@ def excludes(observed: ObservedModel) -> list[Setting]:
 
 
 def no_visual_geoms(observed: ObservedModel) -> list[Setting]:
-    """Return a setting that discards geoms that are only drawn, where there are some."""
     count = features.drawn_geoms(observed.model)
     if not count or not observed.is_mjcf:
         return []

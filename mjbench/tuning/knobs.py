@@ -254,7 +254,6 @@ KNOBS: Sequence[Knob] = (
 
 
 def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
-    """Return the settings worth trying by the name of their knob, in the order of the table."""
     offered = {knob.name: tuple(knob.values(observed)) for knob in KNOBS}
     return {name: some for name, some in offered.items() if some}
 

@@ -59,8 +59,6 @@ def _check_root(root: Element) -> None:
 
 @dataclass(frozen=True)
 class _New:
-    """An element to add."""
-
     name: str
     attributes: Mapping[str, str] = field(default_factory=dict)
     children: Sequence["_New"] = ()
@@ -112,7 +110,6 @@ def _excluding(document: Document, pairs: Sequence[tuple[str, str]]) -> Document
 
 
 def _with_attribute(document: Document, element: Element, name: str, value: str) -> Document:
-    """Return the file with an attribute of an element; the same file where it is set."""
     tag = document.tag(element)
     present = tag.values.get(name)
     if present is None:
@@ -124,7 +121,6 @@ def _with_attribute(document: Document, element: Element, name: str, value: str)
 
 
 def _with_children(document: Document, element: Element, children: Sequence[_New]) -> Document:
-    """Return the file with more children of an element, behind those that it has."""
     unit, tag = _unit(document), document.tag(element)
     own = document.indentation(element.start)
     if tag.is_empty:

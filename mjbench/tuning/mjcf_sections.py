@@ -92,7 +92,6 @@ class Document:
 
     @property
     def newline(self) -> str:
-        """The file's first line end; nothing where it has only one line."""
         return _first_newline(self.visible)
 
     def tag(self, element: Element) -> StartTag:
@@ -122,7 +121,6 @@ class Document:
         return _first_newline(self.visible[self.behind_last(position, b" \t\r\n") : position])
 
     def behind_last(self, position: int, skipped: bytes) -> int:
-        """Return the position behind the last byte before `position` not in `skipped`."""
         return len(self.visible[:position].rstrip(skipped))
 
 
@@ -157,8 +155,6 @@ def _first_newline(text: bytes) -> str:
 
 
 class _Reader:
-    """The handlers of expat's events, and what they recorded."""
-
     def __init__(self, visible: bytes):
         self.visible = visible
         self.files: list[str] = []

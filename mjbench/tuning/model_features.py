@@ -22,7 +22,6 @@ def can_collide(model: mujoco.MjModel) -> bool:
 
 
 def needs_convex_collider(model: mujoco.MjModel) -> bool:
-    """Return whether some geoms that can collide are left to the iterative convex collider."""
     pairs = geom_pairs.read(model)
     return pairs.is_too_large or geom_pairs.need_convex_collider(model, pairs)
 
@@ -90,6 +89,5 @@ def absent(model: mujoco.MjModel) -> dict[str, str]:
 
 
 def _has_other_passive_forces(model: mujoco.MjModel) -> bool:
-    """Return whether gravity compensation, a fluid or a plugin may act."""
     fluid = model.opt.density or model.opt.viscosity
     return bool(fluid or model.nplugin or np.any(model.body_gravcomp))

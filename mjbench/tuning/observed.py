@@ -66,7 +66,6 @@ class ObservedModel:
 
 
 def is_mjcf(path: Path) -> bool:
-    """Return whether a model file is MJCF: XML, and not a URDF."""
     if path.suffix.lower() != ".xml":
         return False
     try:
@@ -140,8 +139,6 @@ def _exploring(
 
 
 class _Run:
-    """Simulations, and what their steps did."""
-
     def __init__(self, model: mujoco.MjModel, hold: int, sample_every: int):
         self._model, self._hold, self._sample_every = model, hold, sample_every
         self._data = mujoco.MjData(model)
@@ -187,7 +184,6 @@ class _Run:
         self._max_constraints = max(self._max_constraints, int(data.nefc))
 
     def observed(self, is_mjcf: bool, nusual: int) -> ObservedModel:
-        """Return what was seen, with the iterations of the first `nusual` steps."""
         solver, line_search = np.array(self._iterations[:nusual], dtype=int).reshape(-1, 2).T
         return ObservedModel(
             self._model,

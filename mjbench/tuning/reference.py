@@ -174,7 +174,6 @@ class Baseline:
 
 
 def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
-    """Return the runs with present settings, the reference, and the horizon."""
     return with_reference(model, present_runs(model, plan), plan.horizon_ncontrol)
 
 
@@ -314,7 +313,6 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
 
 
 def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
-    """Return a model whose constraint solver converges, with its timestep divided by a number."""
     tight = copy.copy(model)
     opt = tight.opt
     opt.timestep = float(opt.timestep) / refinement

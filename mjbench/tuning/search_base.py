@@ -77,7 +77,6 @@ class Search(abc.ABC):
         self._begin_s = clock()
 
     def result(self) -> TuneRecord:
-        """Search; return what came of it, however it ended."""
         try:
             self._measure_present()
             if attempts := self._try_settings():

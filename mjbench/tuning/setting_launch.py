@@ -207,7 +207,6 @@ class _Launch:
 
 
 def stage_shares(model: mujoco.MjModel, trials: Trials) -> dict[str, float]:
-    """Return the share of a step by stage, from the states where trials begin."""
     hold = trajectories.steps_per_control(model, trials.control_s)
     run_s = hold * work.step_s(model, trials.initial_state[0])
     nrun = max(1, int(BLOCK_S / run_s))

@@ -112,7 +112,6 @@ def points(ncontrol: int) -> list[int]:
 
 
 def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
-    """Return the runs of a model, on as many threads as there are cores by default."""
     if compat.state_size(model) != trials.initial_state.shape[1]:
         raise InputError("the setting changes the size of the model's state")
     nstep = steps_per_control(model, trials.control_s)

@@ -184,7 +184,6 @@ def _set_option(source: ModelSource, options: Any, edit: Edit) -> None:
 
 
 def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
-    """Set an attribute of `<compiler>` that is a number, or `true` or `false`."""
     present = getattr(getattr(spec, "compiler", None), edit.name, None)
     if not isinstance(present, bool | int | float):
         raise InputError(
@@ -201,7 +200,6 @@ def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
 
 
 def _is_excluded(spec: Any, edit: Edit) -> bool:
-    """Return whether a model excludes a pair of bodies already, in either order."""
     pair = {edit.name, edit.value}
     return any({exclude.bodyname1, exclude.bodyname2} == pair for exclude in spec.excludes)
 
@@ -257,7 +255,6 @@ def _absent(source: ModelSource, edits: Sequence[Edit]) -> list[Edit]:
 
 
 def _check_copy(source: ModelSource, edits: Sequence[Edit], target: Path, copy: Path) -> None:
-    """Compare the model that a written copy compiles to with the one that it must be."""
     expected = ModelGuard(compiled(source, edits))
     try:
         model = mujoco.MjModel.from_xml_path(str(copy))
