@@ -107,12 +107,9 @@ def check_run(
     if workload.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART):
         parts.append(check.warm_start())
     parts.append(check.run(constraints.has_same_contacts))
+    states = constraints.states or len(check.judged.state)
     judgement = EngineJudgement.of(
-        precision,
-        parts,
-        constraints.pairs,
-        constraints.states or len(check.judged.state),
-        constraints.contact_states,
+        precision, parts, constraints.pairs, states, constraints.contact_states
     )
     _, final_shadow = check.errors(workload.nstep, check.final_fields)
     return CheckedRun(

@@ -237,12 +237,11 @@ class MjxProgram:
     def _fields_on_device(self, fields: Mapping[str, np.ndarray]) -> "dict[str, jax.Array]":
         import jax
 
-        return {
-            name: jax.device_put(
-                values.reshape(-1, *self._arrays[name].shape).astype(self._arrays[name].dtype)
-            )
-            for name, values in supported_fields(fields, self._arrays, "MJX").items()
-        }
+        on_device = {}
+        for name, values in supported_fields(fields, self._arrays, "MJX").items():
+            like = self._arrays[name]
+            on_device[name] = jax.device_put(values.reshape(-1, *like.shape).astype(like.dtype))
+        return on_device
 
     def _control_on_device(self, control: np.ndarray) -> "jax.Array":
         import jax
@@ -329,11 +328,8 @@ class MjxProgram:
         self, fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
     ) -> StepOutcome:
         """Take `nstep` steps from other states (see `Compiled.advance`)."""
-        data = self._any_nstep(
-            self._fields_on_device(fields),
-            self._control_on_device(control),
-            _count_on_device(nstep),
-        )
+        start, controls = self._fields_on_device(fields), self._control_on_device(control)
+        data = self._any_nstep(start, controls, _count_on_device(nstep))
         _check_buffers(data)
         return StepOutcome(
             self._fields(data),

@@ -187,9 +187,8 @@ def _rollout_function(options: Options, resources: Resources) -> Callable[..., A
     if options.get("pool") != "kept":
         return rollout.rollout  # type: ignore[no-any-return]
     threads = options["threads"]
-    pool = resources.get_or_create(
-        ("rollout pool", threads), lambda: rollout.Rollout(nthread=threads)
-    )
+    key = ("rollout pool", threads)
+    pool = resources.get_or_create(key, lambda: rollout.Rollout(nthread=threads))
     resources.at_close(pool.close)
     return pool.rollout  # type: ignore[no-any-return]
 

@@ -59,8 +59,8 @@ class CMeasurements:
 
     def survey(self, seed: int, computing_s: float) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
         """Return what there is to try, and meshes that nearly fill a primitive."""
-        arguments = self._source, seed, self._starts, self._hold, computing_s
-        return isolate.call(look, *arguments, limit_s=self._limit_s)
+        plan = seed, self._starts, self._hold, computing_s
+        return isolate.call(look, self._source, *plan, limit_s=self._limit_s)
 
     def present(self, plan: TrialPlan) -> tuple[Present, Mapping[str, float], float]:
         """Draw the trials of launches; return what the present settings do from there.
@@ -68,13 +68,12 @@ class CMeasurements:
         Returns:
           That, the share of a step by stage, and the seconds that the reference takes at least.
         """
-        arguments = self._source, plan, self._files
-        return isolate.call(run_present, *arguments, limit_s=self._long_s)
+        return isolate.call(run_present, self._source, plan, self._files, limit_s=self._long_s)
 
     def reference(self, horizon_ncontrol: int | None = None) -> Present:
         """Run the reference, to a horizon if there is one; return what the present settings do."""
-        arguments = self._source, self._files, horizon_ncontrol
-        return isolate.call(run_reference, *arguments, limit_s=self._long_s)
+        files = self._files, horizon_ncontrol
+        return isolate.call(run_reference, self._source, *files, limit_s=self._long_s)
 
     def launch(self, request: SettingLaunchRequest) -> list[Attempt]:
         """Try settings, one after the other, in a fresh process; return those that were begun.

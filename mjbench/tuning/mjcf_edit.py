@@ -164,10 +164,9 @@ def _markup(elements: Sequence[_New], indentation: str, unit: str, newline: str)
     before = f"{newline}{indentation}" if newline else ""
     text = ""
     for new in elements:
-        attributes = [
-            f' {name}="{_escaped(value, chr(34))}"' for name, value in new.attributes.items()
-        ]
-        text += f"{before}<{new.name}{''.join(attributes)}"
+        text += f"{before}<{new.name}"
+        for name, value in new.attributes.items():
+            text += f' {name}="{_escaped(value, chr(34))}"'
         inside = _markup(new.children, indentation + unit, unit, newline)
         text += f">{inside}{before}</{new.name}>" if inside else "/>"
     return text

@@ -90,15 +90,9 @@ def observe_model(
     nstep = max(1, int(min(wanted, computing_s / (step_s + _READING_S))))
     nexplored = nstep // 2
     run = _Run(model, hold, max(1, nstep // _NSAMPLE))
-    request = SampleRequest(
-        _NUSUAL,
-        workload.whole_holds((nstep - nexplored) // _NUSUAL, hold),
-        hold,
-        seed,
-        plan,
-        starts.max_settling_nstep(step_s),
-        may_shorten=True,
-    )
+    each_nstep = workload.whole_holds((nstep - nexplored) // _NUSUAL, hold)
+    settling_nstep = starts.max_settling_nstep(step_s)
+    request = SampleRequest(_NUSUAL, each_nstep, hold, seed, plan, settling_nstep, may_shorten=True)
     usual = sampling.draw(model, request).workload
     for state, control in zip(usual.initial_state, usual.control, strict=True):
         run.simulate(_from_state(state), control)

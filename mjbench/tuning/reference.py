@@ -283,21 +283,17 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
         scale = plan.reference_s / REFERENCE_S
         most = max(LEAST_DRAWS, round(scale * DRAWS))
         count = int(np.clip(scale * DRAWS_S / settling_s, LEAST_DRAWS, most))
-    samples = [
-        sampling.draw(
-            model,
-            sampling.SampleRequest(
-                -(-nrun // count),
-                ncontrol * plan.hold,
-                plan.hold,
-                plan.seed + number * _SEEDS_APART,
-                plan.starts,
-                starts.max_settling_nstep(step_s),
-                may_shorten=True,
-            ),
-        )
-        for number in range(count)
-    ]
+    request = sampling.SampleRequest(
+        -(-nrun // count),
+        ncontrol * plan.hold,
+        plan.hold,
+        plan.seed,
+        plan.starts,
+        starts.max_settling_nstep(step_s),
+        may_shorten=True,
+    )
+    seeds = [plan.seed + number * _SEEDS_APART for number in range(count)]
+    samples = [sampling.draw(model, replace(request, seed=seed)) for seed in seeds]
     drawn = [sample.workload for sample in samples]
     shortest = min(each.ncontrol for each in drawn)
     trials = Trials(
