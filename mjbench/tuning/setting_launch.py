@@ -61,16 +61,23 @@ def launch(
       on_message: called with what the task sends, and the `Attempt` of a setting that ended it.
       options: of `isolate.run`.
     """
-    end_s = time.monotonic() + stop_after_s
+    end_s, left = time.monotonic() + stop_after_s, list(settings)
+
+    def receive(message: Any) -> None:
+        if isinstance(message, Attempt):
+            left.pop(0)
+        on_message(message)
+
     while True:
-        given = arguments(settings, end_s - time.monotonic())
-        ended = isolate.run(task, given, on_message, limit_s, **options)
+        ended = isolate.run(
+            task, arguments(tuple(left), end_s - time.monotonic()), receive, limit_s, **options
+        )
         if ended.position is None:  # it ended well, or without a setting to blame
             ended.check()
             return
-        on_message(Attempt(settings[ended.position], ended.status, ended.detail))
-        settings = settings[ended.position + 1 :]
-        if not settings:
+        if left:
+            receive(Attempt(left[0], ended.status, ended.detail))
+        if not left:
             return
 
 
