@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.comparison.judged_run import SHADOW_FACTOR, figure_measures, run_points
+from mjbench.comparison.judged_run import SHADOW_FACTOR, figure_measures
 from mjbench.comparison.judged_steps import (
     SMOOTH_LIMIT,
     SOLUTION_LIMIT,
@@ -100,23 +100,16 @@ def check_run(
     precision: Precision,
     on_state: Callable[[], None] = lambda: None,
 ) -> CheckedRun:
-    """Judge compiled programs beside the reference run.
-
-    Args:
-      on_state: called before each state in which the constraint problem is solved.
-    """
+    """Judge compiled programs; `on_state` is called before each constraint problem."""
     check = _Check(workload, programs, precision)
     constraints = check.constraints(on_state)
     parts = [check.inputs(), check.smooth(), constraints.contacts, constraints.constraints]
     if workload.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART):
         parts.append(check.warm_start())
     parts.append(check.run(constraints.has_same_contacts))
+    states = constraints.states or len(check.judged.state)
     judgement = EngineJudgement.of(
-        precision,
-        parts,
-        constraints.pairs,
-        constraints.states or len(check.judged.state),
-        constraints.contact_states,
+        precision, parts, constraints.pairs, states, constraints.contact_states
     )
     _, final_shadow = check.errors(workload.nstep, check.final_fields)
     return CheckedRun(
@@ -152,7 +145,9 @@ class _Check:
             if name in self._at_start
         ]
         pairs += [(first_ctrl, control[:, 0]), (self.final_fields["ctrl"], control[:, -1])]
-        others = sum(not np.array_equal(got, self._held(want)) for got, want in pairs)
+        if self._is_float32:
+            pairs = [(got, trajectory.as_float32(want)) for got, want in pairs]
+        others = sum(not np.array_equal(*pair) for pair in pairs)
         return JudgedPart.of(
             PartName.INPUTS, Measure("arrays other than the start states and controls", others, 0)
         )
@@ -164,23 +159,18 @@ class _Check:
         measures = [judge_smooth(model, self.judged, reached, self._precision)]
         singles = self._single_steps(MAX_SINGLE_STEPS)
         outcome = take_single_steps(self._programs.timed, singles, repeats=True)
-        errors = _StepErrors.of(model, singles, outcome)
-        if errors.unconstrained is not None:
-            measures.append(
-                Measure("an unconstrained step", finite_or_none(errors.unconstrained), limit)
-            )
-        if errors.repeated is not None:
-            measures.append(
-                Measure(
-                    "a step beside the same one in another simulation",
-                    finite_or_none(errors.repeated),
-                    SOLUTION_LIMIT[self._precision],
-                )
-            )
+        unconstrained, repeated, still_share = _step_errors(model, singles, outcome)
+        if unconstrained is not None:
+            error = finite_or_none(unconstrained)
+            measures.append(Measure("an unconstrained step", error, limit))
+        if repeated is not None:
+            name = "a step beside the same one in another simulation"
+            limit = SOLUTION_LIMIT[self._precision]
+            measures.append(Measure(name, finite_or_none(repeated), limit))
         nstep = self.reference.unconstrained_nstep
         if nstep:
-            measures.append(self._unconstrained_run(nstep, errors.unconstrained or 0.0))
-        measures.append(Measure("share of steps that change no state", errors.still_share, 0.5))
+            measures.append(self._unconstrained_run(nstep, unconstrained or 0.0))
+        measures.append(Measure("share of steps that change no state", still_share, 0.5))
         return JudgedPart.of(PartName.SMOOTH, *measures)
 
     def constraints(self, on_state: Callable[[], None]) -> JudgedConstraints:
@@ -217,31 +207,22 @@ class _Check:
         lost = int((~np.isfinite(np.hstack(compared)).all(axis=1)).sum())
         measures = [Measure("simulations that do not end in finite numbers", lost, 0)]
         if not lost:
-            points = run_points(workload, self._timed, self.reference)
             measures += figure_measures(
-                workload.model,
-                points,
+                workload,
+                self._timed,
                 self.reference,
                 self._shadow,
                 self._precision,
                 has_same_contacts,
             )
         error, shadow = self.errors(workload.nstep, self.final_fields)
-        measures.append(
-            Measure(
-                f"difference after {workload.nstep} steps (beside it, C with float32 states)",
-                finite_or_none(error.max()),
-                in_c=finite_or_none(shadow.max()),
-            )
-        )
+        name = f"difference after {workload.nstep} steps (beside it, C with float32 states)"
+        in_c = finite_or_none(shadow.max())
+        measures.append(Measure(name, finite_or_none(error.max()), in_c=in_c))
         return JudgedPart.of(PartName.RUN, *measures)
 
     def errors(self, nstep: int, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
-        """Return (nsim,) how far simulations are from the reference run after `nstep` steps.
-
-        Returns:
-          The errors of `fields`, and those of the shadow.
-        """
+        """Return (nsim,) errors of `fields`, and of the shadow, after `nstep` steps."""
         model, reference = self._workload.model, self.reference
         expected = workloads.fields(model, reference.states[:, nstep])
         rounded = workloads.fields(model, self._shadow.states[:, nstep])
@@ -264,9 +245,6 @@ class _Check:
         return trajectory.single_steps(
             self._workload, self.reference, max_count, self._is_float32, [*self._at_start]
         )
-
-    def _held(self, values: np.ndarray) -> np.ndarray:
-        return trajectory.as_float32(values) if self._is_float32 else values
 
 
 def take_single_steps(
@@ -295,40 +273,33 @@ def take_single_steps(
     )
 
 
-@dataclass(frozen=True)
-class _StepErrors:
-    """How far single steps of the timed program are from C's.
+def _step_errors(
+    model: mujoco.MjModel, singles: SingleSteps, outcome: StepOutcome
+) -> tuple[float | None, float | None, float]:
+    """Return how far single steps of the timed program are from C's.
 
-    Attributes:
-      unconstrained: the largest error where no constraint acts; None without such steps.
-      repeated: the largest difference between a step and the same in another simulation; None where
-        there are no more simulations than steps.
-      still_share: of the steps that change a state in C, how many change none.
+    Returns:
+      The largest error where no constraint acts; the largest difference between a step and the same
+      in another simulation; both None without such steps; and of the steps that change a state in
+      C, the share that change none.
     """
-
-    unconstrained: float | None
-    repeated: float | None
-    still_share: float
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel, singles: SingleSteps, outcome: StepOutcome) -> "_StepErrors":
-        count, total = len(singles.state), len(next(iter(outcome.fields.values())))
-        step = np.arange(total) % count  # which of the single steps a row took
-        expected, before = (
-            {name: values[step] for name, values in workloads.fields(model, states).items()}
-            for states in (singles.after, singles.state)
-        )
-        is_free = ((singles.contacts.counts(count) == 0) & (singles.constraints == 0))[step]
-        errors = agreement.max_relative_error(outcome.fields, expected, COMPARED)[is_free]
-        moves = agreement.max_relative_error(expected, before, COMPARED) > 0
-        stays = agreement.max_relative_error(outcome.fields, before, COMPARED) == 0
-        first = {name: values[step] for name, values in outcome.fields.items()}
-        repeated = agreement.max_relative_error(outcome.fields, first, COMPARED)[count:]
-        return cls(
-            float(errors.max()) if len(errors) else None,
-            float(repeated.max()) if len(repeated) else None,
-            float(stays[moves].mean()) if moves.any() else 0.0,
-        )
+    count, total = len(singles.state), len(next(iter(outcome.fields.values())))
+    step = np.arange(total) % count  # which of the single steps a row took
+    expected, before = (
+        {name: values[step] for name, values in workloads.fields(model, states).items()}
+        for states in (singles.after, singles.state)
+    )
+    is_free = ((singles.contacts.counts(count) == 0) & (singles.constraints == 0))[step]
+    errors = agreement.max_relative_error(outcome.fields, expected, COMPARED)[is_free]
+    moves = agreement.max_relative_error(expected, before, COMPARED) > 0
+    stays = agreement.max_relative_error(outcome.fields, before, COMPARED) == 0
+    first = {name: values[step] for name, values in outcome.fields.items()}
+    repeated = agreement.max_relative_error(outcome.fields, first, COMPARED)[count:]
+    return (
+        float(errors.max()) if len(errors) else None,
+        float(repeated.max()) if len(repeated) else None,
+        float(stays[moves].mean()) if moves.any() else 0.0,
+    )
 
 
 def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRun) -> str:

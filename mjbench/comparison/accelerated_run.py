@@ -63,7 +63,6 @@ class AcceleratedRequest:
     """One model and one path that compiles, to be measured alone.
 
     Attributes:
-      workload_file: that `paths.accelerated.save_workload` wrote.
       is_named: whether the user asked for this path; others are not tried where they are slow.
       limit_s: seconds of silence after which the child is killed; its compiler gets more.
     """

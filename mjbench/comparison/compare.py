@@ -27,10 +27,8 @@ class ModelChildren:
     """The children of one model's comparison, and what they have said so far.
 
     Attributes:
-      reference: what the child said of the model and its reference run; None before.
-      ended: how the last child ended that every path needs; None before, and where the user
-        interrupted.
-      measured: of variants, by their positions in the plan, as far as children have said.
+      ended: how the last child ended that every path needs; None before, and after Ctrl-C.
+      measured: of variants, by their positions in the plan.
     """
 
     source: ModelSource
@@ -149,11 +147,7 @@ class ModelChildren:
         )
 
     def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
-        """Return the records of all variants as far as they are known, in the plan's order.
-
-        Args:
-          timed: variants that a race timed.
-        """
+        """Return the records of all variants, in the plan's order; a race has timed some."""
         model, untimed = self.model_record(), self._untimed(is_over)
         records = []
         for position in range(len(self.plan.variants)):
@@ -175,7 +169,6 @@ class ModelChildren:
 
 
 def _not_compiled(limit_s: float) -> str:
-    """Return what is known of a path whose compiler was killed: a lower bound, and what to do."""
     return (
         f"not compiled within {accelerated_run.COMPILER_PATIENCE * limit_s:g} s, and killed: its"
         " first step comes later than that, and no speed of its is known. Paths of C need no"

@@ -61,7 +61,6 @@ class _PairStates:
       effects: of the states where C can be given the contacts.
       lacking_effects: those of them in which the engine's contacts are C's own, but fewer.
       aligned_effects: those of `effects` where tangents are C's.
-      apart: an entry a contact.
       beside_flex: states in which C cannot be given contacts because a flex touches, too.
       unmet: states in which geoms touch that touch in no judged state of C.
       has_deep_unmet: whether one of these contacts is more than a contact that begins to touch.
@@ -130,16 +129,12 @@ class ContactJudge:
 
     def _types(self, contacts: Contacts) -> list[Types]:
         """Return the types of the geoms of each contact, in MuJoCo's order."""
-        return [self._ordered(*pair) for pair in contacts.geom.tolist()]
-
-    def _ordered(self, one: int, other: int) -> Types:
-        low, high = sorted(
-            (self._name(one), self._name(other)), key=lambda t: self._order.get(t, 0)
-        )
-        return low, high
-
-    def _name(self, geom: int) -> str:
-        return self._type[geom] if geom >= 0 else _FLEX
+        types = []
+        for pair in contacts.geom.tolist():
+            names = (self._type[geom] if geom >= 0 else _FLEX for geom in pair)
+            low, high = sorted(names, key=lambda name: self._order.get(name, 0))
+            types.append((low, high))
+        return types
 
     def _is_borderline(self, problem: ConstraintProblem, own: Contacts, in_c: Contacts) -> bool:
         """Return whether numbers of contacts differ by those alone that begin to touch."""

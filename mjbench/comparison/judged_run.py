@@ -14,7 +14,6 @@ from mjbench.paths.accelerated import Advance, start_fields
 from mjbench.simulation import compat, trajectory
 from mjbench.simulation.judgement import Measure, Precision, finite_or_none
 from mjbench.simulation.trajectory import Trajectory
-from mjbench.simulation.work_check import Fields
 from mjbench.simulation.workload import Workload
 
 # Points of a run at which its figures are compared, at most.
@@ -41,47 +40,28 @@ _ENERGY = "energy, J"
 _FIGURES = ("penetration, m", "violation of constraints, m or rad", "contact forces, N", _ENERGY)
 
 
-@dataclass(frozen=True, eq=False)
-class Points:
-    """States of a run at some points of it.
-
-    Attributes:
-      step: (npoint,) steps before each point.
-      states: (npoint, nsim, nstate), of the simulations that are followed.
-    """
-
-    step: np.ndarray
-    states: np.ndarray
-
-
-def run_points(workload: Workload, advance: Advance, reference: Trajectory) -> Points:
-    """Return the states that the compiled program reaches at up to `MAX_POINTS` points of a run."""
+def _run_points(
+    workload: Workload, advance: Advance, reference: Trajectory
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (npoint,) steps before each point of a run, and (npoint, nsim, nstate) states."""
     ends = 1 + trajectory.spread_indices(workload.ncontrol, MAX_POINTS)
     start, states, begin = start_fields(workload), [], 0
     for end in ends:
         control = np.roll(workload.control, -begin, axis=1)
         reached = dict(advance(start, control, int(end - begin) * workload.hold).fields)
-        in_c = reference.states[:, end * workload.hold]
-        states.append(_states(workload, in_c, reached, reference.simulation))
+        state = reference.states[:, end * workload.hold].copy()  # of fields that it does not have
+        for name, place in compat.state_columns(workload.model).items():
+            if name in reached:
+                state[:, place] = reached[name][reference.simulation]
+        states.append(state)
         start = {name: values for name, values in reached.items() if name != "ctrl"}
         begin = end
-    return Points(ends * workload.hold, np.array(states))
-
-
-def _states(
-    workload: Workload, in_c: np.ndarray, reached: Fields, simulation: np.ndarray
-) -> np.ndarray:
-    """Return states with the fields that an engine has; others are those of C."""
-    states = in_c.copy()
-    for name, place in compat.state_columns(workload.model).items():
-        if name in reached:
-            states[:, place] = reached[name][simulation]
-    return states
+    return ends * workload.hold, np.array(states)
 
 
 def figure_measures(
-    model: mujoco.MjModel,
-    points: Points,
+    workload: Workload,
+    advance: Advance,
     reference: Trajectory,
     shadow: Trajectory,
     precision: Precision,
@@ -94,16 +74,15 @@ def figure_measures(
         by point before the shadow parts from C. After that, and otherwise, their means are held to
         the spread of C's simulations.
     """
+    steps, reached_states = _run_points(workload, advance, reference)
     rows = trajectory.spread_indices(len(reference.simulation), MAX_SIMULATIONS)
-    states_in_c = reference.states[rows][:, points.step].swapaxes(0, 1)
+    c_states, shadow_states = (
+        run.states[rows][:, steps].swapaxes(0, 1) for run in (reference, shadow)
+    )
+    rounded_states = trajectory.as_float32(c_states)
     of_runs = [
-        _figures(model, states)
-        for states in (
-            points.states[:, rows],
-            states_in_c,
-            trajectory.as_float32(states_in_c),
-            shadow.states[rows][:, points.step].swapaxes(0, 1),
-        )
+        _figures(workload.model, states)
+        for states in (reached_states[:, rows], c_states, rounded_states, shadow_states)
     ]
     measures = []
     for name, reached, in_c, rounded, in_shadow in zip(_FIGURES, *of_runs, strict=True):
@@ -122,38 +101,44 @@ def _figures(model: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
             compat.restart(with_energy, data, np.ascontiguousarray(states[at]))
             mujoco.mj_forward(with_energy, data)
             figures[:, *at] = (
-                max([0.0, *(-c.dist for c in data.contact[: data.ncon])]),
-                _violation(data),
-                _normal_force(with_energy, data),
+                penetration_m(data),
+                violation(data),
+                contact_force_n(with_energy, data),
                 data.energy.sum(),
             )
     return figures
 
 
-def _violation(data: mujoco.MjData) -> float:
+def penetration_m(data: mujoco.MjData) -> float:
+    """Return how deep the deepest contact of a state is; 0 without contact."""
+    return max(0.0, -float(np.min(data.contact.dist[: data.ncon], initial=0.0)))
+
+
+def violation(data: mujoco.MjData) -> float:
+    """Return the largest violation of an equality or a limit, in m or rad."""
     limits = (
         int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT),
         int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
     )
-    kind, residual = np.asarray(data.efc_type), np.asarray(data.efc_pos)
+    kind, residual = data.efc_type[: data.nefc], data.efc_pos[: data.nefc]
     equality = np.abs(residual[kind == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)])
     return float(max(equality.max(initial=0.0), (-residual[np.isin(kind, limits)]).max(initial=0)))
 
 
-def _normal_force(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+def contact_force_n(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the sum of the normal forces of all contacts."""
     force, total = np.zeros(6), 0.0
     for i in range(data.ncon):
         mujoco.mj_contactForce(model, data, i, force)
-        total += force[0]
+        total += float(force[0])
     return total
 
 
 @dataclass(frozen=True, eq=False)
 class RunFigure:
-    """A figure at points of a run: arrays are (npoint, nsim).
+    """A figure at points of a run, (npoint, nsim): of the engine, and of C.
 
     Attributes:
-      reached: of the engine.
       rounded: of C's states, rounded to float32 once.
       in_shadow: of a run in which they are rounded before each step.
     """

@@ -52,11 +52,7 @@ JUDGING_S = 15.0
 def judge_smooth(
     model: mujoco.MjModel, singles: SingleSteps, reached: Fields, precision: Precision
 ) -> Measure:
-    """Compare single steps without constraints with those of C.
-
-    Args:
-      reached: (n, size) arrays by MjData field, after the engine's steps.
-    """
+    """Compare the fields that an engine reached in steps without constraints with those of C."""
     in_c = trajectory.take_steps(without_constraints(model), singles.state, singles.control)
     expected = workloads.fields(model, in_c.after)
     error = float(agreement.max_relative_error(reached, expected, COMPARED).max())
@@ -70,7 +66,6 @@ class JudgedConstraints:
     Attributes:
       states: those that were judged within the time for it.
       contact_states: those of them in which C has contacts.
-      precision: of the engine.
     """
 
     precision: Precision
@@ -82,10 +77,7 @@ class JudgedConstraints:
 
     @property
     def has_same_contacts(self) -> bool:
-        """Whether contacts change accelerations by no more than rounding does in any model.
-
-        They may agree and change more, where rounding does more in this model.
-        """
+        """Whether contacts change accelerations by no more than rounding does in any model."""
         return self.contacts.answer == EngineAnswer.YES and all(
             pair.largest_effect is not None and pair.largest_effect <= CONTACT_LIMIT[self.precision]
             for pair in self.pairs
@@ -163,12 +155,8 @@ def judge_constraints(
             continue
         solution = problem.solve(contacts)
         errors.acceleration.append(problem.acceleration_error(converged.qacc[i], solution))
-        following = problem.forces_at(contacts, converged.qacc[i])
-        errors.force.append(
-            problem.force_error(
-                converged.qfrc_constraint[i], Solution(converged.qacc[i], following)
-            )
-        )
+        following = Solution(converged.qacc[i], problem.forces_at(contacts, converged.qacc[i]))
+        errors.force.append(problem.force_error(converged.qfrc_constraint[i], following))
         if model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
             errors.at_settings.append(problem.acceleration_error(timed.qacc[i], solution))
             user = problem.at_user_settings()
@@ -179,20 +167,11 @@ def judge_constraints(
             errors.rounding.append(0.0)
             errors.force_rounding.append(0.0)
     pairs = judge.pairs(_shared_limit(precision, errors.contact_rounding))
-    return JudgedConstraints(
-        precision,
-        _contact_part(pairs),
-        _solution_part(errors, precision),
-        pairs,
-        states,
-        contact_states,
-    )
-
-
-def _contact_part(pairs: tuple[PairContacts, ...]) -> JudgedPart:
     answer = worst(pair.answer for pair in pairs)
     deciding = (str(pair) for pair in pairs if pair.answer == answer != EngineAnswer.YES)
-    return JudgedPart(PartName.CONTACTS, answer, reason="; ".join(deciding))
+    of_contacts = JudgedPart(PartName.CONTACTS, answer, reason="; ".join(deciding))
+    of_solution = _solution_part(errors, precision)
+    return JudgedConstraints(precision, of_contacts, of_solution, pairs, states, contact_states)
 
 
 def _solution_part(errors: _Errors, precision: Precision) -> JudgedPart:
@@ -202,12 +181,11 @@ def _solution_part(errors: _Errors, precision: Precision) -> JudgedPart:
         return JudgedPart(name, EngineAnswer.NOT_JUDGED, reason=reason)
     limits = _limits(precision, errors.rounding)
     force_rounding = np.maximum(errors.rounding, errors.force_rounding)
+    force_limits = _limits(precision, force_rounding)
     measures = [
         _worst("accelerations of the solution", errors.acceleration, limits),
         _worst(
-            "forces beside those that follow from its accelerations",
-            errors.force,
-            _limits(precision, force_rounding),
+            "forces beside those that follow from its accelerations", errors.force, force_limits
         ),
     ]
     if errors.at_settings:
@@ -297,9 +275,9 @@ def judge_warm_start(
     """Judge whether a model that turns warm starts off ignores them.
 
     Args:
-      cold: (n, nv) accelerations of steps that start at zero.
+      cold: (n, nv) accelerations of steps that start at zero; `again` are those of a repetition,
+        as a GPU adds in any order.
       warm: those of the same steps that start elsewhere.
-      again: those of a repetition of `cold`; a GPU adds in any order.
     """
     repeated = float(np.abs(again - cold).max(initial=0.0))
     noise = 0.0 if is_deterministic else ROUNDING_FACTOR * repeated

@@ -33,7 +33,6 @@ class AgreementReport:
     """Whether a variant does what the reference run does, so that it may be timed.
 
     Attributes:
-      status: `ok`, or why it is not timed.
       agrees: None where it was not compared.
       agreement: the rule that was held, or the first difference.
     """

@@ -43,7 +43,6 @@ class PlanningRequest:
     Attributes:
       variants: paths that roll out, the base path first.
       hold: steps for which each control is held, in the plan and in the loop.
-      duration_s: simulated seconds of the loop.
       budget_s: seconds after which no plan begins, once there are a few.
       states_file: with the states to plan from, one a plan; None to plan from where the loop is.
     """
@@ -132,14 +131,9 @@ class _PlannedPath:
         samples, knots = request.settings.samples, request.settings.knots
         nstate = compat.state_size(model)
         self._variant = variant
-        self._workload = Workload(
-            model,
-            np.zeros((samples, nstate)),
-            np.zeros((samples, knots, model.nu)),
-            request.hold,
-            request.settings.seed,
-            Product.TRAJECTORY,
-        )
+        states, control = np.zeros((samples, nstate)), np.zeros((samples, knots, model.nu))
+        seed, returns = request.settings.seed, Product.TRAJECTORY
+        self._workload = Workload(model, states, control, request.hold, seed, returns)
         self._resources = paths.Resources(self._workload)
         self._prepared: paths.Prepared | None = None
         self.plan_s: list[float] = []
@@ -215,11 +209,7 @@ class _Loop:
         self._columns = compat.state_columns(model, compat.FULLPHYSICS)
 
     def run(self, channel: Channel) -> PlanningRow:
-        """Plan and step until the duration or the budget is over.
-
-        Returns:
-          What all paths have in common.
-        """
+        """Plan and step until the duration or the budget is over; return what paths share."""
         model, request, task = self._model, self._request, self._task
         data = task.start(model)
         low, high = _control_range(model)
@@ -292,14 +282,10 @@ class _Loop:
             if digest != digests[0]:
                 again = self._planned[i].roll_out(start, candidates, cost)
                 if again is not None:
-                    difference = self._difference(again[0], base[0])
-                    self._planned[i].fail(Status.DISAGREES, difference)
+                    where = agreement.first_differing_step(again[0], base[0], self._columns)
+                    detail = str(where or "its states differ from run to run")
+                    self._planned[i].fail(Status.DISAGREES, detail)
         return base[1]
-
-    def _difference(self, states: np.ndarray, expected: np.ndarray) -> str:
-        """Return where the states of a path differ from those of the plain loop."""
-        difference = agreement.first_differing_step(states, expected, self._columns)
-        return str(difference) if difference else "its states differ from run to run"
 
 
 def _control_range(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:

@@ -134,7 +134,6 @@ class MeasurementRecord:
 
     @property
     def is_accelerated(self) -> bool:
-        """Whether the path compiles first and is held to tolerances."""
         return self.precision is not None
 
     @classmethod
@@ -159,7 +158,6 @@ class MeasurementRecord:
 
     @staticmethod
     def upgrade(value: dict[str, Any]) -> dict[str, Any]:
-        """Return a stored record with the keys of today."""
         if "returns" not in value:  # a rollout used to return all that it can, others final states
             product = Product.SENSORS if value.get("path") == "rollout" else Product.FINAL
             value = {**value, "returns": product.value}
@@ -181,12 +179,10 @@ class OfModel(Protocol):
     """A record of a model at one size."""
 
     @property
-    def model(self) -> str:
-        """Its name."""
+    def model(self) -> str: ...
 
     @property
-    def nbatch_asked(self) -> int | None:
-        """Simulations that the user asked for; None where mjbench chose."""
+    def nbatch_asked(self) -> int | None: ...
 
 
 _R = TypeVar("_R", bound=OfModel)

@@ -18,7 +18,6 @@ SCALING_PATHS, SCALING_CHUNKS = ("rollout", "batch_step"), (1, 4, 16)
 
 
 def default_threads() -> list[int]:
-    """Return the thread counts tried by default: one, and every usable core."""
     return sorted({1, machine.usable_cores()})
 
 
@@ -113,11 +112,7 @@ def rivals(names: Sequence[str]) -> list[str]:
 
 
 def choices(arguments: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
-    """Return option values by option name from arguments such as `pool=new,kept`.
-
-    Raises:
-      InputError: no such option, or a value that it cannot have.
-    """
+    """Return option values by option name from arguments such as `pool=new,kept`."""
     options = {
         option.name: option
         for name in [*paths.registry(), *names]

@@ -24,12 +24,7 @@ MIN_NBATCH_PER_THREAD = 4
 
 @dataclass(frozen=True)
 class BlockSizes:
-    """The sizes of a workload, which is one block.
-
-    Attributes:
-      nstep: steps per simulation, a multiple of hold.
-      reduced: whether they are below the usual ones to keep a block short.
-    """
+    """Sizes of a workload, whole controls; `reduced` if below the usual ones for a short block."""
 
     nbatch: int
     nstep: int

@@ -37,7 +37,6 @@ def step_cost_s(digest: str, measure: Callable[[], float]) -> float:
 
 
 def rounded_s(seconds: float) -> float:
-    """Return the power of two that is nearest by ratio."""
     return 2.0 ** round(math.log2(seconds))
 
 

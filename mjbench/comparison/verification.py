@@ -32,11 +32,9 @@ class ReferenceCase:
 
     Attributes:
       workload: without diverged simulations.
-      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the reference run.
       outputs: of the reference run, of every step, as the workload asks for.
       numbers: (nbatch,) of the simulations, as they were before they were reordered.
-      label: how it differs from what the user asked for, such as `with every input set`; empty for
-        the user's own.
+      label: how it differs from what the user asked for, such as `with every input set`.
     """
 
     workload: Workload
@@ -62,7 +60,6 @@ class ReferenceCase:
 
     @classmethod
     def in_contact(cls, hold: int, seed: int) -> "ReferenceCase":
-        """Return a small case that starts in contact, for models that do not."""
         model = models.load(models.resolve(CONTACT_MODEL))
         nstep = workload.whole_holds(CONTACT_NSTEP, hold)
         contact_workload = workload.make(model, CONTACT_NBATCH, nstep, hold, seed)
@@ -108,7 +105,6 @@ class ReferenceCase:
         return compat.state_columns(self.workload.model, compat.FULLPHYSICS)
 
     def reorder(self, rng: np.random.Generator) -> None:
-        """Reorder the simulations of the workload and of the reference run, in place."""
         order = workload.draw_order(self.workload.nbatch, rng)
         self.resources.reorder(order)
         self.final_state[...] = self.final_state[order]
@@ -172,8 +168,7 @@ class FurtherCases:
 
     Attributes:
       contact: of a model that starts in contact; None where the user's does.
-      inputs: of the user's model with every input set, by what they return; empty where all of
-        their simulations diverge.
+      inputs: of the user's model with every input set, by what they return; empty if all diverge.
     """
 
     contact: ReferenceCase | None

@@ -50,7 +50,6 @@ _CLASSES = {
 
 
 def registry() -> dict[str, SteppingPath]:
-    """Return every path by name, each a new object."""
     return {name: _own(name) for name in _CLASSES}
 
 

@@ -78,6 +78,17 @@ class States:
     values: np.ndarray
     mask: np.ndarray | None = None
 
+    @classmethod
+    def of_entries(cls, values: np.ndarray, entries: np.ndarray, returned: np.ndarray) -> "States":
+        """Write what a path returns to some entries of states, which alone are in the mask."""
+        mask = np.zeros(values.shape, dtype=bool)
+        values[:, entries], mask[:, entries] = returned, True
+        return cls(values, mask)
+
+    def completed(self, whole: np.ndarray) -> "States":
+        """Return the states with all entries: those that are not in the mask from `whole`."""
+        return States(np.where(np.asarray(self.mask), self.values, whole))
+
 
 class Resources:
     """Memory and workers that prepared runs of one workload share, made on first use.

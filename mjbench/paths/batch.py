@@ -35,7 +35,6 @@ class _BatchPath(SteppingPath):
         return compat.batch_unavailable()
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """Sleep needs an MjData per simulation, and these need memory."""
         if options["data"] == "shared":
             if compat.has_sleep(workload.model):
                 return "a model with sleep needs an MjData per simulation: --option data=persistent"
@@ -174,17 +173,18 @@ class BatchRollout(_BatchPath):
         return lambda: batch.rollout(workload.nstep, control, record=tuple(items), out=items)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        record = {
-            Product.FINAL: "()",
-            Product.TRAJECTORY: "(physics,)",
-            Product.SENSORS: "(physics, 'sensordata')",
+        record, read = {
+            Product.FINAL: ("()", ""),
+            Product.TRAJECTORY: ("(physics,)", "state = recorded[physics]\n"),
+            Product.SENSORS: (
+                "(physics, 'sensordata')",
+                "state, sensordata = recorded[physics], recorded['sensordata']\n",
+            ),
         }[workload.returns]
         hold, repeat, imports = workload.hold, "", ""
         if hold > 1:
-            repeat, imports = (
-                f"control = np.repeat(control, {hold}, axis=1)\n",
-                "import numpy as np\n",
-            )
+            repeat = f"control = np.repeat(control, {hold}, axis=1)\n"
+            imports = "import numpy as np\n"
         if workload.returns != Product.FINAL:
             imports = "import mujoco\n" + imports
             repeat += "physics = mujoco.mjtState.mjSTATE_FULLPHYSICS.value\n"
@@ -194,11 +194,7 @@ class BatchRollout(_BatchPath):
             repeat=repeat,
             record=record,
             assign="" if workload.returns == Product.FINAL else "recorded = ",
-            read={
-                Product.FINAL: "",
-                Product.TRAJECTORY: "state = recorded[physics]\n",
-                Product.SENSORS: "state, sensordata = recorded[physics], recorded['sensordata']\n",
-            }[workload.returns],
+            read=read,
         )
 
 

@@ -15,6 +15,7 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mjbench.errors import MachineError, describe
@@ -25,6 +26,7 @@ _LEAST_STORE_BYTES = 128 << 20
 # The longest name that a socket can have, in bytes, and what Ray adds to its temporary folder:
 # `/session_2026-11-23_14-55-56_123456_1234567/sockets/plasma_store.1`.
 _SOCKET_NAME_BYTES, _RAY_ADDS_BYTES = 107, 68
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 # The environment in which Ray's processes start. One thread is all that an actor has.
 _ENVIRONMENT: Mapping[str, str | None] = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -36,10 +38,10 @@ _ENVIRONMENT: Mapping[str, str | None] = {
 }
 
 
+@dataclass
 class _LocalRay:
-    def __init__(self) -> None:
-        self.users = 0
-        self.closing = ExitStack()
+    users: int = 0
+    closing: ExitStack = field(default_factory=ExitStack)
 
 
 _local = _LocalRay()
@@ -48,11 +50,7 @@ _local = _LocalRay()
 def acquire(store_bytes: int) -> None:
     """Use Ray until `release`, and start it where nobody in this process uses it yet.
 
-    Args:
-      store_bytes: size of what is in the object store at a time: a new store gets room for it.
-
-    Raises:
-      MachineError: Ray does not start.
+    A new object store gets room for `store_bytes` at a time. MachineError where Ray does not start.
     """
     with ray_environment.local():
         import ray
@@ -74,10 +72,16 @@ def _start(store_bytes: int) -> None:
 
     with ExitStack() as closing:
         folder = closing.enter_context(scratch.folder())
-        _check_length(folder)
+        if len(os.fsencode(folder)) + _RAY_ADDS_BYTES > _SOCKET_NAME_BYTES:
+            raise MachineError(
+                f"Ray needs a temporary folder with a shorter name than {folder}: set TMPDIR"
+            )
         closing.callback(session_guard.start())
         closing.callback(ray.shutdown)
-        with ray_environment.local({**_ENVIRONMENT, **_search_path()}), _signal_handler_kept():
+        # actors import what this process does
+        path = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
+        environment = {**_ENVIRONMENT, "PYTHONPATH": path}
+        with ray_environment.local(environment), own_signals():
             try:
                 ray.init(
                     address="local",
@@ -94,24 +98,15 @@ def _start(store_bytes: int) -> None:
         _local.closing = closing.pop_all()
 
 
-def _search_path() -> dict[str, str]:
-    """Return the environment in which actors import what this process does."""
-    return {"PYTHONPATH": os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)}
-
-
-def _check_length(folder: Path) -> None:
-    if len(os.fsencode(folder)) + _RAY_ADDS_BYTES > _SOCKET_NAME_BYTES:
-        raise MachineError(
-            f"Ray needs a temporary folder with a shorter name than {folder}: set TMPDIR"
-        )
-
-
 @contextlib.contextmanager
-def _signal_handler_kept() -> Iterator[None]:
-    """Put back the handler of SIGTERM, which Ray replaces."""
-    handler = signal.getsignal(signal.SIGTERM)
+def own_signals() -> Iterator[None]:
+    """Put back the handlers of signals that Ray replaces."""
+    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    handlers = {number: signal.getsignal(number) for number in numbers}
     try:
         yield
     finally:
-        if handler is not None and threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, handler)
+        is_main = threading.current_thread() is threading.main_thread()
+        for number, handler in handlers.items():
+            if is_main and handler is not None and signal.getsignal(number) != handler:
+                signal.signal(number, handler)

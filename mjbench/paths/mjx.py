@@ -198,7 +198,6 @@ class MjxWarp(Mjx):
 
 
 def _matmul_precision() -> str:
-    """Return the precision of float32 matrix products: `highest` unless the user names another."""
     return os.environ.get(_MATMUL, "highest")
 
 
@@ -238,12 +237,11 @@ class MjxProgram:
     def _fields_on_device(self, fields: Mapping[str, np.ndarray]) -> "dict[str, jax.Array]":
         import jax
 
-        return {
-            name: jax.device_put(
-                values.reshape(-1, *self._arrays[name].shape).astype(self._arrays[name].dtype)
-            )
-            for name, values in supported_fields(fields, self._arrays, "MJX").items()
-        }
+        on_device = {}
+        for name, values in supported_fields(fields, self._arrays, "MJX").items():
+            like = self._arrays[name]
+            on_device[name] = jax.device_put(values.reshape(-1, *like.shape).astype(like.dtype))
+        return on_device
 
     def _control_on_device(self, control: np.ndarray) -> "jax.Array":
         import jax
@@ -298,11 +296,7 @@ class MjxProgram:
         return time.perf_counter() - begin
 
     def cached_compile_s(self) -> float:
-        """Return the seconds of compiling the timed program where it is in JAX's cache.
-
-        The cache is a new folder inside the current one, and is filled first. Tracing does not use
-        it.
-        """
+        """Return the seconds of compiling the timed program where a cache, filled first, has it."""
         import jax
         from jax.experimental.compilation_cache import compilation_cache
 
@@ -334,11 +328,8 @@ class MjxProgram:
         self, fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
     ) -> StepOutcome:
         """Take `nstep` steps from other states (see `Compiled.advance`)."""
-        data = self._any_nstep(
-            self._fields_on_device(fields),
-            self._control_on_device(control),
-            _count_on_device(nstep),
-        )
+        start, controls = self._fields_on_device(fields), self._control_on_device(control)
+        data = self._any_nstep(start, controls, _count_on_device(nstep))
         _check_buffers(data)
         return StepOutcome(
             self._fields(data),
@@ -369,7 +360,6 @@ def _count_on_device(nstep: int) -> "jax.Array":
 
 
 def _check_buffers(data: "mjx.Data") -> None:
-    """Reject a result for which one of Warp's buffers was too small."""
     own = compat.mjx_own(data)
     if hasattr(own, "overflow"):
         warp_buffers.check_overflow(np.asarray(own.overflow))

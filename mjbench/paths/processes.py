@@ -85,8 +85,6 @@ class _SharedArray:
 
 @dataclass(frozen=True, eq=False)
 class _SharedWorkload:
-    """A workload in shared memory, as it is sent to the workers, and what they return."""
-
     model: mujoco.MjModel
     hold: int
     returns: Product
@@ -119,19 +117,16 @@ class _StepperPool:
         self.pipes: list[Connection] = []
         self.processes: list[SpawnProcess] = []
         for part in shares(workload.nbatch, count):
-            self._start(context, part)
+            ours, theirs = context.Pipe()
+            process = context.Process(target=_serve, args=(theirs, self._shared, part), daemon=True)
+            process.start()
+            theirs.close()
+            self.pipes.append(ours)
+            self.processes.append(process)
         for pipe in self.pipes:
             if not pipe.poll(_START_LIMIT_S):
                 raise TimeoutError(f"a worker process did not start within {_START_LIMIT_S:.0f} s")
             pipe.recv_bytes()
-
-    def _start(self, context: SpawnContext, part: slice) -> None:
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self._shared, part), daemon=True)
-        process.start()
-        theirs.close()
-        self.pipes.append(ours)
-        self.processes.append(process)
 
     def share_inputs(self) -> None:
         self._shared.initial_state.as_array()[...] = self._workload.initial_state
@@ -155,7 +150,7 @@ class _StepperPool:
 
 
 def _serve(pipe: Connection, shared: _SharedWorkload, part: slice) -> None:
-    """Be a worker: step the simulations of `part` for each byte, until the pipe closes."""
+    """Step the simulations of `part` for each byte, until the pipe closes."""
     child.die_with_parent()
     simulate = make_simulate(shared.model, shared.hold, shared.returns)
     data = mujoco.MjData(shared.model)

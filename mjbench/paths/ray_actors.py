@@ -120,8 +120,7 @@ class _Actor:
     def step(self, inputs: _Inputs) -> tuple[np.ndarray, ...]:
         """Step simulations; return their final states, and what a run returns of every step.
 
-        Each array has a row for each simulation. Final states are of mjSTATE_FULLPHYSICS after a
-        rollout, and of mjSTATE_INTEGRATION after a loop.
+        Final states are of mjSTATE_FULLPHYSICS after a rollout, else of mjSTATE_INTEGRATION.
         """
         if isinstance(inputs, RolloutInputs):
             return self._roll_out(inputs)
@@ -162,8 +161,6 @@ class _Actor:
 
 
 class _ActorPool:
-    """Started actors, what they are sent, and the arrays that what they return is copied to."""
-
     def __init__(self, workload: Workload, count: int, resources: Resources):
         self.outputs, self._final_state = resources.step_outputs(), resources.final_state()
         self._rows = shares(workload.nbatch, count)
@@ -211,10 +208,7 @@ class _ActorPool:
             array.fill(np.nan)
 
     def final_states(self) -> States:
-        values, mask = self._final_state, np.zeros(self._final_state.shape, dtype=bool)
-        values[:, self._entries] = self._returned_final
-        mask[:, self._entries] = True
-        return States(values, mask)
+        return States.of_entries(self._final_state, self._entries, self._returned_final)
 
     def verify(self) -> States:
         """Run, and have each simulation stepped alone for the entries that no run returns."""
@@ -225,9 +219,7 @@ class _ActorPool:
             actor.whole_final_states.remote(inputs)
             for actor, inputs in zip(self._actors, self._inputs, strict=True)
         ]
-        return States(
-            np.where(np.asarray(timed.mask), timed.values, np.concatenate(_answers(calls)))
-        )
+        return timed.completed(np.concatenate(_answers(calls)))
 
     def close(self) -> None:
         """End the actors, and Ray where nobody else in this process uses it."""

@@ -62,7 +62,6 @@ class Rollout(SteppingPath):
         return compat.rollout_threads_unavailable() if options["threads"] > 1 else None
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """One thread has neither pool nor chunks."""
         if options["threads"] == 1:
             options = {**options, "pool": None, "chunk": None}
         if options["checks"] == "on":
@@ -162,16 +161,15 @@ class _RolloutRun:
 
     def final_states(self) -> States:
         """Return the returned states, and the whole state of each thread's last simulation."""
-        values, mask = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
-        values[:, self.physics] = self.state[:, -1]
-        mask[:, self.physics] = True
+        states = States.of_entries(self.final_state, self.physics, self.state[:, -1])
+        values, mask = states.values, np.asarray(states.mask)
         row = np.empty(values.shape[1])
         for data in self.datas:
             compat.get_state(self.model, data, row)
             matches = np.flatnonzero(_equal_rows(values[:, self.physics], row[self.physics]))
             if len(matches) == 1:  # none: the thread ran no simulation; several: equal simulations
                 values[matches[0]], mask[matches[0]] = row, True
-        return States(values, mask)
+        return states
 
     def verify(self) -> States:
         """Run the timed call, and each simulation alone for the entries it does not return."""
@@ -179,8 +177,7 @@ class _RolloutRun:
         alone = whole_final_states(self.model, self.datas[0], self.inputs, nstep)
         self.clear()
         self.run()
-        timed = self.final_states()
-        return States(np.where(np.asarray(timed.mask), timed.values, alone))
+        return self.final_states().completed(alone)
 
 
 def _rollout_function(options: Options, resources: Resources) -> Callable[..., Any]:
@@ -190,9 +187,8 @@ def _rollout_function(options: Options, resources: Resources) -> Callable[..., A
     if options.get("pool") != "kept":
         return rollout.rollout  # type: ignore[no-any-return]
     threads = options["threads"]
-    pool = resources.get_or_create(
-        ("rollout pool", threads), lambda: rollout.Rollout(nthread=threads)
-    )
+    key = ("rollout pool", threads)
+    pool = resources.get_or_create(key, lambda: rollout.Rollout(nthread=threads))
     resources.at_close(pool.close)
     return pool.rollout  # type: ignore[no-any-return]
 
@@ -229,8 +225,6 @@ class RolloutInputs:
     """The arrays that a rollout starts from; all variants of a workload share them.
 
     Attributes:
-      start: (nbatch, nphysics) states.
-      warmstart: (nbatch, nv) accelerations.
       control_spec: mjtState components in a row of `control`.
       control: (nbatch, nstep, ncontrol); None without any.
     """
@@ -241,7 +235,6 @@ class RolloutInputs:
     control: np.ndarray | None
 
     def part(self, rows: slice) -> "RolloutInputs":
-        """Return the inputs of some simulations, which share their memory with these."""
         control = None if self.control is None else self.control[rows]
         return RolloutInputs(self.start[rows], self.warmstart[rows], self.control_spec, control)
 
@@ -332,11 +325,9 @@ def inputs_snippet(workload: Workload) -> str:
 
 
 def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], None]]:
-    """Return the control specification of a rollout, its controls, and how they are written.
+    """Return the control specification of a rollout, its controls, and what writes them.
 
-    Returns:
-      The specification; (nbatch, nstep, ncontrol) controls, which are the workload's own where they
-      are all that is sent; and a function that writes them where they are not.
+    The controls are the workload's own where they are all that is sent.
     """
     spec = compat.state_spec("CTRL")
     inputs = changed_inputs(workload)

@@ -99,7 +99,6 @@ class Warp(AcceleratedPath):
         )
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return a loop over a captured step; options are sizes of buffers."""
         launch = "    wp.capture_launch(capture.graph)"
         if workload.hold > 1:
             launch = f"    for _ in range({workload.hold}):\n    {launch}"
@@ -156,11 +155,9 @@ class _StepGraph:
         """Take `nstep` steps from other states (see `Compiled.advance`)."""
         self._data.overflow.zero_()
         self._rollout(self._fields_on_device(fields), self._controls_on_device(control), nstep)
-        return StepOutcome(
-            self._fields(),
-            _contacts(self._data),
-            *(_rows_of(array) for array in (self._data.qacc, self._data.qfrc_constraint)),
-        )
+        solved = (self._data.qacc, self._data.qfrc_constraint)
+        rows = (np.asarray(array.numpy(), dtype=np.float64) for array in solved)
+        return StepOutcome(self._fields(), _contacts(self._data), *rows)
 
     def _make_rollout(self) -> "_Rollout":
         import warp as wp
@@ -228,12 +225,7 @@ def _array_like(array: Any, values: np.ndarray) -> Any:
     return new
 
 
-def _rows_of(array: Any) -> np.ndarray:
-    return np.asarray(array.numpy(), dtype=np.float64)
-
-
 def peak_gpu_memory_bytes() -> int | None:
-    """Return the peak memory of a GPU's pool that Warp used; None on a CPU."""
     import warp as wp
 
     device = wp.get_device()

@@ -7,7 +7,7 @@ use of the processor is seen while this process sleeps, and what threads get whi
 import os
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from mjbench.host import machine, neighbours
@@ -50,13 +50,7 @@ class NodeRules:
 
 @dataclass(frozen=True)
 class NodeState:
-    """What a calibration saw.
-
-    Attributes:
-      cores_had: that as many threads as usable cores got.
-      busy_cores: of the machine, that others kept busy.
-      stolen: share of the processor time that the host gave to others.
-    """
+    """What a calibration saw; `stolen` is a share of the processor time."""
 
     cores: int
     usable_cores: int
@@ -87,7 +81,7 @@ def calibrate(
     )
 
 
-def _cores_had(calibration: Calibration, clock: Callable[[], float]) -> Sequence[float]:
+def _cores_had(calibration: Calibration, clock: Callable[[], float]) -> list[float]:
     had: list[float] = []
     end = clock() + _WORK_S
     while not had or clock() < end:

@@ -47,13 +47,8 @@ def _version_argument(cell: Cell, version: str) -> str:
 def _versions(cells: Sequence[Cell]) -> CommandLine:
     first = cells[0]
     assert first.metric is not None
-    options = [
-        "--old",
-        _version_argument(first, first.baseline),
-        "--new",
-        _version_argument(first, first.release),
-    ]
-    options += ["--paths", first.path, "--metric", first.metric.value]
+    old, new = (_version_argument(first, each) for each in (first.baseline, first.release))
+    options = ["--old", old, "--new", new, "--paths", first.path, "--metric", first.metric.value]
     return CommandLine(("versions", *options), tuple(cell.model for cell in cells))
 
 
@@ -65,21 +60,16 @@ def _compare(cells: Sequence[Cell]) -> CommandLine:
 def _instructions(cells: Sequence[Cell]) -> CommandLine:
     """Count one model in several releases, all with what the first release of the plan draws."""
     first = cells[0]
-    releases = dict.fromkeys([first.baseline, *(cell.release for cell in cells)])
-    options = [
-        argument
-        for version in releases
-        for argument in ("--release", _version_argument(first, version))
-    ]
+    options: list[str] = []
+    for version in dict.fromkeys([first.baseline, *(cell.release for cell in cells)]):
+        options += ["--release", _version_argument(first, version)]
     return CommandLine(("profile", "--instructions", *options), (first.model,))
 
 
 def _history(cells: Sequence[Cell]) -> CommandLine:
     models = [argument for cell in cells for argument in ("--model", cell.model)]
-    return CommandLine(
-        ("history", "measure", "--no-operations", *models),
-        (_version_argument(cells[0], cells[0].release),),
-    )
+    release = _version_argument(cells[0], cells[0].release)
+    return CommandLine(("history", "measure", "--no-operations", *models), (release,))
 
 
 # Options without a value: `true` is `--name`.
@@ -138,15 +128,11 @@ def batches(cells: Sequence[Cell], nodes: Mapping[str, int]) -> list[tuple[Cell,
     for cell in cells:
         together = COMMANDS[cell.kind].together(cell)
         groups.setdefault((cell.machine, cell.kind, *together), []).append(cell)
-    return [
-        tuple(group[begin : begin + size])
-        for group in groups.values()
-        for size in [_size(group[0], sorts, nodes)]
-        for begin in range(0, len(group), size)
-    ]
-
-
-def _size(cell: Cell, sorts: Mapping[tuple[str, CellKind], int], nodes: Mapping[str, int]) -> int:
-    command, count = COMMANDS[cell.kind], nodes.get(cell.machine, 1)
-    share = math.ceil(sorts[cell.machine, cell.kind] / (2 * count)) if count > 1 else command.most
-    return min(command.most, max(command.least, share))
+    batched = []
+    for group in groups.values():
+        machine, kind = group[0].machine, group[0].kind
+        command, count = COMMANDS[kind], nodes.get(machine, 1)
+        share = math.ceil(sorts[machine, kind] / (2 * count)) if count > 1 else command.most
+        size = min(command.most, max(command.least, share))
+        batched += [tuple(group[begin : begin + size]) for begin in range(0, len(group), size)]
+    return batched

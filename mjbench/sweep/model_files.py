@@ -24,13 +24,7 @@ _INDEX = "models.json"
 
 @dataclass(frozen=True)
 class CarriedModel:
-    """A model with all of its files.
-
-    Attributes:
-      main: the path of its own file, one of `files`.
-      files: contents by path, relative to the folder that holds all of them, with `/`.
-      digest: of `main` and of all files, in hexadecimal.
-    """
+    """A model with all of its files, by their paths below one folder; `main` is its own."""
 
     name: str
     main: str

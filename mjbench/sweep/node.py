@@ -47,10 +47,9 @@ _FOREIGN_PREFIX = "RAY_"
 
 @dataclass(frozen=True)
 class Request:
-    """What a node is to measure.
+    """What a node is to measure; without `rules`, it need not be quiet.
 
     Attributes:
-      rules: None where the node need not be quiet.
       program: what runs the command line; empty for this version of mjbench.
     """
 
@@ -66,7 +65,6 @@ class NodeMeasurement:
     """A cell that a node has measured.
 
     Attributes:
-      label: of its machine; empty without one.
       wall_s: seconds since the command began, or since its earlier cell.
       busy_s: seconds before that, in which the node was not quiet.
       objection: why it was not; empty where it was at once.
@@ -108,9 +106,6 @@ def measure(
 
     When the iterator is closed, or an exception passes through, the command ends with all that it
     has started. It raises BusyError, or NotMeasuredError if the node has other software, too.
-
-    Args:
-      label: of this machine, for its results; empty to leave what the environment says.
     """
     busy_s, objection = _wait_until_quiet(request.rules, calibrate, sleep)
     try:

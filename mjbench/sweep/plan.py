@@ -5,7 +5,7 @@ docs/guides/machines.md shows a plan with all its keys.
 
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -198,10 +198,11 @@ def _range(text: str, versions: Collection[str]) -> list[ReleaseSpec]:
     high = version_key(_release(last).version) if last else None
     if not versions:
         raise InputError(f"{shown(text)}: which releases there are is not known here; name each")
-    within = sorted(
-        (version for version in versions if version_key(version) >= low), key=version_key
-    )
-    within = [version for version in within if high is None or version_key(version) <= high]
+    within = [
+        version
+        for version in sorted(versions, key=version_key)
+        if low <= version_key(version) and (high is None or version_key(version) <= high)
+    ]
     if not within:
         raise InputError(f"{shown(text)}: there is no release between them")
     return [ReleaseSpec(version, version) for version in within]
@@ -266,15 +267,14 @@ def _arguments(name: str, value: Any, is_switch: bool) -> list[str]:
 
 def _rules(file: PlanFile) -> NodeRules:
     usual = NodeRules()
-    limits = usual.limits
+    shares = {
+        name: _number(file, name.replace("_", "-"), 100 * share, 0, 100) / 100
+        for name, share in asdict(usual.limits).items()
+    }
     return NodeRules(
         tries=int(_number(file, "tries", usual.tries, 1, _MOST_TRIES, is_whole=True)),
         patience_s=_number(file, "patience", usual.patience_s, 0, MAX_SECONDS),
-        limits=Limits(
-            min_cores=_number(file, "min-cores", 100 * limits.min_cores, 0, 100) / 100,
-            max_busy=_number(file, "max-busy", 100 * limits.max_busy, 0, 100) / 100,
-            max_stolen=_number(file, "max-stolen", 100 * limits.max_stolen, 0, 100) / 100,
-        ),
+        limits=Limits(**shares),
     )
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import logging
 import os
-import signal
 import socket
 import warnings
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from mjbench import extras
 from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.host import ray_environment, scratch
 from mjbench.host.machine import LABEL_VARIABLE
+from mjbench.paths import local_ray
 
 # The custom resource by which a node says that it may be taken, and the label with the name of its
 # machine.
@@ -23,7 +23,6 @@ _MEMORY_RETRIES = "2"
 LOCAL, AUTO = "local", "auto"
 # How long the head of a cluster may take to accept a connection, in seconds.
 _CONNECT_S = 10.0
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 # The longest folder in which Ray's sockets can be: their whole path has 107 bytes at most.
 _LONGEST_FOLDER, _SHORT_FOLDER = 40, "/tmp/ray"
 
@@ -41,8 +40,9 @@ def session(address: str) -> Iterator[None]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_task_oom_retries", _MEMORY_RETRIES)
     with contextlib.ExitStack() as closing:
-        closing.enter_context(_quiet())
-        with _own_signals():
+        # Ray's warnings are about its own next releases
+        closing.enter_context(warnings.catch_warnings(action="ignore"))
+        with local_ray.own_signals():
             _connect(address, closing)
         closing.enter_context(_unheard())
         yield
@@ -99,14 +99,6 @@ def _check_reachable(address: str) -> None:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Ray's warnings from the user: they are about Ray's own next releases."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-
-
-@contextlib.contextmanager
 def _unheard() -> Iterator[None]:
     """Keep Ray's log lines about nodes and workers from standard output, where it prints them."""
     import ray
@@ -121,18 +113,3 @@ def _unheard() -> Iterator[None]:
         yield
     finally:
         module.print_to_stdstream = show
-
-
-@contextlib.contextmanager
-def _own_signals() -> Iterator[None]:
-    handlers = {
-        number: signal.getsignal(number)
-        for name in _SIGNALS
-        if (number := getattr(signal, name, None)) is not None
-    }
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            if handler is not None and signal.getsignal(number) != handler:
-                signal.signal(number, handler)

@@ -5,7 +5,7 @@ Commands that measure several cells append a record for each; its cell is then c
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -54,12 +54,7 @@ _RECORD_TYPES: Mapping[str, type] = {
 
 @dataclass(frozen=True)
 class CellOutcome:
-    """How a cell ended.
-
-    Attributes:
-      status: the worst of its records.
-      seconds: that it took; None where its records do not say.
-    """
+    """How a cell ended: the worst status of its records; `seconds` is None if they do not say."""
 
     status: Status
     detail: str = ""
@@ -162,13 +157,13 @@ def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
     """Return the result of a cell that has none, because its command never wrote one."""
     began = datetime.now(UTC).isoformat(timespec="seconds")
     header = RunHeader(runs.SCHEMA, cell.kind.value, machine, {}, began=began)
-    record = _failed_record(cell, failure)
+    record = replace(_ended_record(cell, failure.status), detail=failure.detail)
     lines = tuple(run_file.line_of(item).encode() for item in (header, record))
     return CellResult(cell, RunSection(cell.key, Run(header, (record,)), lines))
 
 
-def _failed_record(cell: Cell, failure: Failure) -> Record:
-    model, release, status, detail = cell.model, cell.release, failure.status, failure.detail
+def _ended_record(cell: Cell, status: Status) -> _Timed | ModelRecord:
+    model, release = cell.model, cell.release
     match cell.kind:
         case CellKind.VERSIONS:
             versions = cell.baseline, release
@@ -180,18 +175,13 @@ def _failed_record(cell: Cell, failure: Failure) -> Record:
                 sides=[TargetRow(version, model, cell.path, {}, {}) for version in versions],
                 metric=cell.metric or Metric.TIME,
                 status=status,
-                detail=detail,
             )
         case CellKind.INSTRUCTIONS:
-            return InstructionsRecord(model=model, release=release, status=status, detail=detail)
+            return InstructionsRecord(model=model, release=release, status=status)
         case CellKind.HISTORY:
+            reference = release_ratios.REFERENCE
             return StepRatioRecord(
-                model=model,
-                release=release,
-                build="",
-                reference=release_ratios.REFERENCE,
-                status=status,
-                detail=detail,
+                model=model, release=release, build="", reference=reference, status=status
             )
         case CellKind.COMPARE:
-            return ModelRecord(model=model, status=status, detail=detail)
+            return ModelRecord(model=model, status=status)

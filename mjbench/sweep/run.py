@@ -18,11 +18,7 @@ from mjbench.sweep.results import CellOutcome, CellResult
 
 @dataclass(frozen=True)
 class NodeRecord:
-    """What a node did.
-
-    Attributes:
-      busy_s: seconds for which it was not quiet before.
-    """
+    """What a node did; `busy_s` are seconds for which it was not quiet before."""
 
     name: str
     label: str
@@ -57,11 +53,9 @@ class Sweep:
         clock: Callable[[], float] = time.monotonic,
         program: tuple[str, ...] = (),
     ):
-        """Prepare.
+        """Prepare; `on_result` takes each result, its node, and the number of cells that have one.
 
-        Args:
-          on_result: called with each result, to be stored at once, the node that it comes from,
-            and the number of cells that have one, earlier ones included.
+        It is to store the result at once.
         """
         self._matrix, self._cluster = matrix, cluster
         self._on_result, self._program = on_result, program
@@ -112,13 +106,8 @@ class Sweep:
         rules, here = self._matrix.plan.rules, software.installed()
         for cells in commands.batches(missing, nodes):
             is_timed = COMMANDS[cells[0].kind].needs_quiet
-            request = Request(
-                cells,
-                self._matrix.command_line(cells),
-                here,
-                rules if is_timed else None,
-                self._program,
-            )
+            line, quiet = self._matrix.command_line(cells), rules if is_timed else None
+            request = Request(cells, line, here, quiet, self._program)
             self._cluster.submit(request, self._matrix.models_of(cells))
 
     def _handle(self, event: Event) -> None:

@@ -2,12 +2,12 @@
 
 import functools
 import hashlib
-import importlib.metadata
 import platform
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import mjbench
+from mjbench.host import machine
 from mjbench.simulation import models
 
 # Packages, beside mjbench, whose versions decide what is measured.
@@ -32,7 +32,8 @@ class Software:
 
 @functools.cache
 def installed() -> Software:
-    mujoco, numpy = (_version(name) for name in _PACKAGES)
+    versions = machine.package_versions(_PACKAGES)
+    mujoco, numpy = (versions.get(name, "") for name in _PACKAGES)
     return Software(platform.python_version(), mjbench.__version__, _code_digest(), mujoco, numpy)
 
 
@@ -60,10 +61,3 @@ def _code_digest() -> str:
         digest.update(f"{name}\0".encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()[:_DIGEST_LENGTH]
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return ""

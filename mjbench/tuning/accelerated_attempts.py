@@ -13,12 +13,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjbench.comparison.accelerated_run import CHILD_MEMORY_SHARE, COMPILER_PATIENCE
-from mjbench.errors import MachineError, UnavailableError, describe, failure_of
+from mjbench.errors import MachineError, UnavailableError, describe
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
@@ -35,7 +36,8 @@ from mjbench.tuning import distance, knob_values, reference, trajectories
 from mjbench.tuning.distance import Distance, Motion
 from mjbench.tuning.records import Attempt, BatchFacts, TunedProgram, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
-from mjbench.tuning.settings import Settings, buffer_sizes_of, edits_of, label
+from mjbench.tuning.setting_launch import launch, try_each
+from mjbench.tuning.settings import Settings, buffer_sizes_of, edits_of
 from mjbench.tuning.trajectories import Trajectories, Trials
 
 # Controls of a timed block.
@@ -46,12 +48,7 @@ TIMED_S, MIN_QUADS, MAX_QUADS = 4.0, 4, 25
 
 @dataclass(frozen=True)
 class EngineCase:
-    """An engine and a model.
-
-    Attributes:
-      file: of C's runs, an `EngineBaseline`.
-      limit_s: seconds of silence after which a child is killed; its compiler gets more.
-    """
+    """An engine, a model, the file of C's `EngineBaseline`, and the limit of silence."""
 
     source: ModelSource
     engine: str
@@ -75,20 +72,6 @@ class EngineBaseline:
     default_sizes: dict[str, int]
 
 
-@dataclass(frozen=True)
-class LaunchRequest:
-    """Asks a child to try settings of an engine, one after the other.
-
-    Attributes:
-      has_errors: whether to measure transfer errors, beside times.
-    """
-
-    case: EngineCase
-    settings: tuple[Settings, ...]
-    has_errors: bool
-    stop_after_s: float
-
-
 class EngineMeasurements:
     """Measures an engine on one model on this machine; its files last as long as the pool."""
 
@@ -101,29 +84,20 @@ class EngineMeasurements:
 
     def baseline(self, plan: TrialPlan) -> BatchFacts:
         """Draw trials and run C; launches use them from then on."""
-        return isolate.call(
-            run_baseline,
-            self._case,
-            plan,
-            limit_s=max(reference.RUNS_SILENCE_S, self._case.limit_s),
-            environment=self._environment,
-            memory_bytes=_memory_bytes(),
+        limit_s = max(reference.RUNS_SILENCE_S, self._case.limit_s)
+        facts: BatchFacts = isolate.call(
+            run_baseline, self._case, plan, limit_s=limit_s, **self._child()
         )
+        return facts
 
     def launch(
         self,
         settings: Sequence[Settings],
         on_attempt: Callable[[Attempt], None],
-        stop_after_s: float | None = None,
+        stop_after_s: float = math.inf,
         has_errors: bool = True,
     ) -> TunedProgram:
-        """Try settings, one after the other, in a fresh process; return the present program.
-
-        A setting that ends the process fails, no more.
-
-        Args:
-          stop_after_s: seconds after which no other is begun; None for no limit.
-        """
+        """Try settings in a fresh process, errors only if asked for; return the present program."""
         programs: list[TunedProgram] = []
 
         def receive(message: TunedProgram | Attempt) -> None:
@@ -132,29 +106,20 @@ class EngineMeasurements:
             else:
                 on_attempt(message)
 
-        end_s = time.monotonic() + (float("inf") if stop_after_s is None else stop_after_s)
-        left = tuple(settings)
-        while left or not programs:
-            ended = isolate.run(
-                run_launch,
-                (LaunchRequest(self._case, left, has_errors, end_s - time.monotonic()),),
-                receive,
-                self._case.limit_s,
-                environment=self._environment,
-                memory_bytes=_memory_bytes(),
-            )
-            if ended.status == Status.OK:
-                break
-            if ended.position is None:
-                ended.check()
-            else:
-                on_attempt(Attempt(left[ended.position], ended.status, ended.detail))
-                left = left[ended.position + 1 :]
+        launch(
+            run_launch,
+            lambda left, left_s: (self._case, left, has_errors, left_s),
+            settings,
+            stop_after_s,
+            receive,
+            self._case.limit_s,
+            **self._child(),
+        )
         return programs[0]
 
-
-def _memory_bytes() -> int:
-    return int(CHILD_MEMORY_SHARE * machine.available_memory_bytes())
+    def _child(self) -> dict[str, Any]:
+        memory_bytes = int(CHILD_MEMORY_SHARE * machine.available_memory_bytes())
+        return {"environment": self._environment, "memory_bytes": memory_bytes}
 
 
 # -- in the child --------------------------------------------------------------------------------
@@ -167,7 +132,10 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     channel.doing(f"running {case.source.name} with its present settings")
     full = reference.baseline(model, plan)
     rounded = trajectories.run(model, _rounded(full.trials, path))
-    ncontrol = _horizon(model, full, rounded)
+    # for as many controls, errors mean something in C and in the engine's precision
+    apart = distance.shares_over_time(model, full.motion, rounded, full.present)
+    of_engine = max(LEAST_NCONTROL, reference.horizon(apart, np.zeros_like(apart)))
+    ncontrol = min(full.facts.horizon_ncontrol, of_engine)
     trials, runs = full.trials.first(ncontrol), full.present.first(ncontrol)
     repeated = _batch(model, trials, trials.nrun, trials.ncontrol)
     reason = path.cannot_run(repeated, {})
@@ -191,100 +159,85 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     )
 
 
-def run_launch(request: LaunchRequest, channel: Channel) -> None:
-    """Try settings; runs in a child.
-
-    Sends the `TunedProgram` of the present settings, then an `Attempt` for each setting.
-    """
-    begin = time.perf_counter()
-    model = models.load(request.case.source)
-    baseline: EngineBaseline = pickle.loads(request.case.file.read_bytes())
-    case = _Case(request, model, baseline, accelerated_path(request.case.engine), channel)
+def run_launch(
+    case: EngineCase,
+    settings: Sequence[Settings],
+    has_errors: bool,
+    stop_after_s: float,
+    channel: Channel,
+) -> None:
+    """Send the `TunedProgram` of the present settings, then an `Attempt` for each setting."""
+    end_s = time.perf_counter() + stop_after_s
+    model = models.load(case.source)
+    baseline: EngineBaseline = pickle.loads(case.file.read_bytes())
+    path = accelerated_path(case.engine)
+    trying = _Launch(case, has_errors, model, baseline, path, channel)
     channel.doing("compiling the present settings")
     try:
-        present = case.present()
+        present, program, sizes = trying.present()
     except (NotImplementedError, TypeError, ValueError) as error:  # engines trace, then reject
-        reason = f"{case.path.engine} does not take this model: {describe(error)}"
+        reason = f"{path.engine} does not take this model: {describe(error)}"
         raise UnavailableError(reason) from error
-    channel.send(present.program)
-    for index, settings in enumerate(request.settings):
-        if time.perf_counter() - begin > request.stop_after_s:
-            break
-        channel.doing(f"trying {label(settings)}", index)
-        try:
-            attempt = case.attempt(settings, present)
-        except Exception as error:  # engines reject settings with exceptions of any type
-            failure = failure_of(error)
-            attempt = Attempt(settings, failure.status, failure.detail)
-        channel.send(attempt)
+    channel.send(program)
 
+    def attempt(tried: Settings) -> Attempt:
+        return trying.attempt(tried, present, sizes)
 
-@dataclass(frozen=True, eq=False)
-class _Compiled:
-    """A compiled step, what is said of it, and the buffer sizes that it was asked to have."""
-
-    compiled: Compiled
-    program: TunedProgram
-    sizes: Mapping[str, int]
+    # engines reject settings with exceptions of any type
+    try_each(settings, end_s, channel, attempt, (Exception,))
 
 
 @dataclass(frozen=True)
-class _Case:
-    request: LaunchRequest
+class _Launch:
+    case: EngineCase
+    has_errors: bool
     model: mujoco.MjModel
     baseline: EngineBaseline
     path: AcceleratedPath
     channel: Channel
 
-    def present(self) -> _Compiled:
+    def present(self) -> tuple[Compiled, TunedProgram, Mapping[str, int]]:
+        """Return the program of the present settings, and the buffer sizes that it asks for."""
+        sizes = self.baseline.default_sizes
         try:
-            return self._compiled((), self.baseline.default_sizes)
+            return *self._compiled((), sizes), sizes
         except OverflowedError:
-            return self._compiled((), {})
+            return *self._compiled((), {}), {}
 
-    def attempt(self, settings: Settings, present: _Compiled) -> Attempt:
-        sizes = {**present.sizes, **buffer_sizes_of(settings)}
-        other = self._compiled(settings, sizes)
-        samples = _timed(present.compiled, other.compiled, self.channel, self.request.case.limit_s)
-        other.compiled.verified_states()  # fails where a buffer is too small for the timed run
+    def attempt(self, settings: Settings, present: Compiled, sizes: Mapping[str, int]) -> Attempt:
+        compiled, program = self._compiled(settings, {**sizes, **buffer_sizes_of(settings)})
+        samples = _timed(present, compiled, self.channel, self.case.limit_s)
+        compiled.verified_states()  # fails where a buffer is too small for the timed run
         ratio = math.exp(log_ratio(samples))
-        return Attempt(
-            settings, Status.OK, time_ratio=ratio, program=other.program, samples=samples
-        )
+        return Attempt(settings, Status.OK, time_ratio=ratio, program=program, samples=samples)
 
-    def _compiled(self, settings: Settings, sizes: Mapping[str, int]) -> _Compiled:
-        trials, limit_s = self.baseline.trials, self.request.case.limit_s
+    def _compiled(
+        self, settings: Settings, sizes: Mapping[str, int]
+    ) -> tuple[Compiled, TunedProgram]:
+        trials, limit_s = self.baseline.trials, self.case.limit_s
         changed = copy.copy(self.model)
         for edit in edits_of(settings):
             model_options.set_option(changed, edit.name, edit.value)
         ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
-        block = _batch(changed, trials, self.request.case.nbatch, ncontrol)
+        block = _batch(changed, trials, self.case.nbatch, ncontrol)
         self.channel.allow_silence(COMPILER_PATIENCE * limit_s)
         compiled = self.path.compile(block, sizes, self.baseline.peaks)
         error = None
-        if self.request.has_errors:
+        if self.has_errors:
             runs = _runs(compiled, block, trials, self.channel, limit_s)
             error = _error(self.model, self.baseline, runs)
         program = TunedProgram(
             error, compiled.trace_s, compiled.compile_s, dict(compiled.buffer_sizes)
         )
-        return _Compiled(compiled, program, sizes)
+        return compiled, program
 
 
 def _rounded(trials: Trials, path: AcceleratedPath) -> Trials:
-    """Return trials as an engine of some precision receives them."""
     return dataclasses.replace(
         trials,
         initial_state=trials.initial_state.astype(path.precision).astype(float),
         control=trials.control.astype(path.precision).astype(float),
     )
-
-
-def _horizon(model: mujoco.MjModel, full: reference.Baseline, rounded: Trajectories) -> int:
-    """Return for how many controls errors mean something, for C and for the engine's precision."""
-    apart = distance.shares_over_time(model, full.motion, rounded, full.present)
-    of_engine = max(LEAST_NCONTROL, reference.horizon(apart, np.zeros_like(apart)))
-    return min(full.facts.horizon_ncontrol, of_engine)
 
 
 def _batch(model: mujoco.MjModel, trials: Trials, nbatch: int, ncontrol: int) -> Workload:

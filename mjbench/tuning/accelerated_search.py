@@ -35,9 +35,10 @@ ALONE_SHARE, TOGETHER_SHARE = 0.5, 0.65
 FINALISTS, LEAST_PROCESSES, PROCESSES = 2, 4, 8
 
 
-class EngineSearch(Search[EngineMeasurements]):
+class EngineSearch(Search):
     """A search for settings of MJX or Warp; all effects are allowed."""
 
+    _measure: EngineMeasurements
     _facts: BatchFacts
     _present: TunedProgram | None = None
 
@@ -75,7 +76,6 @@ class EngineSearch(Search[EngineMeasurements]):
         return allowed_error(self._plan.max_error, present.error.share, facts.rounding.share)
 
     def _second_look(self, attempts: Sequence[Attempt]) -> None:
-        """Measure the fastest settings again, from new starts, in fresh processes."""
         plan, settings = self._plan, [each.settings for each in attempts]
         self._advance(3, "C from new starts", 0.0)
         ncontrol = self._facts.horizon_ncontrol
@@ -100,12 +100,7 @@ class EngineSearch(Search[EngineMeasurements]):
         self._set(front=simplest)
 
     def _judge(self, first: Attempt, launches: Sequence[Attempt], limit: float) -> None:
-        """Recommend settings, or withdraw them.
-
-        Args:
-          launches: how they did in the second look, in each process; the first has errors.
-          limit: of the transfer error in the second look.
-        """
+        """Recommend or withdraw settings, by all processes of the second look."""
         settings, second = first.settings, launches[0]
         failed = next((each.detail for each in launches if each.samples is None), None)
         if failed is not None:

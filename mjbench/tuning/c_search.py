@@ -14,7 +14,7 @@
 import math
 import random
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from mjbench.errors import InputError, MachineError
@@ -35,7 +35,7 @@ from mjbench.tuning.records import (
 from mjbench.tuning.reference import Present
 from mjbench.tuning.search_base import LEAST_GAIN, Search, too_far
 from mjbench.tuning.setting_launch import SettingLaunchRequest
-from mjbench.tuning.settings import Setting, label
+from mjbench.tuning.settings import Setting, Settings, label
 from mjbench.units import plain
 
 # A setting that costs more than this share, by its first launch, is not in the second one.
@@ -60,9 +60,10 @@ COMBINATIONS, RUNG_NRUN = 32, 8
 LAST_RUNG = 2 * FRONT
 
 
-class CSearch(Search[CMeasurements]):
+class CSearch(Search):
     """A search for settings of C."""
 
+    _measure: CMeasurements
     _settings: Sequence[Setting] = ()
     _reference_s: float = 0.0
 
@@ -70,13 +71,12 @@ class CSearch(Search[CMeasurements]):
         plan = self._plan
         self._advance(0, "what there is to try", 0.0)
         computing_s = min(MAX_COMPUTING_S, SURVEY_SHARE * plan.budget_s)
-        survey = self._measure.survey(plan.seed, computing_s)
+        settings, meshes = self._measure.survey(plan.seed, computing_s)
         self._advance(0, "the present settings", 0.5)
-        runs = self._measure.present(plan.trials(0))
-        self._set(meshes=survey.meshes, present=runs.present, stages=runs.stages)
-        self._reference_s = runs.reference_s
-        wanted = [each for each in survey.settings if each.knob not in plan.skip]
-        self._settings = sorted(wanted, key=lambda each: -knobs.likely_gain(each, runs.stages))
+        present, stages, self._reference_s = self._measure.present(plan.trials(0))
+        self._set(meshes=meshes, present=present, stages=stages)
+        wanted = [each for each in settings if each.knob not in plan.skip]
+        self._settings = sorted(wanted, key=lambda each: -knobs.likely_gain(each, stages))
         self._rng = random.Random(plan.seed)
 
     def _try_settings(self) -> list[Attempt]:
@@ -144,7 +144,6 @@ class CSearch(Search[CMeasurements]):
         return [*_fastest(allowed, exact=True), *_fastest(allowed, exact=False)]
 
     def _figures(self, promising: Sequence[Attempt]) -> Iterator[Attempt]:
-        """Time settings in further processes, which have not chosen them; yield their figures."""
         self._advance(1, f"the time of {len(promising)} settings", 0.5)
         settings = [each.settings for each in promising]
         launches = self._launched(settings, LEAST_LAUNCHES, MOST_LAUNCHES, FIGURES_END)
@@ -154,10 +153,7 @@ class CSearch(Search[CMeasurements]):
             yield timed
 
     def _judged(self, faster: Sequence[Attempt]) -> list[Attempt]:
-        """Run settings from all starts; return those that do what they may.
-
-        The reference is run only where one of them needs an error.
-        """
+        """Run settings from all starts; return those that do what they may."""
         if any(self._needs_error(each) for each in faster):
             self._advance(1, "the reference", 0.7)
             self._set(present=self._reference() or self._present)
@@ -181,7 +177,6 @@ class CSearch(Search[CMeasurements]):
         return is_known and effect_of(attempt).rank <= self._plan.only.rank
 
     def _may_be(self, attempt: Attempt) -> bool:
-        """Return whether settings do to the motion what they may."""
         if attempt.status != Status.OK or attempt.time_ratio is None:
             return False
         if not self._may_change_so_much(attempt):
@@ -211,8 +206,7 @@ class CSearch(Search[CMeasurements]):
             self._note(attempt)
         return [*faster, *together]
 
-    def _tried(self, chosen: Sequence[tuple[Setting, ...]], nrun: int | None) -> list[Attempt]:
-        """Try combinations until time is up; return those that do what they may."""
+    def _tried(self, chosen: Sequence[Settings], nrun: int | None) -> list[Attempt]:
         self._advance(2, f"{len(chosen)} combinations", 0.0)
         request = self._request(chosen, self._timed_s, nrun, TOGETHER_END)
         tried = self._measure.launch(request) if chosen else []
@@ -235,7 +229,10 @@ class CSearch(Search[CMeasurements]):
             return
         error = self._present_again(attempts)
         if self._record.no_reference:
-            attempts = self._without_errors(attempts, front)
+            for each in filter(self._needs_error, front):
+                reason = f"no reference from new starts: {self._record.no_reference}"
+                self._withdraw(each.settings, reason)
+            attempts = [each for each in attempts if not self._needs_error(each)]
             front = fronts.pareto_front(attempts, self._plan.max_error, first_error)
         confirmed: list[tuple[Attempt, Attempt]] = []
         looked: set[str] = set()
@@ -258,7 +255,7 @@ class CSearch(Search[CMeasurements]):
         first = self._present
         self._advance(3, "present settings from new starts", 0.0)
         lengths = first.ncontrol, first.horizon_ncontrol
-        present = self._measure.present(self._plan.trials(1, *lengths)).present
+        present, _, _ = self._measure.present(self._plan.trials(1, *lengths))
         if first.error is None:
             self._set(present=present)
         elif any(self._needs_error(each) for each in attempts):
@@ -266,15 +263,6 @@ class CSearch(Search[CMeasurements]):
             if present.error is not None:
                 self._set(present=replace(present, error=first.error.larger(present.error)))
         return present.tolerated_error
-
-    def _without_errors(
-        self, attempts: Sequence[Attempt], front: Sequence[Attempt]
-    ) -> list[Attempt]:
-        for each in front:
-            if self._needs_error(each):
-                reason = f"no reference from new starts: {self._record.no_reference}"
-                self._withdraw(each.settings, reason)
-        return [each for each in attempts if not self._needs_error(each)]
 
     def _confirmed(
         self, new: Sequence[Attempt], first_error: float, error: float
@@ -293,12 +281,13 @@ class CSearch(Search[CMeasurements]):
         return confirmed
 
     def _time_again(self, confirmed: Sequence[tuple[Attempt, Attempt]], first_error: float) -> None:
-        """Recommend settings that are certainly faster from the new starts, too."""
         if not confirmed:
             return
         self._advance(3, f"the time of {len(confirmed)} settings", 0.6)
         settings = [first.settings for first, _ in confirmed]
-        rule = self._rule(len(settings), LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, 1.0, _is_wanted)
+        rule = SettingRule(
+            len(settings), LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, self._end_s(1.0), self._clock
+        )
         try:
             self._launch(settings, rule)
         finally:  # Ctrl-C, or a crash, leaves what has enough launches
@@ -307,7 +296,6 @@ class CSearch(Search[CMeasurements]):
     def _decide(
         self, confirmed: Sequence[tuple[Attempt, Attempt]], rule: SettingRule, first_error: float
     ) -> None:
-        """Recommend the settings that are certainly faster by their launches; withdraw others."""
         for position, (first, second) in enumerate(confirmed):
             of_setting = rule.attempts.get(position, [])
             has_failed = bool(of_setting) and of_setting[-1].status != Status.OK
@@ -350,7 +338,7 @@ class CSearch(Search[CMeasurements]):
 
     def _request(
         self,
-        settings: Sequence[tuple[Setting, ...]],
+        settings: Sequence[Settings],
         timed_s: float = 0.0,
         nrun: int | None = 0,
         end: float = 1.0,
@@ -362,7 +350,7 @@ class CSearch(Search[CMeasurements]):
 
     def _launched(
         self,
-        settings: Sequence[tuple[Setting, ...]],
+        settings: Sequence[Settings],
         least: int,
         most: int,
         end: float,
@@ -371,30 +359,18 @@ class CSearch(Search[CMeasurements]):
         """Return the launches of each setting that was begun, in the order of `settings`.
 
         Args:
-          least, most: launches.
           end: share of the budget at which they end.
           cut: share at which a launch begins no other setting; then settings leave that seem
             slower. None for neither.
         """
-        if not settings:
-            return []
-        stays = _is_wanted if cut is None else _is_hopeful
-        rule = self._rule(len(settings), least, most, end, stays)
+        rule = SettingRule(len(settings), least, most, self._end_s(end), self._clock)
+        if cut is not None:
+            rule.stays = _is_hopeful
         self._launch(settings, rule, cut)
         return [rule.attempts[position] for position in sorted(rule.attempts)]
 
-    def _rule(
-        self,
-        count: int,
-        least: int,
-        most: int,
-        end: float,
-        stays: Callable[[Sequence[Attempt]], bool],
-    ) -> SettingRule:
-        return SettingRule(count, least, most, self._end_s(end), self._clock, stays)
-
     def _launch(
-        self, settings: Sequence[tuple[Setting, ...]], rule: SettingRule, cut: float | None = None
+        self, settings: Sequence[Settings], rule: SettingRule, cut: float | None = None
     ) -> None:
         """Launch settings as a rule says; it has their attempts, however this ends."""
 
@@ -403,10 +379,11 @@ class CSearch(Search[CMeasurements]):
 
         targets = SettingTargets(self._measure.launch, settings, self._timed_s, left_s, self._rng)
         for ending in launches.launch(targets, rule):
-            if ending is not None and ending.status == Status.INTERRUPTED:
+            if ending is None or ending.status == Status.OK:
+                continue
+            if ending.status == Status.INTERRUPTED:
                 raise KeyboardInterrupt
-            if ending is not None and ending.status != Status.OK:
-                raise MachineError(ending.detail)
+            raise MachineError(ending.detail)
 
     def _end_s(self, share: float) -> float:
         """Return when a part ends, by the clock: at a share of the budget, but not at once."""
@@ -420,10 +397,6 @@ class CSearch(Search[CMeasurements]):
 def _fastest(attempts: Sequence[Attempt], exact: bool) -> list[Attempt]:
     of_kind = [each for each in attempts if (effect_of(each) != Effect.APPROXIMATE) == exact]
     return sorted(of_kind, key=fronts.time_ratio_of)[:MOST_ALONE]
-
-
-def _is_wanted(_: Sequence[Attempt]) -> bool:
-    return True
 
 
 def _is_hopeful(attempts: Sequence[Attempt]) -> bool:
@@ -442,7 +415,6 @@ def _together_known(attempts: Sequence[Attempt]) -> Attempt:
 
 
 def _with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
-    """Return an attempt with what a launch says of states and stages, or how it failed."""
     if seen.status != Status.OK:
         return Attempt(attempt.settings, seen.status, seen.detail)
     return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)

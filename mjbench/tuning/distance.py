@@ -61,27 +61,19 @@ class Distance:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How far a model moves: what distances are a share of.
-
-    Attributes:
-      is_rad: (nv,) bool: which degrees of freedom are angles.
-      position: root mean square over runs of the farthest distance from the start, in m and rad.
-    """
+    """How far a model moves from the start at most, as a root mean square over runs."""
 
     is_rad: np.ndarray
     position: Units
 
 
 def motion(model: mujoco.MjModel, initial_qpos: np.ndarray, runs: Trajectories) -> Motion:
-    """Return how far a model moves.
-
-    Args:
-      initial_qpos: (nrun, nq) positions at the start.
-    """
+    """Return how far a model moves from (nrun, nq) initial positions."""
     is_rad = angular(model)
     moved = _position_errors(model, np.repeat(initial_qpos[:, None], runs.qpos.shape[1], 1), runs)
     per_run = _largest_rms(moved, is_rad)
-    return Motion(is_rad, Units(*(None if v is None else _rms(v) for v in per_run)))
+    rms = (None if v is None else float(np.sqrt(np.mean(v**2))) for v in per_run)
+    return Motion(is_rad, Units(*rms))
 
 
 def angular(model: mujoco.MjModel) -> np.ndarray:
@@ -181,7 +173,3 @@ def _share(scale: Motion, rms: Sequence[np.ndarray | None]) -> np.ndarray:
         if values is not None
     ]
     return np.asarray(np.max(shares, axis=0))
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -36,19 +36,14 @@ def combinations(
     others = [each for each in faster if effect_of(each) == Effect.APPROXIMATE]
     for group in (free, exact, faster):
         add(group)
-    for each in others:
-        add([other for other in exact if _knob(other) != _knob(each)] + [each])
-    for one, two in itertools.combinations(others, 2):
-        add([*_without(exact, one, two), one, two])
-    for _ in range(4 * most if others else 0):
-        sample = rng.sample(others, rng.randint(1, len(others)))
-        add([*_without(exact, *sample), *sample])
+    pairs = itertools.combinations(others, 2)
+    samples = [
+        rng.sample(others, rng.randint(1, len(others))) for _ in range(4 * most if others else 0)
+    ]
+    for sample in (*([each] for each in others), *pairs, *samples):
+        knobs = {_knob(each) for each in sample}
+        add([*(each for each in exact if _knob(each) not in knobs), *sample])
     return list(chosen.values())[:most]
-
-
-def _without(settings: Sequence[Attempt], *others: Attempt) -> list[Attempt]:
-    knobs = {_knob(each) for each in others}
-    return [each for each in settings if _knob(each) not in knobs]
 
 
 def _knob(alone: Attempt) -> str:
@@ -57,10 +52,7 @@ def _knob(alone: Attempt) -> str:
 
 
 def _fastest_by_knob(settings: Sequence[Attempt]) -> tuple[Setting, ...]:
-    """Return the fastest setting of each knob, in the order of their names.
-
-    The loop's own settings exclude each other.
-    """
+    """Return the fastest setting of each knob; the loop's own settings exclude each other."""
     by_knob: dict[str, Setting] = {}
     for each in sorted(settings, key=lambda each: each.ratio.estimate if each.ratio else 1.0):
         (setting,) = each.settings
@@ -125,7 +117,6 @@ def is_allowed(attempt: Attempt, max_error: float | None, present_error: float) 
 
 
 def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTINCT) -> None:
-    """Add an attempt to a front, if it takes at most this share of the time of the last one."""
     if time_ratio_of(attempt) < factor * (time_ratio_of(front[-1]) if front else 1.0):
         front.append(attempt)
 

@@ -6,11 +6,13 @@ model or this release has no use for them.
 
 import copy
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, zip_longest
 
 import mujoco
+import numpy as np
 
 from mjbench.host import topology
 from mjbench.simulation import compat, model_options
@@ -63,7 +65,6 @@ def keywords(name: str, choices: Sequence[str], applies: Condition = _always) ->
 
 
 def integrators(observed: ObservedModel) -> list[Setting]:
-    """Return integrators that are faster than the model's, or about as fast."""
     present = keyword(observed.model, "integrator")
     faster = {each.lower(): others for each, others in _FASTER_INTEGRATORS.items()}
     others = keywords("integrator", faster.get(present, ()))(observed)
@@ -74,7 +75,6 @@ def integrators(observed: ObservedModel) -> list[Setting]:
 
 
 def jacobians(observed: ObservedModel) -> list[Setting]:
-    """Return the storage of the constraint Jacobian that the model does not have now."""
     model = observed.model
     if not observed.max_constraints:
         return []
@@ -94,19 +94,16 @@ def timesteps(observed: ObservedModel) -> list[Setting]:
 
 
 def no_noslip(observed: ObservedModel) -> list[Setting]:
-    """Return no iterations of the NoSlip solver, where there are some and contacts to slip."""
     has_some = observed.model.opt.noslip_iterations > 0 and observed.max_constraints > 0
     return [option("noslip_iterations", "0")] if has_some else []
 
 
 def fewer(name: str, choices: Iterable[int], applies: Condition) -> Values:
-    """Return what offers smaller bounds of an option, where this release has it."""
-    return _compared(name, choices, applies, lambda choice, present: choice < present)
+    return _compared(name, choices, applies, operator.lt)
 
 
 def coarser(name: str, choices: Iterable[float], applies: Condition) -> Values:
-    """Return what offers larger tolerances of an option, where this release has it."""
-    return _compared(name, choices, applies, lambda choice, present: choice > present)
+    return _compared(name, choices, applies, operator.gt)
 
 
 def _compared(
@@ -147,7 +144,6 @@ def _is_accepted(model: mujoco.MjModel, name: str, choice: str) -> bool:
 
 
 def _can_step(model: mujoco.MjModel) -> bool:
-    """Return whether the engine steps a model: it refuses some features together."""
     try:
         mujoco.mj_step(model, start_data(model))
     except mujoco.FatalError:
@@ -184,20 +180,16 @@ def has_islands(observed: ObservedModel) -> bool:
 
 def is_damped_euler(observed: ObservedModel) -> bool:
     is_euler = keyword(observed.model, "integrator") == "euler"
-    return is_euler and features.damps_joints(observed.model)
+    return is_euler and bool(np.any(observed.model.dof_damping))
 
 
 def unused_features(observed: ObservedModel) -> list[Setting]:
-    model = observed.model
-    absent = {
-        flag: plural
-        for flag, plural in features.absent(model).items()
-        if compat.flag_enabled(model, flag)
-    }
+    names = features.absent(observed.model)
+    absent = [flag for flag in names if compat.flag_enabled(observed.model, flag)]
     if not absent:
         return []
     edits = tuple(Edit(Part.FLAG, flag, "disable") for flag in absent)
-    evidence = f"the model has no {', no '.join(absent.values())}"
+    evidence = f"the model has no {', no '.join(names[flag] for flag in absent)}"
     return [Setting("unused features", "unused features off", edits, evidence=evidence)]
 
 
@@ -205,7 +197,6 @@ def unused_features(observed: ObservedModel) -> list[Setting]:
 
 
 def excludes(observed: ObservedModel) -> list[Setting]:
-    """Return one setting that excludes all pairs of bodies that never touched."""
     pairs = observed.idle_pairs
     if not pairs or not observed.is_mjcf:
         return []
@@ -215,15 +206,13 @@ def excludes(observed: ObservedModel) -> list[Setting]:
 
 
 def no_visual_geoms(observed: ObservedModel) -> list[Setting]:
-    """Return a setting that discards geoms that are only drawn, where there are some."""
     count = features.drawn_geoms(observed.model)
     if not count or not observed.is_mjcf:
         return []
-    edit = Edit(Part.COMPILER, "discardvisual", "true")
-    evidence = f"{count} geom{' is' if count == 1 else 's are'} only drawn"
+    edits = (Edit(Part.COMPILER, "discardvisual", "true"),)
     loses = "geoms that are only drawn"
-    label = "discardvisual=true"
-    return [Setting("visual geoms", label, (edit,), loses=loses, evidence=evidence)]
+    evidence = f"{count} geom{' is' if count == 1 else 's are'} only drawn"
+    return [Setting("visual geoms", "discardvisual=true", edits, loses=loses, evidence=evidence)]
 
 
 def _never_touched(observed: ObservedModel) -> str:
@@ -278,8 +267,7 @@ def of_batched_step(
 
     Args:
       peaks: contacts and constraints that C needs at most.
-      default_sizes: of the engine's buffers, for each simulation, by their names; empty where the
-        engine sizes its buffers itself.
+      default_sizes: of buffers, for each simulation; empty where the engine sizes them itself.
     """
     opt, keywords = model.opt, (("solver", SOLVERS), ("jacobian", JACOBIANS))
     by_knob = [

@@ -28,14 +28,12 @@ class Knob:
     """One thing to change.
 
     Attributes:
-      name: of the knob; that of its option or flag, where it is one.
-      values: returns the settings worth trying; none where the model or the release has no use for
-        them.
+      name: that of its option or flag, where it is one.
+      values: returns the settings worth trying.
       stages: of a step (see `loop.profile.stages`) that it can speed up; empty for the whole step.
       changes: what it may change, in one short sentence.
       helps: why it can, where it is not for its stages, in a few words.
-      slow: what it prevents that is slower than runs of a second show, in one short sentence; empty
-        for nothing.
+      slow: what it prevents that is slower than runs of a second show, in one short sentence.
       since: the first release that has it, or 2.3.7, the oldest that mjbench supports.
     """
 
@@ -256,7 +254,6 @@ KNOBS: Sequence[Knob] = (
 
 
 def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
-    """Return the settings worth trying by the name of their knob, in the order of the table."""
     offered = {knob.name: tuple(knob.values(observed)) for knob in KNOBS}
     return {name: some for name, some in offered.items() if some}
 

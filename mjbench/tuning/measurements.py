@@ -5,9 +5,8 @@ Whatever steps the model runs in a process of its own: a setting may crash MuJoC
 
 import pickle
 import random
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -24,6 +23,7 @@ from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
 from mjbench.tuning.setting_launch import (
     SearchFiles,
     SettingLaunchRequest,
+    launch,
     run_launch,
     stage_shares,
 )
@@ -34,28 +34,6 @@ SILENCE_S = 120.0
 # A launch of a few settings takes at least this share of the time of one of all: it starts a
 # process.
 SHARE_OF_START = 0.25
-
-
-@dataclass(frozen=True)
-class Survey:
-    """What there is to try on a model."""
-
-    settings: Sequence[Setting]
-    meshes: Sequence[MeshNote]
-
-
-@dataclass(frozen=True)
-class PresentRuns:
-    """What the present settings do, without a reference.
-
-    Attributes:
-      stages: share of a step by stage.
-      reference_s: seconds that the reference takes at least, by its number of steps.
-    """
-
-    present: Present
-    stages: Mapping[str, float]
-    reference_s: float
 
 
 class CMeasurements:
@@ -79,49 +57,41 @@ class CMeasurements:
         model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
         self._files = SearchFiles(model, baseline, pool.new_folder())
 
-    def survey(self, seed: int, computing_s: float = observed.MAX_COMPUTING_S) -> Survey:
-        """Return what there is to try on the model, after so many seconds of computing."""
-        arguments = self._source, seed, self._starts, self._hold, computing_s
-        return isolate.call(look, *arguments, limit_s=self._limit_s)
+    def survey(self, seed: int, computing_s: float) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
+        """Return what there is to try, and meshes that nearly fill a primitive."""
+        plan = seed, self._starts, self._hold, computing_s
+        return isolate.call(look, self._source, *plan, limit_s=self._limit_s)
 
-    def present(self, plan: TrialPlan) -> PresentRuns:
-        """Draw trials, and return what the present settings do; launches use them from then on."""
-        arguments = self._source, plan, self._files
-        return isolate.call(run_present, *arguments, limit_s=self._long_s)
+    def present(self, plan: TrialPlan) -> tuple[Present, Mapping[str, float], float]:
+        """Draw the trials of launches; return what the present settings do from there.
+
+        Returns:
+          That, the share of a step by stage, and the seconds that the reference takes at least.
+        """
+        return isolate.call(run_present, self._source, plan, self._files, limit_s=self._long_s)
 
     def reference(self, horizon_ncontrol: int | None = None) -> Present:
-        """Run the reference; return what the present settings do beside it.
-
-        Args:
-          horizon_ncontrol: controls over which errors are compared; None to see how many can be.
-        """
-        arguments = self._source, self._files, horizon_ncontrol
-        return isolate.call(run_reference, *arguments, limit_s=self._long_s)
+        """Run the reference, to a horizon if there is one; return what the present settings do."""
+        files = self._files, horizon_ncontrol
+        return isolate.call(run_reference, self._source, *files, limit_s=self._long_s)
 
     def launch(self, request: SettingLaunchRequest) -> list[Attempt]:
         """Try settings, one after the other, in a fresh process; return those that were begun.
 
-        One that crashes, hangs or diverges has a status, no more; the others go on in another
-        process.
+        One that crashes, hangs or diverges has a status, no more.
         """
-        attempts: list[Attempt] = []
-        end_s = time.monotonic() + request.stop_after_s
-        while len(attempts) < len(request.settings):
-            left = replace(
-                request,
-                settings=request.settings[len(attempts) :],
-                stop_after_s=end_s - time.monotonic(),
-            )
-            ended = isolate.run(
-                run_launch, (self._source, self._files, left), attempts.append, self._limit_s
-            )
-            if ended.status == Status.OK:
-                break
-            if ended.position is None:
-                ended.check()
-            settings = request.settings[len(attempts)]
-            attempts.append(Attempt(settings, ended.status, ended.detail))
-        return attempts
+        begun: list[Attempt] = []
+
+        def arguments(
+            left: Sequence[Settings], left_s: float
+        ) -> tuple[ModelSource, SearchFiles, SettingLaunchRequest]:
+            still = replace(request, settings=left, stop_after_s=left_s)
+            return self._source, self._files, still
+
+        if request.settings:
+            settings, stop_after_s = request.settings, request.stop_after_s
+            launch(run_launch, arguments, settings, stop_after_s, begun.append, self._limit_s)
+        return begun
 
 
 # -- launches until a rule has enough ------------------------------------------------------------
@@ -129,73 +99,60 @@ class CMeasurements:
 SettingLaunch = Mapping[int, Attempt]
 
 
+@dataclass
 class SettingTargets(Targets[SettingLaunch]):
-    """Settings to time; each launch has them in an order of its own, and new starts."""
+    """Settings to time; each launch has them in an order of its own, and new starts.
 
-    def __init__(
-        self,
-        try_settings: Callable[[SettingLaunchRequest], Sequence[Attempt]],
-        settings: Sequence[Settings],
-        timed_s: float,
-        left_s: Callable[[], float],
-        rng: random.Random,
-    ):
-        self._try_settings, self._settings, self._timed_s = try_settings, settings, timed_s
-        self._left_s, self._rng = left_s, rng
-        self._is_first = True
-
-    def launch(self, positions: Sequence[int]) -> SettingLaunch:
-        """See `Targets.launch`; a setting that fails has a status.
-
-        The first launch keeps the order, in which the likely gains come first: time may run out.
-        """
-        order = list(positions)
-        if not self._is_first:
-            self._rng.shuffle(order)
-        self._is_first = False
-        request = SettingLaunchRequest(
-            [self._settings[i] for i in order],
-            self._timed_s,
-            seed=self._rng.randrange(2**31),
-            stop_after_s=self._left_s(),
-        )
-        return dict(zip(order, self._try_settings(request), strict=False))
-
-
-class SettingRule(StopRule[SettingLaunch]):
-    """Launch settings a number of times, or until time is up; `attempts` is what is known.
-
-    Those that fail leave, and those that `stays` refuses.
+    The first one keeps the order, in which the likely gains come first: time may run out.
     """
 
-    def __init__(
-        self,
-        count: int,
-        least: int,
-        most: int,
-        end_s: float,
-        clock: Callable[[], float],
-        stays: Callable[[Sequence[Attempt]], bool],
-    ):
-        """Launch `count` settings.
+    try_settings: Callable[[SettingLaunchRequest], Sequence[Attempt]]
+    settings: Sequence[Settings]
+    timed_s: float
+    left_s: Callable[[], float]
+    rng: random.Random
+    is_first: bool = True
 
-        Args:
-          least: launches that are begun in any case.
-          most: launches at most.
-          end_s: after the least, no launch is begun that would end later than this, by `clock`.
-          stays: whether a setting is in the next launch, after its launches so far.
-        """
-        self.attempts: dict[int, list[Attempt]] = {}
-        self._left, self._least, self._most = list(range(count)), least, most
-        self._end_s, self._clock, self._stays = end_s, clock, stays
+    def launch(self, positions: Sequence[int]) -> SettingLaunch:
+        """See `Targets.launch`; a setting that fails has a status."""
+        order = list(positions)
+        if not self.is_first:
+            self.rng.shuffle(order)
+        self.is_first = False
+        settings, seed = [self.settings[i] for i in order], self.rng.randrange(2**31)
+        request = SettingLaunchRequest(
+            settings, self.timed_s, seed=seed, stop_after_s=self.left_s()
+        )
+        return dict(zip(order, self.try_settings(request), strict=False))
+
+
+@dataclass
+class SettingRule(StopRule[SettingLaunch]):
+    """Launch settings a number of times, or until time is up; those that fail leave.
+
+    Attributes:
+      least: launches that are begun in any case.
+      end_s: after the least, no launch is begun that would end later than this, by `clock`.
+      stays: whether a setting is in the next launch, after its launches so far.
+    """
+
+    count: int
+    least: int
+    most: int
+    end_s: float
+    clock: Callable[[], float]
+    stays: Callable[[Sequence[Attempt]], bool] = lambda attempts: True
+    attempts: dict[int, list[Attempt]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._left = list(range(self.count))
         self._begin_s = self._launch_s = 0.0
         self._ndone = 0
 
     def next_targets(self) -> Sequence[int]:
-        now_s = self._clock()
-        is_late = now_s + self._launch_s > self._end_s
-        self._begin_s = now_s
-        if self._ndone >= self._most or (self._ndone >= self._least and is_late):
+        self._begin_s = self.clock()
+        is_late = self._begin_s + self._launch_s > self.end_s
+        if self._ndone >= self.most or (self._ndone >= self.least and is_late):
             return []
         return self._left
 
@@ -207,9 +164,9 @@ class SettingRule(StopRule[SettingLaunch]):
         self._left = [
             i
             for i in self._left
-            if i in launch and launch[i].status == Status.OK and self._stays(self.attempts[i])
+            if i in launch and launch[i].status == Status.OK and self.stays(self.attempts[i])
         ]
-        spent_s = self._clock() - self._begin_s
+        spent_s = self.clock() - self._begin_s
         self._launch_s = spent_s * max(len(self._left) / max(1, before), SHARE_OF_START)
         self._ndone += 1
 
@@ -224,23 +181,25 @@ def look(
     hold: int,
     computing_s: float,
     channel: Channel,
-) -> Survey:
+) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
     channel.doing(f"stepping {source.name}")
-    seen = observed.observe(source, seed, starts, hold, computing_s)
+    seen = observed.observe_model(
+        models.load(source), observed.is_mjcf(source.path), seed, starts, hold, computing_s
+    )
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
-    return Survey(settings, mesh_notes.mesh_notes(seen.model))
+    return settings, mesh_notes.mesh_notes(seen.model)
 
 
 def run_present(
     source: ModelSource, plan: TrialPlan, files: SearchFiles, channel: Channel
-) -> PresentRuns:
+) -> tuple[Present, Mapping[str, float], float]:
     channel.doing(f"running {source.name} with its present settings")
     model = variants.compiled(source, ())
     baseline = reference.present_runs(model, plan)
     files.baseline.write_bytes(pickle.dumps(baseline))
     models.save(model, files.model)
     stages = stage_shares(model, baseline.trials)
-    return PresentRuns(baseline.facts, stages, reference.seconds(model, baseline.trials))
+    return baseline.facts, stages, reference.seconds(model, baseline.trials)
 
 
 def run_reference(

@@ -6,6 +6,7 @@ of its file, and those of an edge of its largest face, which are a box's own.
 """
 
 import enum
+import functools
 from dataclasses import dataclass
 
 import mujoco
@@ -47,14 +48,12 @@ class MeshNote:
 
 def mesh_notes(model: mujoco.MjModel) -> list[MeshNote]:
     notes = []
-    fits: dict[int, tuple[Primitive, float] | None] = {}
+    best_fit = functools.cache(lambda mesh: _best_fit(model, mesh))
     for geom in map(int, geom_pairs.colliding_geoms(model)):
         if int(model.geom_type[geom]) != int(mujoco.mjtGeom.mjGEOM_MESH):
             continue
         mesh = int(model.geom_dataid[geom])
-        if mesh not in fits:
-            fits[mesh] = _best_fit(model, mesh)
-        fit = fits[mesh]
+        fit = best_fit(mesh)
         if fit is not None and fit[1] >= MIN_SHARE:
             name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or f"geom {geom}"
             mesh_name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_MESH, mesh)
@@ -64,12 +63,7 @@ def mesh_notes(model: mujoco.MjModel) -> list[MeshNote]:
 
 @dataclass(frozen=True, eq=False)
 class _Hull:
-    """The convex hull of a mesh.
-
-    Attributes:
-      vertices: (nvertex, 3) of the hull, in m.
-      triangles: (ntriangle, 3, 3) their corners.
-    """
+    """Vertices (nvertex, 3) of a convex hull, and triangles (ntriangle, 3, 3), in m."""
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -131,10 +125,12 @@ def _frames(model: mujoco.MjModel, mesh: int, hull: _Hull) -> list[np.ndarray]:
 def _volumes(points: np.ndarray) -> list[tuple[Primitive, float]]:
     """Return the volumes in m³ of primitives that contain (npoint, 3) points, about the origin."""
     half = np.abs(points).max(axis=0)
+    # by which an ellipsoid of these half axes must grow to hold all points
+    growth = np.linalg.norm(points / half, axis=1).max()
     volumes = [
         (Primitive.SPHERE, 4 / 3 * np.pi * np.linalg.norm(points, axis=1).max() ** 3),
         (Primitive.BOX, 8.0 * half.prod()),
-        (Primitive.ELLIPSOID, 4 / 3 * np.pi * half.prod() * _stretch(points, half) ** 3),
+        (Primitive.ELLIPSOID, 4 / 3 * np.pi * half.prod() * growth**3),
     ]
     for axis in range(3):
         along = np.abs(points[:, axis])
@@ -146,8 +142,3 @@ def _volumes(points: np.ndarray) -> list[tuple[Primitive, float]]:
         volumes.append((Primitive.CYLINDER, disc * 2 * half[axis]))
         volumes.append((Primitive.CAPSULE, disc * (2 * length + 4 / 3 * radius)))
     return [(primitive, float(volume)) for primitive, volume in volumes]
-
-
-def _stretch(points: np.ndarray, half: np.ndarray) -> float:
-    """Return the factor by which an ellipsoid of these half axes must grow to hold all points."""
-    return float(np.linalg.norm(points / half, axis=1).max())

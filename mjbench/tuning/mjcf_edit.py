@@ -8,6 +8,7 @@ counts where its `<include>` is. So an attribute changes where the file sets it 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from xml.sax import saxutils
 
 from mjbench.errors import InputError, one_line
 from mjbench.tuning import mjcf_sections
@@ -17,14 +18,7 @@ from mjbench.tuning.settings import Edit, Part
 _INDENTATION = "  "  # of a file that shows none
 # Characters that no XML holds, even escaped.
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_ESCAPES = {
-    "&": "&amp;",
-    "<": "&lt;",
-    ">": "&gt;",
-    "\t": "&#9;",
-    "\n": "&#10;",
-    "\r": "&#13;",
-}
+_ESCAPES = {"\t": "&#9;", "\n": "&#10;", "\r": "&#13;"}
 _QUOTE_ESCAPES = {'"': "&quot;", "'": "&apos;"}
 
 
@@ -65,8 +59,6 @@ def _check_root(root: Element) -> None:
 
 @dataclass(frozen=True)
 class _New:
-    """An element to add."""
-
     name: str
     attributes: Mapping[str, str] = field(default_factory=dict)
     children: Sequence["_New"] = ()
@@ -118,7 +110,6 @@ def _excluding(document: Document, pairs: Sequence[tuple[str, str]]) -> Document
 
 
 def _with_attribute(document: Document, element: Element, name: str, value: str) -> Document:
-    """Return the file with an attribute of an element; the same file where it is set."""
     tag = document.tag(element)
     present = tag.values.get(name)
     if present is None:
@@ -130,7 +121,6 @@ def _with_attribute(document: Document, element: Element, name: str, value: str)
 
 
 def _with_children(document: Document, element: Element, children: Sequence[_New]) -> Document:
-    """Return the file with more children of an element, behind those that it has."""
     unit, tag = _unit(document), document.tag(element)
     own = document.indentation(element.start)
     if tag.is_empty:
@@ -174,10 +164,9 @@ def _markup(elements: Sequence[_New], indentation: str, unit: str, newline: str)
     before = f"{newline}{indentation}" if newline else ""
     text = ""
     for new in elements:
-        attributes = [
-            f' {name}="{_escaped(value, chr(34))}"' for name, value in new.attributes.items()
-        ]
-        text += f"{before}<{new.name}{''.join(attributes)}"
+        text += f"{before}<{new.name}"
+        for name, value in new.attributes.items():
+            text += f' {name}="{_escaped(value, chr(34))}"'
         inside = _markup(new.children, indentation + unit, unit, newline)
         text += f">{inside}{before}</{new.name}>" if inside else "/>"
     return text
@@ -186,5 +175,4 @@ def _markup(elements: Sequence[_New], indentation: str, unit: str, newline: str)
 def _escaped(value: str, quote: str) -> str:
     if _FORBIDDEN.search(value):
         raise InputError(f"{one_line(repr(value), 60)} has a character that XML cannot hold")
-    escapes = {**_ESCAPES, quote: _QUOTE_ESCAPES[quote]}
-    return "".join(escapes.get(character, character) for character in value)
+    return saxutils.escape(value, {**_ESCAPES, quote: _QUOTE_ESCAPES[quote]})

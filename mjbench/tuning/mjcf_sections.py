@@ -28,7 +28,7 @@ _LINE_END = re.compile(rb"\r\n|\n|\r")
 _NO_TEXT = re.compile("[\udc80-\udcff]")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Element:
     """An element of a file.
 
@@ -36,15 +36,15 @@ class Element:
       attributes: as XML defines their values: entities replaced, line ends as spaces.
       start: byte at which its start tag begins.
       end: byte at which its end tag begins; without a meaning where it has none.
-      children: elements directly inside, in the order of the file: of the root all, of `<option>`,
-        `<compiler>` and `<contact>` all, of other elements none.
+      children: of the root all, of `<option>`, `<compiler>` and `<contact>` all, of others none.
     """
 
     name: str
     attributes: Mapping[str, str]
     start: int
-    end: int
-    children: tuple["Element", ...]
+    depth: int
+    end: int = 0
+    children: list["Element"] = field(default_factory=list)
 
     def named(self, name: str) -> list["Element"]:
         return [child for child in self.children if child.name == name]
@@ -67,7 +67,6 @@ class StartTag:
       end: behind its `>`.
       last: behind its last attribute; behind its name where it has none.
       quote: of its last attribute; `"` where it has none.
-      is_empty: whether it is the whole element, as in `<option/>`.
     """
 
     end: int
@@ -93,7 +92,6 @@ class Document:
 
     @property
     def newline(self) -> str:
-        """The file's first line end; nothing where it has only one line."""
         return _first_newline(self.visible)
 
     def tag(self, element: Element) -> StartTag:
@@ -123,7 +121,6 @@ class Document:
         return _first_newline(self.visible[self.behind_last(position, b" \t\r\n") : position])
 
     def behind_last(self, position: int, skipped: bytes) -> int:
-        """Return the position behind the last byte before `position` not in `skipped`."""
         return len(self.visible[:position].rstrip(skipped))
 
 
@@ -157,23 +154,12 @@ def _first_newline(text: bytes) -> str:
     return match[0].decode() if match else ""
 
 
-@dataclass
-class _Open:
-    name: str
-    attributes: dict[str, str]
-    start: int
-    depth: int
-    children: list[Element] = field(default_factory=list)
-
-
 class _Reader:
-    """The handlers of expat's events, and what they recorded."""
-
     def __init__(self, visible: bytes):
         self.visible = visible
         self.files: list[str] = []
         self._depth = 0
-        self._open: list[_Open] = []
+        self._open: list[Element] = []
         self._parser = expat.ParserCreate("utf-8")
         self._parser.specified_attributes = True
         self._parser.StartDoctypeDeclHandler = self._doctype
@@ -199,18 +185,16 @@ class _Reader:
         start = self._parser.CurrentByteIndex
         if not self.visible.startswith(f"<{name}".encode(), start):
             _refuse_entities(f"its <{one_line(name, 40)}> comes from an entity")
-        self._open.append(_Open(name, attributes, start, self._depth))
+        element = Element(name, attributes, start, self._depth)
+        if self._open:
+            self._open[-1].children.append(element)
+        else:
+            self.root = element
+        self._open.append(element)
 
     def _end(self, name: str) -> None:
         if self._open[-1].depth == self._depth:
-            last = self._open.pop()
-            end = self._parser.CurrentByteIndex
-            children = tuple(last.children)
-            element = Element(last.name, last.attributes, last.start, end, children)
-            if self._open:
-                self._open[-1].children.append(element)
-            else:
-                self.root = element
+            self._open.pop().end = self._parser.CurrentByteIndex
         self._depth -= 1
 
 

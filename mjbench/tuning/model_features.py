@@ -16,21 +16,12 @@ def is_zero(model: mujoco.MjModel, term: str) -> bool:
     return not any(np.any(getattr(model, name)) for name in names)
 
 
-def damps_joints(model: mujoco.MjModel) -> bool:
-    return bool(np.any(model.dof_damping))
-
-
-def has_limits(model: mujoco.MjModel) -> bool:
-    return bool(np.any(model.jnt_limited) or np.any(model.tendon_limited))
-
-
 def can_collide(model: mujoco.MjModel) -> bool:
     pairs = geom_pairs.read(model)
     return bool(pairs.is_too_large or len(pairs.geoms) or model.npair or model.nflex)
 
 
 def needs_convex_collider(model: mujoco.MjModel) -> bool:
-    """Return whether some geoms that can collide are left to the iterative convex collider."""
     pairs = geom_pairs.read(model)
     return pairs.is_too_large or geom_pairs.need_convex_collider(model, pairs)
 
@@ -77,7 +68,8 @@ def absent(model: mujoco.MjModel) -> dict[str, str]:
     where others act.
     """
     no_collision = not can_collide(model)
-    no_friction_loss, no_limits = is_zero(model, "frictionloss"), not has_limits(model)
+    no_friction_loss = is_zero(model, "frictionloss")
+    no_limits = not (np.any(model.jnt_limited) or np.any(model.tendon_limited))
     no_springs = not model.nflex and is_zero(model, "stiffness")
     no_dampers = not model.nflex and is_zero(model, "damping")
     no_constraints = not model.neq and no_friction_loss and no_limits and no_collision
@@ -97,6 +89,5 @@ def absent(model: mujoco.MjModel) -> dict[str, str]:
 
 
 def _has_other_passive_forces(model: mujoco.MjModel) -> bool:
-    """Return whether gravity compensation, a fluid or a plugin may act."""
     fluid = model.opt.density or model.opt.viscosity
     return bool(fluid or model.nplugin or np.any(model.body_gravcomp))

@@ -14,8 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjbench.simulation import compat, models, sampling, starts, workload
-from mjbench.simulation.models import ModelSource
+from mjbench.simulation import compat, sampling, starts, workload
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.tuning.pair_watch import IdlePair, PairWatch
@@ -36,11 +35,7 @@ _WIDE_SPREAD = 1.0 / workload.CONTROL_SHARE
 
 @dataclass(frozen=True)
 class Usage:
-    """How many iterations the steps of the usual regime took.
-
-    Attributes:
-      median: half of the steps took at most so many.
-    """
+    """How many iterations the steps of the usual regime took."""
 
     median: int
     most: int
@@ -52,10 +47,8 @@ class ObservedModel:
 
     Attributes:
       nposes: random poses that were looked at for bodies that touch.
-      solver: solver iterations of a step, those of the constraint island with the most, which
-        `iterations` bounds.
-      line_search: iterations of the longest line search of a step, which `ls_iterations` bounds; 0
-        with a solver that has none.
+      solver: iterations of a step in the constraint island with the most.
+      line_search: iterations of the longest line search of a step; 0 with a solver that has none.
       idle_pairs: bodies that were tested for collision in detail and never touched.
       unnamed_idle_pairs: how many more there are, with a body that has no name.
     """
@@ -72,23 +65,7 @@ class ObservedModel:
     unnamed_idle_pairs: int = 0
 
 
-def observe(
-    source: ModelSource,
-    seed: int = 0,
-    plan: StartPlan = DEFAULT_STARTS,
-    hold: int = 1,
-    computing_s: float = MAX_COMPUTING_S,
-) -> ObservedModel:
-    """Return what is seen of a model that is loaded and stepped in this process.
-
-    Args:
-      computing_s: seconds that simulations may take, apart from settling.
-    """
-    return observe_model(models.load(source), is_mjcf(source.path), seed, plan, hold, computing_s)
-
-
 def is_mjcf(path: Path) -> bool:
-    """Return whether a model file is MJCF: XML, and not a URDF."""
     if path.suffix.lower() != ".xml":
         return False
     try:
@@ -107,21 +84,15 @@ def observe_model(
     hold: int = 1,
     computing_s: float = MAX_COMPUTING_S,
 ) -> ObservedModel:
-    """Return what is seen of a loaded model; arguments and errors are those of `observe`."""
+    """Return what is seen of a model; simulations may take `computing_s`, apart from settling."""
     step_s = sampling.settled_step_s(model)
     wanted = OBSERVED_S / float(model.opt.timestep)
     nstep = max(1, int(min(wanted, computing_s / (step_s + _READING_S))))
     nexplored = nstep // 2
     run = _Run(model, hold, max(1, nstep // _NSAMPLE))
-    request = SampleRequest(
-        _NUSUAL,
-        workload.whole_holds((nstep - nexplored) // _NUSUAL, hold),
-        hold,
-        seed,
-        plan,
-        starts.max_settling_nstep(step_s),
-        may_shorten=True,
-    )
+    each_nstep = workload.whole_holds((nstep - nexplored) // _NUSUAL, hold)
+    settling_nstep = starts.max_settling_nstep(step_s)
+    request = SampleRequest(_NUSUAL, each_nstep, hold, seed, plan, settling_nstep, may_shorten=True)
     usual = sampling.draw(model, request).workload
     for state, control in zip(usual.initial_state, usual.control, strict=True):
         run.simulate(_from_state(state), control)
@@ -162,8 +133,6 @@ def _exploring(
 
 
 class _Run:
-    """Simulations, and what their steps did."""
-
     def __init__(self, model: mujoco.MjModel, hold: int, sample_every: int):
         self._model, self._hold, self._sample_every = model, hold, sample_every
         self._data = mujoco.MjData(model)
@@ -209,7 +178,6 @@ class _Run:
         self._max_constraints = max(self._max_constraints, int(data.nefc))
 
     def observed(self, is_mjcf: bool, nusual: int) -> ObservedModel:
-        """Return what was seen, with the iterations of the first `nusual` steps."""
         solver, line_search = np.array(self._iterations[:nusual], dtype=int).reshape(-1, 2).T
         return ObservedModel(
             self._model,

@@ -17,12 +17,7 @@ _FAR_M = 1000.0
 
 @dataclass(frozen=True)
 class IdlePair:
-    """Two bodies that collision detection tested in detail, and that never touched.
-
-    Attributes:
-      closest_m: the shortest distance that was seen; None where none was computed, as in releases
-        that cannot.
-    """
+    """Bodies that were tested in detail and never touched; None where no distance was computed."""
 
     body1: str
     body2: str
@@ -79,15 +74,13 @@ class PairWatch:
             )
 
     def idle(self) -> tuple[tuple[IdlePair, ...], int]:
-        """Return the pairs that were tested in detail and never touched, in the model's order.
-
-        MJCF cannot name a pair of which a body has no name: only their number is returned.
-        """
+        """Return the pairs tested in detail that never touched, and how many have no name."""
         idle, unnamed = [], 0
         for key in np.unique(self._keys[self._was_near]):
             if int(key) in self._touched:
                 continue
-            names = [self._name(int(body)) for body in divmod(int(key), self._model.nbody)]
+            bodies, kind = divmod(int(key), self._model.nbody), mujoco.mjtObj.mjOBJ_BODY
+            names = [mujoco.mj_id2name(self._model, kind, body) or "" for body in bodies]
             if not all(names):
                 unnamed += 1
                 continue
@@ -95,9 +88,6 @@ class PairWatch:
             is_known = np.isfinite(closest_m)
             idle.append(IdlePair(names[0], names[1], closest_m if is_known else None))
         return tuple(idle), unnamed
-
-    def _name(self, body: int) -> str:
-        return mujoco.mj_id2name(self._model, mujoco.mjtObj.mjOBJ_BODY, body) or ""
 
     def _gaps(self, data: mujoco.MjData) -> np.ndarray:
         """Return (npair,) what separates the bounding spheres of two geoms, in metres.

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjbench.comparison.judged_run import contact_force_n, penetration_m, violation
 from mjbench.simulation import compat
-
-_LIMITS = ("mjCNSTR_LIMIT_JOINT", "mjCNSTR_LIMIT_TENDON")
 
 
 @dataclass(frozen=True)
@@ -32,12 +31,7 @@ class Physics:
 
 
 def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray) -> Physics:
-    """Return what a model says of states.
-
-    Args:
-      initial_state: (nrun, nstate) where the runs began, rows of mjSTATE_INTEGRATION.
-      points: (nrun, npoint, nstate) states along the runs.
-    """
+    """Return what a model says of (nrun, npoint, nstate) states from (nrun, nstate) starts."""
     data = mujoco.MjData(model)
     rows = []
     for start, states in zip(initial_state, points, strict=True):
@@ -45,14 +39,9 @@ def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray
         energy_j = _energy_j(model, data)
         for state in states:
             _forward(model, data, state)
-            rows.append(
-                (
-                    max(0.0, -float(np.min(data.contact.dist[: data.ncon], initial=0.0))),
-                    _violation(data),
-                    abs(_energy_j(model, data) - energy_j),
-                    _contact_force_n(model, data),
-                )
-            )
+            depth_m, force_n = penetration_m(data), contact_force_n(model, data)
+            drift_j = abs(_energy_j(model, data) - energy_j)
+            rows.append((depth_m, violation(data), drift_j, force_n))
     return Physics(*(float(mean) for mean in np.mean(rows, axis=0)))
 
 
@@ -65,21 +54,3 @@ def _energy_j(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     mujoco.mj_energyPos(model, data)
     mujoco.mj_energyVel(model, data)
     return float(np.sum(data.energy))
-
-
-def _violation(data: mujoco.MjData) -> float:
-    kinds = np.asarray(data.efc_type[: data.nefc])
-    position = np.asarray(data.efc_pos[: data.nefc])
-    is_equality = kinds == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-    is_limit = np.isin(kinds, [int(getattr(mujoco.mjtConstraint, name)) for name in _LIMITS])
-    equality = float(np.max(np.abs(position[is_equality]), initial=0.0))
-    return max(equality, float(np.max(-position[is_limit], initial=0.0)))
-
-
-def _contact_force_n(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    force = np.empty(6)
-    total = 0.0
-    for i in range(data.ncon):
-        mujoco.mj_contactForce(model, data, i, force)
-        total += float(force[0])
-    return total

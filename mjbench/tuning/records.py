@@ -234,7 +234,6 @@ class TuneRecord:
     seconds: NonNegativeFloat = 0.0
 
     def best(self) -> Recommendation | None:
-        """Return the fastest recommendation whose error is allowed; None without one."""
         allowed = [each for each in self.front if each.is_allowed]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)
 
@@ -272,7 +271,6 @@ class TuneRecord:
 
 
 def allowed_error(max_error: float | None, present_error: float, least: float = NO_ERROR) -> float:
-    """Return the largest error of settings that are recommended, as a share of the motion."""
     return max_error or max((1 + SAME_ERROR) * present_error, least)
 
 

@@ -174,7 +174,6 @@ class Baseline:
 
 
 def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
-    """Return the runs with present settings, the reference, and the horizon."""
     return with_reference(model, present_runs(model, plan), plan.horizon_ncontrol)
 
 
@@ -284,21 +283,17 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
         scale = plan.reference_s / REFERENCE_S
         most = max(LEAST_DRAWS, round(scale * DRAWS))
         count = int(np.clip(scale * DRAWS_S / settling_s, LEAST_DRAWS, most))
-    samples = [
-        sampling.draw(
-            model,
-            sampling.SampleRequest(
-                -(-nrun // count),
-                ncontrol * plan.hold,
-                plan.hold,
-                plan.seed + number * _SEEDS_APART,
-                plan.starts,
-                starts.max_settling_nstep(step_s),
-                may_shorten=True,
-            ),
-        )
-        for number in range(count)
-    ]
+    request = sampling.SampleRequest(
+        -(-nrun // count),
+        ncontrol * plan.hold,
+        plan.hold,
+        plan.seed,
+        plan.starts,
+        starts.max_settling_nstep(step_s),
+        may_shorten=True,
+    )
+    seeds = [plan.seed + number * _SEEDS_APART for number in range(count)]
+    samples = [sampling.draw(model, replace(request, seed=seed)) for seed in seeds]
     drawn = [sample.workload for sample in samples]
     shortest = min(each.ncontrol for each in drawn)
     trials = Trials(
@@ -314,7 +309,6 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
 
 
 def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
-    """Return a model whose constraint solver converges, with its timestep divided by a number."""
     tight = copy.copy(model)
     opt = tight.opt
     opt.timestep = float(opt.timestep) / refinement
@@ -347,8 +341,7 @@ def horizon(error: np.ndarray, rounding: np.ndarray) -> int:
     """Return for how many controls errors can be compared.
 
     Args:
-      error: (nrun, ncontrol) of the present settings at the end of each control, as shares of the
-        motion.
+      error: (nrun, ncontrol) of the present settings after each control, as shares of the motion.
       rounding: (nrun, ncontrol) distance of runs from starts that differ in the last place.
     """
     error_now, rounding_now = np.median(error, axis=0), np.median(rounding, axis=0)

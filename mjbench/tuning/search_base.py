@@ -1,14 +1,11 @@
-"""What searches for settings of C, and of MJX and Warp, share: a plan, a record, and how they end.
-
-That of C is in `c_search`, that of MJX and Warp in `accelerated_search`.
-"""
+"""What searches for settings of C, MJX and Warp share: a plan, a record, and how they end."""
 
 import abc
 import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from mjbench.errors import MjbenchError, failure_of
 from mjbench.measuring.ratio import Ratio
@@ -28,8 +25,6 @@ REFERENCE_SHARE = 0.1
 Advance = Callable[[int, str, float], None]
 # Parts of a search: present settings, each alone, together, second look.
 PARTS = 4
-
-Measurements = TypeVar("Measurements")
 
 
 @dataclass(frozen=True)
@@ -58,26 +53,21 @@ class SearchPlan:
     def trials(
         self, look: int, ncontrol: int | None = None, horizon_ncontrol: int | None = None
     ) -> TrialPlan:
-        """Return the starts and controls of a look.
-
-        Args:
-          look: 0 for the search, 1 for the second look, more for further ones, which have the
-            lengths that the search had.
-        """
+        """Return the starts and controls of a look: 0 for the search, 1 for the second look."""
         reference_s = min(REFERENCE_S, REFERENCE_SHARE * self.budget_s)
         return TrialPlan(
             self.seed + look, self.starts, self.hold, ncontrol, horizon_ncontrol, reference_s
         )
 
 
-class Search(abc.ABC, Generic[Measurements]):
-    """One search for settings of one model; `record` says what came of it, at any time."""
+class Search(abc.ABC):
+    """One search for settings of one model."""
 
     def __init__(
         self,
         record: TuneRecord,
         plan: SearchPlan,
-        measurements: Measurements,
+        measurements: Any,
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
@@ -87,23 +77,15 @@ class Search(abc.ABC, Generic[Measurements]):
         self._begin_s = clock()
 
     def result(self) -> TuneRecord:
-        """Search; return what came of it, however it ended."""
         try:
-            self.run()
+            self._measure_present()
+            if attempts := self._try_settings():
+                self._second_look(attempts)
         except MjbenchError as error:
-            return self.record(failure_of(error).status, self._detail_of(error))
+            self._set(status=failure_of(error).status, detail=self._detail_of(error))
         except KeyboardInterrupt:
-            return self.record(Status.INTERRUPTED)
-        return self.record()
-
-    def run(self) -> None:
-        """Search; after an error or Ctrl-C, `record` has what was measured."""
-        self._measure_present()
-        if attempts := self._try_settings():
-            self._second_look(attempts)
-
-    def record(self, status: Status = Status.OK, detail: str = "") -> TuneRecord:
-        return replace(self._record, status=status, detail=detail, seconds=self._spent_s())
+            self._set(status=Status.INTERRUPTED)
+        return replace(self._record, seconds=self._spent_s())
 
     def _detail_of(self, error: MjbenchError) -> str:
         return failure_of(error).detail.removeprefix(f"{self._record.model}: ")

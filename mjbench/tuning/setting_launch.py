@@ -10,15 +10,17 @@ import hashlib
 import math
 import pickle
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypeVarTuple
 
 import mujoco
 import numpy as np
 
 from mjbench import paths
 from mjbench.errors import InputError, failure_of
+from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile
 from mjbench.loop.loop_starts import StartsInTurn
@@ -35,21 +37,77 @@ from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
 from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, label, loop_change
 from mjbench.tuning.trajectories import SensorChange, Trajectories, Trials
 
+_Arguments = TypeVarTuple("_Arguments")
+
 # Seconds of a block; controls of each of its runs, and runs at least, unless one takes longer.
 BLOCK_S, BLOCK_NCONTROL, LEAST_NRUN = 0.002, 2, 2
 # Quads of blocks that a setting gets in a launch, at least and at most.
 LEAST_QUADS, MOST_QUADS = 1, 25
 
 
+def launch(
+    task: Callable[[*_Arguments, Channel], None],
+    arguments: Callable[[Sequence[Settings], float], tuple[*_Arguments]],
+    settings: Sequence[Settings],
+    stop_after_s: float,
+    on_message: Callable[[Any], None],
+    limit_s: float,
+    **options: Any,
+) -> None:
+    """Have a task try settings in a fresh process; after one that ends it, go on in another.
+
+    Args:
+      arguments: of the task, from the settings that are left, and the seconds that are.
+      on_message: called with what the task sends, and the `Attempt` of a setting that ended it.
+      options: of `isolate.run`.
+    """
+    end_s, left = time.monotonic() + stop_after_s, list(settings)
+
+    def receive(message: Any) -> None:
+        if isinstance(message, Attempt):
+            left.pop(0)
+        on_message(message)
+
+    while True:
+        ended = isolate.run(
+            task, arguments(tuple(left), end_s - time.monotonic()), receive, limit_s, **options
+        )
+        if ended.position is None:  # it ended well, or without a setting to blame
+            ended.check()
+            return
+        if left:
+            receive(Attempt(left[0], ended.status, ended.detail))
+        if not left:
+            return
+
+
+def try_each(
+    settings: Sequence[Settings],
+    end_s: float,
+    channel: Channel,
+    attempt: Callable[[Settings], Attempt],
+    refusals: tuple[type[Exception], ...],
+) -> None:
+    """Send an `Attempt` for each setting that is begun by `end_s`, of `perf_counter`.
+
+    Args:
+      refusals: what `attempt` raises for settings that are rejected.
+    """
+    for number, each in enumerate(settings):
+        if time.perf_counter() > end_s:
+            break
+        channel.doing(f"trying {label(each)}", number)
+        try:
+            tried = attempt(each)
+        except refusals as error:
+            failure = failure_of(error)
+            tried = Attempt(each, failure.status, failure.detail)
+        channel.send(tried)
+
+
 @dataclass(frozen=True)
 class SearchFiles:
-    """The files of a model under search.
-
-    Attributes:
-      model: with the present settings.
-      baseline: a pickled `Baseline`.
-      folder: of models with settings that have to be compiled.
-    """
+    """The model with the present settings, a pickled `Baseline`, and a folder of changed models."""
 
     model: Path
     baseline: Path
@@ -80,29 +138,19 @@ def run_launch(
     source: ModelSource, files: SearchFiles, request: SettingLaunchRequest, channel: Channel
 ) -> None:
     """Send an `Attempt` for each setting that is begun in time; runs in a child."""
-    begin_s = time.perf_counter()
+    end_s = time.perf_counter() + request.stop_after_s
     channel.doing(f"loading {source.name}")
     baseline: Baseline = pickle.loads(files.baseline.read_bytes())
     if request.nrun:
         baseline = baseline.only(request.nrun)
     model = models.load(ModelSource(source.name, files.model))
     launch = _Launch(source, files, request, baseline, model)
-    for number, settings in enumerate(request.settings):
-        if time.perf_counter() - begin_s > request.stop_after_s:
-            break
-        channel.doing(f"trying {label(settings)}", number)
-        try:
-            attempt = launch.attempt(settings)
-        except (InputError, mujoco.FatalError) as error:
-            failure = failure_of(error)
-            attempt = Attempt(settings, failure.status, failure.detail)
-        channel.send(attempt)
+    refusals = (InputError, mujoco.FatalError)
+    try_each(request.settings, end_s, channel, launch.attempt, refusals)
 
 
 @dataclass(frozen=True, eq=False)
 class _Launch:
-    """A model, and what settings of it are compared with."""
-
     source: ModelSource
     files: SearchFiles
     request: SettingLaunchRequest
@@ -166,7 +214,6 @@ class _Launch:
 
 
 def stage_shares(model: mujoco.MjModel, trials: Trials) -> dict[str, float]:
-    """Return the share of a step by stage, from the states where trials begin."""
     hold = trajectories.steps_per_control(model, trials.control_s)
     run_s = hold * work.step_s(model, trials.initial_state[0])
     nrun = max(1, int(BLOCK_S / run_s))
@@ -187,19 +234,12 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
         error = distance.distance(model, scale, within, baseline.reference)
         along = physics(model, baseline.trials.initial_state, runs.points)
         run_errors = distance.shares(model, scale, within, baseline.reference).tolist()
-    return Accuracy(
-        Effect.APPROXIMATE if sensors.changed else effect,
-        error,
-        distance.distance(model, scale, within, present),
-        along,
-        run_errors,
-        sensors.changed,
-        sensors.share,
-    )
+    effect = Effect.APPROXIMATE if sensors.changed else effect
+    apart = distance.distance(model, scale, within, present)
+    return Accuracy(effect, error, apart, along, run_errors, *sensors)
 
 
 def _effect(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Effect:
-    """Return what settings do to the states: nothing, no more than SAME_SHARE, or more."""
     if runs.is_identical(baseline.present):
         return Effect.FREE
     ncontrol = baseline.same_ncontrol

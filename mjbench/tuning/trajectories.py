@@ -5,7 +5,8 @@ comparable at the end of every control.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -55,8 +56,7 @@ class Trajectories:
     """The states of a model at the end of each control.
 
     Attributes:
-      qpos: (nrun, ncontrol, nq).
-      qvel: (nrun, ncontrol, nv).
+      qpos: (nrun, ncontrol, nq); `qvel` likewise.
       points: (nrun, NPOINT, nstate) whole states after equal shares of the run.
       sensordata: (nrun, NPOINT, nsensordata) of these whole states.
       diverged: (nrun,) bool: which raised a warning of a bad state, or are not finite.
@@ -69,13 +69,7 @@ class Trajectories:
     diverged: np.ndarray
 
     def only(self, runs: np.ndarray) -> "Trajectories":
-        return Trajectories(
-            self.qpos[runs],
-            self.qvel[runs],
-            self.points[runs],
-            self.sensordata[runs],
-            self.diverged[runs],
-        )
+        return Trajectories(*(getattr(self, each.name)[runs] for each in fields(self)))
 
     def first(self, ncontrol: int) -> "Trajectories":
         """Return runs until the end of their first controls; `points` are of the whole runs."""
@@ -89,14 +83,8 @@ class Trajectories:
         return np.array_equal(_bits(self.sensordata), _bits(other.sensordata))
 
 
-@dataclass(frozen=True)
-class SensorChange:
-    """How sensor data differ from those of other runs.
-
-    Attributes:
-      changed: sensors that differ by more than SENSOR_SHARE of their largest magnitude.
-      share: by how much the others differ at most, as a share of theirs.
-    """
+class SensorChange(NamedTuple):
+    """How many sensors have changed, and by what share of their largest magnitude others have."""
 
     changed: int
     share: float
@@ -124,7 +112,6 @@ def points(ncontrol: int) -> list[int]:
 
 
 def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
-    """Return the runs of a model, on as many threads as there are cores by default."""
     if compat.state_size(model) != trials.initial_state.shape[1]:
         raise InputError("the setting changes the size of the model's state")
     nstep = steps_per_control(model, trials.control_s)
@@ -139,8 +126,7 @@ def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Tr
     nthread = min(nrun, nthread or machine.usable_cores())
     with ThreadPoolExecutor(nthread) as pool:
         shares = np.array_split(np.arange(nrun), nthread)
-        for done in [pool.submit(_run, model, trials, nstep, rows, out) for rows in shares]:
-            done.result()
+        list(pool.map(lambda rows: _run(model, trials, nstep, rows, out), shares))
     return out
 
 

@@ -17,9 +17,7 @@ def tune(
     limit_s: float = SILENCE_S,
     advance: Advance = lambda done, text, share: None,
 ) -> TuneRecord:
-    """Return what a search for faster settings of a model came to.
-
-    A model that cannot be stepped, and Ctrl-C, are the record's status; it holds what was measured.
+    """Return what a search for faster settings of a model came to, however it ended.
 
     Args:
       limit_s: seconds of silence after which a process is killed; compilers get more.

@@ -144,8 +144,7 @@ def with_options(
 
 
 def _compiled(source: ModelSource, edits: Sequence[Edit]) -> tuple[mujoco.MjModel, list[str]]:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         spec = _spec(source)
         for edit in edits:
             _apply(source, spec, edit)
@@ -185,7 +184,6 @@ def _set_option(source: ModelSource, options: Any, edit: Edit) -> None:
 
 
 def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
-    """Set an attribute of `<compiler>` that is a number, or `true` or `false`."""
     present = getattr(getattr(spec, "compiler", None), edit.name, None)
     if not isinstance(present, bool | int | float):
         raise InputError(
@@ -193,19 +191,15 @@ def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
             " that is a number, true or false"
         )
     try:  # some releases have integers for true and false
-        value = _KEYWORDS[edit.value] if isinstance(present, bool) else _number(edit.value)
+        number = _KEYWORDS.get(edit.value, edit.value)
+        value = _KEYWORDS[edit.value] if isinstance(present, bool) else float(number)
     except (KeyError, ValueError):
         kind = "true or false" if isinstance(present, bool) else "a number, true or false"
         raise InputError(f"{_label(source, [edit])}: its value is {kind}") from None
     setattr(spec.compiler, edit.name, type(present)(value))
 
 
-def _number(text: str) -> float:
-    return float(_KEYWORDS.get(text, text))
-
-
 def _is_excluded(spec: Any, edit: Edit) -> bool:
-    """Return whether a model excludes a pair of bodies already, in either order."""
     pair = {edit.name, edit.value}
     return any({exclude.bodyname1, exclude.bodyname2} == pair for exclude in spec.excludes)
 
@@ -227,8 +221,7 @@ def _shown(edit: Edit) -> str:
 def _inputs(path: Path) -> Iterator[Path]:
     """Yield the files of MJCF that a model is read from, as far as they can be read.
 
-    MuJoCo looks for an included file in the folder of the model, and in that of the file including
-    it.
+    MuJoCo looks for an included file in the folders of the model and of the file including it.
     """
     pending, visited = [path], set()
     while pending:
@@ -256,14 +249,12 @@ def _absent(source: ModelSource, edits: Sequence[Edit]) -> list[Edit]:
     """Return the edits that are not of pairs which a file included by the model excludes."""
     if not any(edit.part == Part.EXCLUDE for edit in edits) or compat.spec_unavailable():
         return list(edits)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # `compiled` reports those of edits
+    with warnings.catch_warnings(action="ignore"):  # `compiled` reports those of edits
         spec = _spec(source)
     return [e for e in edits if e.part != Part.EXCLUDE or not _is_excluded(spec, e)]
 
 
 def _check_copy(source: ModelSource, edits: Sequence[Edit], target: Path, copy: Path) -> None:
-    """Compare the model that a written copy compiles to with the one that it must be."""
     expected = ModelGuard(compiled(source, edits))
     try:
         model = mujoco.MjModel.from_xml_path(str(copy))

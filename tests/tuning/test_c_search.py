@@ -14,7 +14,6 @@ from mjbench.status import Status
 from mjbench.tuning import fronts
 from mjbench.tuning.c_search import RUNG_NRUN, SCREENS, CSearch
 from mjbench.tuning.knobs import KNOBS
-from mjbench.tuning.measurements import PresentRuns, Survey
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord, log_ratio
 from mjbench.tuning.search_base import SearchPlan
 from mjbench.tuning.setting_launch import SettingLaunchRequest
@@ -46,11 +45,11 @@ class Planted:
         self.settings = [setting(label) for label in self.effects]
 
     def survey(self, seed, computing_s):
-        return Survey(self.settings, [])
+        return self.settings, []
 
     def present(self, plan):
         self.seed, self.has_reference = plan.seed, False
-        return PresentRuns(replace(self._facts(), error=None), {}, self.reference_s)
+        return replace(self._facts(), error=None), {}, self.reference_s
 
     def reference(self, horizon_ncontrol=None):
         self.references += 1

@@ -89,7 +89,7 @@ def test_every_setting_of_a_shipped_model_applies(
     monkeypatch.setattr(observed, "OBSERVED_S", 0.5)
     monkeypatch.setattr(observed, "NPOSE", 100)
     source = models.resolve(name)
-    settings = knobs.settings(observed.observe(source))
+    settings = knobs.settings(observed.observe_model(models.load(source), is_mjcf=True))
     assert {"timestep", "integrator", "autoreset", "engine clock"} <= settings.keys()
     for knob, values in settings.items():
         assert len({value.label for value in values}) == len(values)

@@ -27,9 +27,9 @@ def cartpole():
     """Return measurements of the cart-pole, in short runs."""
     with WorkerPool() as pool:
         of_cartpole = CMeasurements(pool, models.resolve("cartpole"), StartPlan())
-        runs = of_cartpole.present(TrialPlan(0, StartPlan(), ncontrol=8))
-        assert runs.present.error is None
-        assert sum(runs.stages.values()) == pytest.approx(1.0)
+        facts, stages, _ = of_cartpole.present(TrialPlan(0, StartPlan(), ncontrol=8))
+        assert facts.error is None
+        assert sum(stages.values()) == pytest.approx(1.0)
         facts = of_cartpole.reference()
         assert facts.nrun == reference.NRUN
         assert facts.error.share > 0

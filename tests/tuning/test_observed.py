@@ -9,7 +9,6 @@ from tuning_models import GEOMETRY, ROD_GAP_M
 
 from benchmarks.tuning_planted import rods
 from mjbench.simulation import geom_pairs, model_options, models
-from mjbench.simulation.models import ModelSource
 from mjbench.tuning import observed
 from mjbench.tuning.observed import ObservedModel, observe_model
 
@@ -149,13 +148,6 @@ def test_mjcf_is_recognised_by_its_root(
 ) -> None:
     (tmp_path / name).write_text(text)
     assert observed.is_mjcf(tmp_path / name) is expected
-
-
-def test_a_source_is_loaded_and_observed(tmp_path: Path) -> None:
-    file = tmp_path / "rods.xml"
-    file.write_text(rods(1, 1))
-    seen = observed.observe(ModelSource("rods", file))
-    assert seen.is_mjcf and seen.model.nbody == 3
 
 
 def test_filters_are_those_of_the_engine() -> None:
