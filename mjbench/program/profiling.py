@@ -97,11 +97,10 @@ class Profiling:
 
     Attributes:
       has_adapted: whether the rate was compared with what samples cost.
-      paused: how often the profiler had stopped it, or one of its child processes, then.
-      begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
-        before that.
-      holding: the profiler of threads that hold the GIL; None where no process has several busy
-        threads.
+      looks, paused: how often it was seen whether the program is stopped, and how often it or one
+        of its child processes was.
+      begin_s: when the profiler began to take samples, on the clock of `time.monotonic`.
+      holding: the profiler of threads that hold the GIL, if a process has several busy threads.
     """
 
     pid: int
