@@ -76,7 +76,9 @@ class ThreadTimes:
 
     def times(self) -> Sequence[ThreadTime]:
         return [
-            ThreadTime(*key, *(end - begin for begin, end in zip(self._first[key], last, strict=True)))
+            ThreadTime(
+                *key, *(end - begin for begin, end in zip(self._first[key], last, strict=True))
+            )
             for key, last in self._last.items()
         ]
 
@@ -139,8 +141,8 @@ def gil_waits(
         place = _place(most.stacks)
         if share >= LEAST_SHARE and place is not None:
             holder_share = min(1.0, len(most.stacks) / holders.samples)
-            names = thread.thread.name, own_time.pid, share, most.thread.name
-            waits.append(GilWait(*names, holder_share, place))
+            name, holder = thread.thread.name, most.thread.name
+            waits.append(GilWait(name, own_time.pid, share, holder, holder_share, place))
     return sorted(waits, key=lambda wait: -wait.share)
 
 
