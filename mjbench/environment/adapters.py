@@ -39,7 +39,6 @@ class EnvironmentAdapter(ABC):
 
     @property
     def wrapper_names(self) -> list[str]:
-        """The classes of the wrappers, the outermost first."""
         return [type(wrapper).__name__ for wrapper in self.wrappers]
 
     def versions(self) -> dict[str, str]:
@@ -53,7 +52,6 @@ class EnvironmentAdapter(ABC):
         return versions
 
     def inner_steps(self) -> list[Callee]:
-        """Return the steps inside the outermost one, as functions to time."""
         chain = [*self.wrappers, self.core]
         return [Callee(each, "step", *self._layer(each)) for each in chain[1:]]
 

@@ -34,12 +34,7 @@ class Callee:
 
 @dataclass(frozen=True)
 class _Call:
-    """A call in the source of a method.
-
-    Attributes:
-      path: the names after `self`, such as `("sim", "step")`; of a function of the module, its
-        name alone.
-    """
+    """A call of a method by the names after `self`, such as `("sim", "step")`, or of a function."""
 
     path: tuple[str, ...]
     is_own: bool
@@ -47,12 +42,7 @@ class _Call:
 
 
 def find(environment: object) -> list[Callee]:
-    """Return the functions that `environment.step` calls, each once.
-
-    Args:
-      environment: the innermost one, without wrappers. What it holds may be replaced by a reset,
-        so this result holds until the next.
-    """
+    """Return the functions that an innermost environment's step calls, each once, until a reset."""
     callees: dict[tuple[int, str], Callee] = {}
     for function in _steps(environment):
         for callee in _callees_of(environment, function):
@@ -118,7 +108,6 @@ def _undecorated(function: types.FunctionType) -> types.FunctionType:
 
 
 def _callees_of(owner: object, function: Callable[..., Any]) -> Iterator[Callee]:
-    """Yield what a method calls, as far as it can be replaced."""
     for call in _calls(function):
         target = _owner(owner, function, call)
         if target is not None and _can_be_replaced(target, call.path[-1]):

@@ -53,12 +53,7 @@ _RESULTS = (
 
 
 def layer_of(function: str, results: Sequence[str] = ()) -> Layer:
-    """Return the layer of a function that a step calls.
-
-    Args:
-      function: its name, without the object that has it.
-      results: names of the variables that its result is assigned to.
-    """
+    """Return the layer of a function by its name, or by what its result is assigned to."""
     name = function.lower()
     if not _AFTER.match(name):
         for layer, pattern in _FUNCTIONS:

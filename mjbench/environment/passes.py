@@ -58,7 +58,7 @@ class Pass:
     Attributes:
       step_ns: (nstep,) of each step of the environment.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
-      layers: what each function that was called took, with the timer's cost, where it was timed.
+      layers: with the timer's cost; none where functions were not timed.
     """
 
     step_ns: np.ndarray

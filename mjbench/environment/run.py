@@ -49,7 +49,6 @@ class EnvironmentPlan:
       nstep: steps of it in a pass; None to choose them.
       nenv: numbers of environments in vectorised forms; none for no such forms.
       budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.
-      limit_s: a child that is silent for longer is killed.
     """
 
     nstep: int | None
@@ -75,14 +74,10 @@ class EnvironmentRequest:
 
 @dataclass(frozen=True)
 class EnvironmentRound:
-    """One round; nanoseconds are per step of the environment.
+    """One round; nanoseconds are per step of the environment, and as in its record.
 
     Attributes:
-      step_ns: of the plain pass.
-      compared_ns: of its steps that the comparison covers; None without a comparison.
-      layered_ns: of the layered pass, with the timer's cost.
-      timer_ns: by which a step of it took longer than the same one of the plain pass; the median.
-      layers: what each function took in all steps of it.
+      layers: what each function took in all steps of the layered pass.
       path_ns: of each path, by the position of its variant.
     """
 
@@ -161,7 +156,6 @@ def _actions(adapter: EnvironmentAdapter, count: int, seed: int) -> list[Any]:
 
 
 def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callable[[], None]) -> int:
-    """Return how many steps a pass has: as many as take PASS_S."""
     actions = _actions(adapter, _WARM_UP_NSTEP, seed)
     few = EnvironmentPasses(adapter, actions[:_FIRST_NSTEP], seed).plain(heartbeat)
     step_s = float(np.median(few.step_ns)) * 1e-9
@@ -238,7 +232,6 @@ def _facts(
 
 
 def _calls(trace: StepTrace) -> list[str]:
-    """Return the engine's functions that a step called, such as `mj_step(nstep=5)`."""
     calls: list[str] = []
     for name, nstep in trace.calls:
         calls.append(f"{name}(nstep={nstep})" if name == "mj_step" and nstep != 1 else name)

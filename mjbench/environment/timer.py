@@ -46,13 +46,7 @@ class TimerCost:
 
 @dataclass(frozen=True)
 class LayerTime:
-    """What one function, or the lines of the step itself, took in a pass.
-
-    Attributes:
-      timed_calls: calls of it that were timed, and so cost inside it.
-      inner_calls: timed calls of other functions, which cost it what they cost outside.
-      ns: nanoseconds, without those of functions that it calls and that are timed, too.
-    """
+    """What one function, or the lines of the step itself, took in a pass, without timed callees."""
 
     layer: Layer
     name: str
@@ -137,7 +131,6 @@ class LayerTimer:
         return run
 
     def layers(self) -> list[LayerTime]:
-        """Return what every function took since the timer was made, with the timer's cost."""
         return [
             LayerTime(layer, name, total.calls, total.timed_calls, total.inner_calls, total.ns)
             for (layer, name), total in self._totals.items()
@@ -174,8 +167,6 @@ def _nothing() -> None:
 
 @contextlib.contextmanager
 def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[None]:
-    """Time the engine's functions while the block runs."""
-
     def wrapper(name: str) -> Callable[[EngineFunction], EngineFunction]:
         layer = Layer.PHYSICS if name in STEPPING else Layer.ENGINE
         return lambda function: timer.timed(function, layer, name)

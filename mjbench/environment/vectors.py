@@ -57,12 +57,7 @@ class VectorRequest:
 
 @dataclass(frozen=True)
 class VectorLaunch:
-    """One launch: nanoseconds per step of one environment, by the position of the form.
-
-    Attributes:
-      single_ns: of the same steps in one environment after the other.
-      wrong: why the others cannot be timed.
-    """
+    """Nanoseconds per step of one environment in one launch, by the position of the form."""
 
     ns: Mapping[int, float]
     single_ns: Mapping[int, float]
@@ -113,8 +108,6 @@ def _without_figures(ended: Ended) -> VectorLaunch:
 
 
 class _VectorRule(StopRule[VectorLaunch]):
-    """Launch all forms that are right until the budget is used."""
-
     def __init__(self, plan: EnvironmentPlan, clock: Callable[[], float] = time.monotonic):
         self.launches: list[VectorLaunch] = []
         self.wrong: dict[int, Failure] = {}
@@ -220,11 +213,7 @@ def _no_forms(adapter: EnvironmentAdapter) -> str:
 
 
 class _Single:
-    """One environment that does what environment i of a vectorised form does.
-
-    Attributes:
-      returned: of the last run, what each step returned in the order of `_FIELDS`.
-    """
+    """One environment that does what environment i of a vectorised form does."""
 
     def __init__(self, adapter: EnvironmentAdapter, seed: int, nstep: int):
         self._environment = adapter.environment
@@ -303,7 +292,6 @@ class _VectorEnvironment:
         return ""
 
     def difference_after(self, step: int) -> str:
-        """Return what the last step returned that a step of the singles did not, or empty."""
         differences = (
             single.difference(i, step, self.returned) for i, single in enumerate(self.singles)
         )

@@ -310,7 +310,6 @@ def _loop_time(
 
 
 def _own_lines(samples: Sequence[_Sample], total_s: float) -> list[LineTime]:
-    """Return the lines of the user's code, each with the package that it calls most."""
     by_line: dict[tuple[str, int], list[_Sample]] = defaultdict(list)
     for sample in samples:
         by_line[sample.own_frame.file, sample.own_frame.line].append(sample)
@@ -380,7 +379,6 @@ def _shown_places(stack: Sequence[Frame]) -> list[Place]:
 
 
 def _called_package(sample: _Sample) -> str:
-    """Return the package that the innermost line of the user's code calls; "" for none."""
     own = sample.own_frame
     called = list(itertools.takewhile(lambda frame: frame != own, reversed(sample.inner)))
     packages = (activities.package_of(each.file) for each in called[::-1] if each.is_python)

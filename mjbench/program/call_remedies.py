@@ -109,11 +109,7 @@ def _finding_of(
 
 @dataclass(frozen=True)
 class _Saving:
-    """What a remedy saves: shares of the loop's time.
-
-    Attributes:
-      relative_error: standard error of the gain, over the gain; None where it was not measured.
-    """
+    """Shares of the loop's time; the error is over the gain, and None where it was not measured."""
 
     gain: float
     share: float
@@ -151,7 +147,6 @@ def of_calls(
 
 
 def _saving(loop: LoopTime, context: _Context, measured: MeasuredRatios) -> _Saving | None:
-    """Return what a remedy saves; None where that has to be measured, and could not be."""
     remedy, share = context.remedy, _share(loop, context.calls)
     if remedy.trial is None:
         if remedy.is_of_line:
@@ -254,10 +249,7 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
 
 
 def _gain_of_functions(loop: LoopTime, calls: Sequence[CallTime], ratio: TimeRatio) -> float:
-    """Return what other functions beside a step save.
-
-    The pair that was measured is a step with the call, and a step with the other functions.
-    """
+    """Return what other functions save; the pair has a step with the call, and with the others."""
     nstep = sum(call.all_steps for call in steps_of(loop))
     calls_s, steps_s = sum(call.seconds for call in calls), _steps_s(loop)
     pair_s = calls_s + count_of(calls) * (steps_s / nstep if nstep else 0.0)
@@ -292,7 +284,6 @@ def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:
 
 
 def _no_timer(loop: LoopTime) -> Question:
-    """Return the question about the timer, for as many steps a call as the loop takes."""
     steps = steps_of(loop)
     nstep = sum(call.all_steps for call in steps) / max(1.0, count_of(steps))
     return Question(Trial.NO_TIMER, steps=max(1, round(nstep)))

@@ -102,7 +102,7 @@ def _sources(program: Program, folder: Path) -> tuple[Path | None, Path | None]:
 def _rerun(
     remedy: Remedy, program: Program, original: Path | None, fixed: Path | None
 ) -> Rerun | None:
-    """Return how the program runs with a remedy; None where mjbench cannot apply it."""
+    """Return how to run with a remedy; None where mjbench cannot apply it."""
     if remedy.kind in _CHANGES:
         return Rerun(_CHANGES[remedy.kind], original)
     if remedy.kind == RemedyKind.COPIES:

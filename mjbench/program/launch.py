@@ -144,7 +144,7 @@ def run(
 
 
 def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> ProgramObservation:
-    """Sample a program that runs already; InputError without such a process."""
+    """Sample a program that runs; InputError without such a process."""
     import psutil
 
     if not psutil.pid_exists(pid):
@@ -304,7 +304,6 @@ def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
 
 @contextlib.contextmanager
 def _ended_on_error(process: "subprocess.Popen[bytes]") -> Iterator[None]:
-    """End the program where the block fails: nobody would wait for it any more."""
     try:
         yield
     except BaseException:
@@ -335,7 +334,6 @@ def _passing_signals_to(running: "Sequence[subprocess.Popen[bytes]]") -> Iterato
 
 
 def _is_foreground() -> bool:
-    """Return whether a terminal sends Ctrl-C to this process and to the program alike."""
     with contextlib.suppress(OSError), open("/dev/tty", "rb", buffering=0) as terminal:  # noqa: PTH123
         return os.tcgetpgrp(terminal.fileno()) == os.getpgrp()
     return False

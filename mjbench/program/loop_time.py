@@ -109,12 +109,10 @@ class LoopTime:
 
     @property
     def runs_jax(self) -> bool:
-        """Whether JAX compiles in it, or calls what it has compiled."""
         return self.is_timed(Activity.COMPILING) or self.is_timed(Activity.DISPATCH)
 
     @property
     def lines_to_step(self) -> Sequence[tuple[str, int]]:
-        """The file and the number of the user's lines that lead to its steps."""
         return [position for call in self.calls if call.is_step for position in call.lines]
 
     def error(self, share: float) -> float:
@@ -126,7 +124,6 @@ class LoopTime:
 
 
 def large(times: Iterable[LineTime]) -> list[LineTime]:
-    """Return what takes a share that is worth a line, largest first."""
     large = [time for time in times if time.share >= LEAST_LINE_SHARE]
     return sorted(large, key=lambda time: -time.share)
 

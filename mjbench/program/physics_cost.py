@@ -96,7 +96,6 @@ class PhysicsCost:
 
     @property
     def main_cost(self) -> Cost | None:
-        """What costs most in that stage; None where the stage has no notable parts."""
         kinds = {"sensors": (CostKind.SENSORS,), "collision": (CostKind.PAIR, CostKind.TYPES)}.get(
             self.main_stage[0], ()
         )
@@ -104,11 +103,7 @@ class PhysicsCost:
 
 
 def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> PhysicsCost | None:
-    """Return what costs in steps of a program; None where its models cannot be stepped here.
-
-    Args:
-      stages: shares of a step that were timed in the program; empty where none were.
-    """
+    """Return what costs in steps; None where no model can be stepped here."""
     model = loadable(models)
     if model is None:
         return None

@@ -212,10 +212,7 @@ def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:
 
 
 def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
-    """Return whether no line of a function stands out, so that the function is named as a whole.
-
-    The lines of the loop itself are always named.
-    """
+    """Return whether no line stands out; the lines of the loop itself are always named."""
     is_loop = any(loop.loop.holds(line.place.position) for line in lines)
     return not is_loop and _avoidable(lines[0]) < sum(map(_avoidable, lines)) / 2
 

@@ -45,7 +45,6 @@ class Sampler:
         return self.log.stat().st_size > 0
 
     def cpu_s(self) -> float:
-        """Return the processor seconds of the profiler so far; 0 where they cannot be seen."""
         import psutil
 
         with contextlib.suppress(psutil.Error):
@@ -84,7 +83,7 @@ class Sampler:
 
 
 def program() -> str:
-    """Return the path of the profiler; UnavailableError where it is not installed."""
+    """Return the path of the profiler; UnavailableError without one."""
     beside = Path(sysconfig.get_path("scripts")) / ("py-spy.exe" if os.name == "nt" else "py-spy")
     path = str(beside) if beside.is_file() else shutil.which("py-spy")
     if path is None:
@@ -106,13 +105,7 @@ def start(
     seconds: float | None = None,
     of_holders: bool = False,
 ) -> Sampler:
-    """Sample a process and those that it starts, until it ends or `Sampler.stop`.
-
-    Args:
-      has_native: whether stacks of libraries are read, too, where this platform can; each sample
-        then stops the program for a moment.
-      of_holders: whether only the thread that holds the GIL is sampled.
-    """
+    """Sample a process and those that it starts, until it ends or `Sampler.stop`."""
     name = "holders" if of_holders else "sampler"
     file, log = folder / f"{name}.json", folder / f"{name}.log"
     command = [program(), "record", "--pid", str(pid), "--rate", str(rate_hz)]

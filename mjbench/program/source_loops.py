@@ -95,7 +95,6 @@ def _outermost(scope: ast.AST) -> list[ast.stmt | ast.expr]:
 
 
 def _functions(loop: ast.AST) -> list[ast.AST]:
-    """Return the functions that are defined inside a loop: their lines run when they are called."""
     return [node for node in ast.walk(loop) if isinstance(node, _FUNCTIONS)]
 
 
@@ -110,7 +109,6 @@ def _tree(file: str) -> ast.Module:
 
 @cache
 def _text(file: str) -> str:
-    """Return a file's text; nothing where it cannot be read."""
     try:
         with tokenize.open(file) as stream:
             text = stream.read(_MAX_BYTES + 1)

@@ -70,8 +70,7 @@ class Question:
       simulations: in turn or at once; rays, for `Trial.RAYS`.
       steps: of each simulation, for trials of rollout; after each new MjData; of each call, for
         `Trial.NO_TIMER`; before the functions of `Trial.FUNCTIONS`.
-      frame: height and width in pixels, for `Trial.RENDERER`.
-      backend: `MUJOCO_GL` of the program, for `Trial.RENDERER`.
+      frame, backend: height and width in pixels, and `MUJOCO_GL`, for `Trial.RENDERER`.
     """
 
     trial: Trial
@@ -87,8 +86,7 @@ class Way:
     """One way of doing something.
 
     Attributes:
-      create: creates an object for `use`, which together do what `run` does; None if it needs none.
-      use: does the rest with the object, which the caller frees.
+      create, use: create an object, and do the rest of `run` with it, if it needs one.
       has_timer: whether steps read the timer of MuJoCo's Python package.
       prepare: takes over a state, before it is timed.
     """

@@ -41,11 +41,7 @@ def wrong_results(
     files: Sequence[str] = (),
     computes_forces: bool | None = None,
 ) -> list[Remedy]:
-    """Return what makes a program's results wrong, whatever it costs.
-
-    Args:
-      computes_forces: whether a step of its model computes what `_FORCES` names; None if unknown.
-    """
+    """Return what makes results wrong; `computes_forces` is whether a step computes `_FORCES`."""
     listed = list(_unfilled(calls, files) if computes_forces is False else ())
     for incident in calls.incidents:
         if not incident.is_wrong:

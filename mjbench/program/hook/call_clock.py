@@ -267,7 +267,6 @@ class CallClock:
         return own
 
     def count_as_own(self, file: str, is_own: bool) -> None:
-        """Let a file count as the user's, while the cost of a call is measured."""
         self.is_own[file] = is_own
 
     def slow(
@@ -327,7 +326,6 @@ class CallClock:
 
 
 def _begins_process(frame: FrameType) -> bool:
-    """Return whether what is below a frame on the stack belongs to the process's parent."""
     code = frame.f_code
     return code.co_name == _PROCESS_FUNCTION and code.co_filename.endswith(_PROCESS_MODULE)
 
