@@ -108,7 +108,11 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     channel.doing("recording the steps of the environment")
     times, recording = _recorded(passes, heartbeat)
     _check_steps_engine(recording, nstep)
-    unrepeated = _unrepeated(times, recording, *_recorded(passes, heartbeat))
+    again, recording_again = _recorded(passes, heartbeat)
+    unrepeated = [
+        *times.returned.differences(again.returned),
+        *physics_differences(recording, recording_again),
+    ]
     physics = _physics_alone(recording, unrepeated, seed, request.most_threads)
     record = EnvironmentRecord(
         environment=request.source.name,
@@ -121,19 +125,18 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     comparison = None
     if isinstance(physics, PhysicsAlone):
         comparison = physics_comparison.prepare(physics, request.variants, channel)
-    _time(passes, comparison, request, channel)
+    turns = _Turns(passes, comparison, request, channel)
+    send_rounds(turns.round, request.plan.budget_s, channel)
+    if comparison is not None:
+        for position, difference in comparison.differences.items():
+            detail = f"in a timed block: {difference}"
+            channel.send(AgreementReport(position, Status.DISAGREES, detail))
+        comparison.close()
 
 
 def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple[Pass, Recording]:
     watch = EngineWatch()
     return passes.recorded(watch, heartbeat), watch.recording()
-
-
-def _unrepeated(
-    first: Pass, recording: Recording, again: Pass, recording_again: Recording
-) -> list[FieldDifference]:
-    returned = first.returned.differences(again.returned)
-    return [*returned, *physics_differences(recording, recording_again)]
 
 
 def _heartbeat(channel: Channel) -> Callable[[], None]:
@@ -243,21 +246,6 @@ def _calls(trace: StepTrace) -> list[str]:
         return calls
     unit = calls[0] if period == 1 else f"({', '.join(calls[:period])})"
     return [f"{repeats} × {unit}"]
-
-
-def _time(
-    passes: EnvironmentPasses,
-    comparison: PhysicsComparison | None,
-    request: EnvironmentRequest,
-    channel: Channel,
-) -> None:
-    turns = _Turns(passes, comparison, request, channel)
-    send_rounds(turns.round, request.plan.budget_s, channel)
-    if comparison is not None:
-        for position, difference in comparison.differences.items():
-            detail = f"in a timed block: {difference}"
-            channel.send(AgreementReport(position, Status.DISAGREES, detail))
-        comparison.close()
 
 
 class _Turns:
