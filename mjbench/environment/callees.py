@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench.environment.layers import Layer, layer_of
-from mjbench.loop.script_syntax import dotted_name
+from mjbench.loop.script_syntax import dotted_name, is_call
 
 # Layers whose functions' own callees are timed, too; other functions include what they call.
 _ENTERED = {Layer.STEPPING, Layer.ACTION, Layer.INFO, Layer.TERMINATION, Layer.REST}
@@ -158,10 +158,9 @@ def _calls(function: Callable[..., Any]) -> Sequence[_Call]:
             continue
         name = dotted_name(node.func)
         first, *path = name.split(".")
-        if path and first == own:
-            calls.append(_Call(tuple(path), True, results.get(node, ())))
-        elif name and not path:
-            calls.append(_Call((name,), False, results.get(node, ())))
+        is_own = bool(path) and first == own
+        if is_own or (name and not path):
+            calls.append(_Call(tuple(path) or (name,), is_own, results.get(node, ())))
     return tuple(calls)
 
 
@@ -178,16 +177,11 @@ def _results(tree: ast.AST) -> dict[ast.Call, tuple[str, ...]]:
     """Return the names that the result of each call is assigned to, alone or in an expression."""
     names: dict[ast.Call, tuple[str, ...]] = {}
     for node in ast.walk(tree):
-        if isinstance(node, ast.Assign):
-            targets: list[ast.expr] = node.targets
-        elif isinstance(node, ast.AnnAssign | ast.AugAssign):
-            targets = [node.target]
-        else:
-            continue
-        assigned = tuple(name for target in targets for name in _names(target))
-        for inner in ast.walk(node.value) if node.value else ():
-            if isinstance(inner, ast.Call):
-                names[inner] = assigned
+        if isinstance(node, ast.Assign | ast.AnnAssign | ast.AugAssign) and node.value:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            assigned = tuple(name for target in targets for name in _names(target))
+            calls = (each for each in ast.walk(node.value) if isinstance(each, ast.Call))
+            names.update(dict.fromkeys(calls, assigned))
     return names
 
 
@@ -205,12 +199,7 @@ def _names(target: ast.expr) -> list[str]:
 
 def _calls_base_step(function: Callable[..., Any]) -> bool:
     tree = _tree(function)
-    if tree is None:
-        return False
     return any(
-        isinstance(node, ast.Attribute)
-        and node.attr == "step"
-        and isinstance(node.value, ast.Call)
-        and dotted_name(node.value.func) == "super"
-        for node in ast.walk(tree)
+        isinstance(node, ast.Attribute) and node.attr == "step" and is_call(node.value, "super")
+        for node in (ast.walk(tree) if tree else ())
     )
