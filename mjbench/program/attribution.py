@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from mjbench.program import activities, timed_loops
+from mjbench.program import activities, loop_time
 from mjbench.program.activities import WAITING, Activity, Place, is_own
 from mjbench.program.calls import CallTime
 from mjbench.program.loop_time import (
@@ -91,10 +91,10 @@ def loop_times(
     timed = {call.place.position for call in calls}
     stretches = {loop: _stretch(of_loop, timed) for loop, of_loop in samples.items()}
     times = [
-        timed_loops.with_collections(
+        loop_time.with_collections(
             time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids)
         )
-        for time in timed_loops.with_calls(sampled, calls, main_pid, stretches)
+        for time in loop_time.with_calls(sampled, calls, main_pid, stretches)
     ]
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
