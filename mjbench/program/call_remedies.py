@@ -8,7 +8,7 @@ of the loop, its time is the gain.
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mjbench.host import machine
 from mjbench.loop.lint import Finding
@@ -45,17 +45,16 @@ def questions(
     loops: Sequence[LoopTime], findings: Sequence[Finding], incidents: Sequence[Incident] = ()
 ) -> list[Question]:
     """Return what to measure on the program's model: only what could be worth a line."""
-    asked: dict[Question, None] = {}
-    for incident in incidents:
-        if incident.name == call_clock.IN_TURN:
-            asked[_batch(incident)] = None
+    asked = [_batch(incident) for incident in incidents if incident.name == call_clock.IN_TURN]
     for loop in loops:
         if _steps_s(loop) > LEAST_GAIN * loop.seconds:
-            asked[_no_timer(loop)] = None
-        for context in _contexts(loop, findings):
-            if context.remedy.trial is not None and _share(loop, context.calls) >= LEAST_GAIN:
-                asked[_question(context)] = None
-    return list(asked)
+            asked.append(_no_timer(loop))
+        asked += [
+            _question(context)
+            for context in _contexts(loop, findings)
+            if context.remedy.trial is not None and _share(loop, context.calls) >= LEAST_GAIN
+        ]
+    return list(dict.fromkeys(asked))
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]
             finding = _finding_of(remedy, place, loop, findings)
             repeats = count_of(calls) >= LEAST_REPEATS
             if finding is not None or (repeats and not remedy.needs_finding):
-                at = place if finding is None else _place(finding)
+                at = place if finding is None else Place(finding.file, finding.line, "")
                 nstep = sum(call.all_steps for call in steps_of(loop))
                 yield _Context(remedy, calls, at, finding, nstep)
 
@@ -335,12 +334,6 @@ def _batch(incident: Incident) -> Question:
     return Question(Trial.BATCH, simulations=max(2, incident.count))
 
 
-def with_software_gl(remedy: Remedy) -> Remedy:
-    if remedy.activity != Activity.RENDERING:
-        return remedy
-    return replace(remedy, text=f"{remedy.text}; here the processor draws (software rendering)")
-
-
 def steps_of(loop: LoopTime) -> list[CallTime]:
     return [call for call in loop.calls if call.callee == "mj_step"]
 
@@ -351,7 +344,3 @@ def _steps_s(loop: LoopTime) -> float:
 
 def _share(loop: LoopTime, calls: Sequence[CallTime]) -> float:
     return min(1.0, sum(call.seconds for call in calls) / loop.seconds)
-
-
-def _place(finding: Finding) -> Place:
-    return Place(finding.file, finding.line, "")

@@ -27,7 +27,7 @@ _CHANGES = {
 
 # Runs a program once; returns its steps. Arguments: change, and the file to run in its place.
 Run = Callable[[str, Path | None], Sequence[StepTimes]]
-Advance = Callable[[int, str, float], None]
+Advance = Callable[[int, str], None]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def confirm(
     """Return the remedies, with what those saved that can be applied without the user.
 
     Args:
-      advance: called before each run with the number of runs done, what runs, and a share of 0.
+      advance: called before each run with the number of runs done, and what runs.
     """
 
     def run_program(change: str, source: Path | None) -> Sequence[StepTimes]:
@@ -75,11 +75,7 @@ def confirm(
 
 def most_runs(remedies: Sequence[Remedy]) -> int:
     """Return how often `confirm` runs a program, at most; copies that run at once count once."""
-    kinds = {
-        remedy.kind
-        for remedy in remedies
-        if remedy.kind in _CHANGES or remedy.kind == RemedyKind.COPIES
-    }
+    kinds = {remedy.kind for remedy in remedies} & {*_CHANGES, RemedyKind.COPIES}
     has_fixes = any(remedy.code and remedy.gain is not None for remedy in remedies)
     return ROUNDS * (1 + len(kinds) + has_fixes)
 
@@ -120,7 +116,7 @@ def _seconds_per_step(
     for number in range(ROUNDS):
         # every other round goes backward: a drift of the machine favours none
         for i, rerun in enumerate(reruns if number % 2 == 0 else reruns[::-1]):
-            advance(number * len(reruns) + i, rerun.name, 0.0)
+            advance(number * len(reruns) + i, rerun.name)
             if len(seconds[rerun]) < number:
                 continue  # it has failed
             try:
