@@ -55,7 +55,11 @@ class Sampler:
     def stop(self) -> None:
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(signal.SIGINT)
-        self._wait()
+        try:
+            self.process.wait(WRITING_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
 
     def finish(self) -> None:
         """Wait until the profiler has written its file; stop one that outlives the program."""
@@ -63,13 +67,6 @@ class Sampler:
             self.process.wait(ENDING_S)
         except subprocess.TimeoutExpired:
             self.stop()
-
-    def _wait(self) -> None:
-        try:
-            self.process.wait(WRITING_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
 
     def problem(self) -> str:
         text = self.log.read_text(encoding="utf-8", errors="replace")

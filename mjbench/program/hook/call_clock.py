@@ -266,9 +266,6 @@ class CallClock:
             self.is_own[file] = own
         return own
 
-    def count_as_own(self, file: str, is_own: bool) -> None:
-        self.is_own[file] = is_own
-
     def slow(
         self,
         function: Any,
