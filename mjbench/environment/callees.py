@@ -67,10 +67,10 @@ def builds_info(environment: object) -> bool:
 
 def _known_callees(callee: Callee) -> Iterator[Callee]:
     """Yield what a method calls on its own object that belongs to a layer by its name."""
-    function = _function_of(callee.owner, callee.attribute)
-    if function is None:
+    method = inspect.getattr_static(type(callee.owner), callee.attribute, None)
+    if not isinstance(method, types.FunctionType):
         return
-    for inner in _callees_of(callee.owner, function):
+    for inner in _callees_of(callee.owner, _undecorated(method)):
         if inner.owner is callee.owner and layer_of(inner.attribute) != Layer.REST:
             yield inner
 
@@ -87,11 +87,6 @@ def _steps(environment: object) -> Iterator[Callable[..., Any]]:
         yield step
         if not _calls_base_step(step):
             return
-
-
-def _function_of(owner: object, attribute: str) -> Callable[..., Any] | None:
-    method = inspect.getattr_static(type(owner), attribute, None)
-    return _undecorated(method) if isinstance(method, types.FunctionType) else None
 
 
 def _undecorated(function: types.FunctionType) -> types.FunctionType:

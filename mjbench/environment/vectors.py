@@ -265,18 +265,12 @@ def _after_reset(returned: tuple[Any, Any]) -> tuple[Any, float, bool, bool]:
     return returned[0], 0.0, False, False
 
 
-@dataclass
 class _VectorEnvironment:
-    """The environments of a vectorised form, to be timed."""
-
-    environments: Any
-    singles: Sequence[_Single]
-    batched: list[Any] = field(default_factory=list)
-    returned: Sequence[Any] = ()
-
-    def __post_init__(self) -> None:
-        actions = zip(*(single.actions for single in self.singles), strict=True)
+    def __init__(self, environments: Any, singles: Sequence[_Single]):
+        self.environments, self.singles = environments, singles
+        actions = zip(*(single.actions for single in singles), strict=True)
         self.batched = [np.stack(each) for each in actions]
+        self.returned: Sequence[Any] = ()
 
     def reset(self) -> Any:
         return self.environments.reset(seed=[single.seed for single in self.singles])[0]

@@ -1,5 +1,6 @@
 """Measure what remedies save: run the program with and without each, in turns."""
 
+import functools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -53,10 +54,7 @@ def confirm(
     Args:
       advance: called before each run with the number of runs done, and what runs.
     """
-
-    def run_program(change: str, source: Path | None) -> Sequence[StepTimes]:
-        return launch.time_steps(program, RUN_S, change, source)
-
+    run = run or functools.partial(launch.time_steps, program, RUN_S)
     with scratch.folder() as folder:
         original, fixed = _sources(program, folder)
         reruns = [_rerun(remedy, program, original, fixed) for remedy in remedies]
@@ -64,7 +62,7 @@ def confirm(
         distinct = list(dict.fromkeys([unchanged, *(rerun for rerun in reruns if rerun)]))
         if len(distinct) == 1:
             return list(remedies)
-        seconds = _seconds_per_step(distinct, run or run_program, advance)
+        seconds = _seconds_per_step(distinct, run, advance)
     return [
         remedy
         if rerun is None or not len(seconds[rerun]) == ROUNDS == len(seconds[unchanged])

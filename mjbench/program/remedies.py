@@ -288,7 +288,9 @@ def _gain_of_line(
     Where a loop within a step runs the line, only its samples say how often it runs. They say
     nothing of an array that is a part of what the line computes: None.
     """
-    is_part = remedy.code == NEW_ARRAY and not _only_creates(line.place.text)
+    text = line.place.text
+    only_creates = " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
+    is_part = remedy.code == NEW_ARRAY and not only_creates
     ratio = None if remedy.trial is None else measured.ratios.get(Question(remedy.trial))
     nstep = sum(call.calls for call in call_remedies.steps_of(loop))
     if ratio is None:
@@ -299,10 +301,6 @@ def _gain_of_line(
         return None if is_part else (gain, Basis.PAIRED, gain * ratio.relative_error)
     gain = min(share, count * ratio.certainly_saved_s * nstep / loop.seconds)
     return gain, Basis.PAIRED, gain * ratio.relative_error
-
-
-def _only_creates(text: str) -> bool:
-    return " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:

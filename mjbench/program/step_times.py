@@ -147,11 +147,8 @@ def read(file: Path, timers: Mapping[str, int]) -> StepTimes:
     header = Header(*step_file.HEADER.unpack_from(head, 0))
     seconds = step_file.TIMERS.unpack_from(head, step_file.HEADER.size)
     stored = np.memmap(file, dtype=_RECORDS, mode="r", offset=step_file.FIRST_RECORD)
-    return step_times(header, np.array(stored[: _used(stored)]), seconds, timers)
-
-
-def _used(records: np.ndarray) -> int:
-    return int(np.searchsorted(records["kind"] == 0, True))
+    used = int(np.searchsorted(stored["kind"] == 0, True))  # the rest of the file is zeros
+    return step_times(header, np.array(stored[:used]), seconds, timers)
 
 
 def step_times(
