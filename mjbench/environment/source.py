@@ -29,9 +29,7 @@ class Origin(StrEnum):
     """Where an environment comes from."""
 
     GYMNASIUM = "gymnasium"
-    """`gymnasium.make` makes it."""
     DM_CONTROL = "dm_control"
-    """`dm_control.suite.load` makes it."""
     FACTORY = "factory"
     """A function of the user's returns it."""
 

@@ -114,7 +114,7 @@ def run(
             process = _start(program, folder)
             running.append(process)
             was_ended, first_ns = False, None
-            with _ended_on_error(process):
+            try:
                 profiling = _start_profiler(process, folder, sampling)
                 while process.poll() is None:
                     time.sleep(_LOOK_S if profiling is None else profiling.look_s)
@@ -129,6 +129,9 @@ def run(
                     if not was_ended and (has_stepped or is_late):
                         was_ended = True
                         _end(process)
+            except BaseException:  # nobody would wait for it any more
+                _end(process)
+                raise
         end, processor = ProcessorClock.now(), None
         if profiling is not None:
             processor = end.use(begin, profiling)
@@ -300,15 +303,6 @@ def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
                 child.send_signal(number)
     with contextlib.suppress(ProcessLookupError):
         process.send_signal(number)
-
-
-@contextlib.contextmanager
-def _ended_on_error(process: "subprocess.Popen[bytes]") -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        _end(process)
-        raise
 
 
 @contextlib.contextmanager
