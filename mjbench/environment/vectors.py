@@ -86,15 +86,15 @@ def added(
     return dataclasses.replace(record, vectors=rule.samples(ending))
 
 
+@dataclass
 class _VectorLaunches(Targets[VectorLaunch]):
-    def __init__(self, request: VectorRequest):
-        self._request = request
+    request: VectorRequest
 
     def launch(self, positions: Sequence[int]) -> VectorLaunch:
         return isolate.call(
             measure_in_child,
-            dataclasses.replace(self._request, positions=positions),
-            limit_s=self._request.plan.limit_s,
+            dataclasses.replace(self.request, positions=positions),
+            limit_s=self.request.plan.limit_s,
             otherwise=_without_figures,
         )
 
