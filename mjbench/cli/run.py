@@ -192,8 +192,8 @@ def _confirm_remedies(
         tried.append(copies)
     most = confirm.most_runs(tried)
 
-    def advance(number: int, name: str, share: float) -> None:
-        observer(name, (number + share) / most)
+    def advance(number: int, name: str) -> None:
+        observer(name, number / most)
 
     try:
         confirmed = confirm.confirm(program, tried, advance)

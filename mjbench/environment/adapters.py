@@ -6,7 +6,6 @@ robosuite's a pair `action_spec`. How it does
 physics is read from its calls of the engine (see `environment.recording`).
 """
 
-import contextlib
 import random
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +17,7 @@ from mjbench.environment import callees
 from mjbench.environment.callees import Callee
 from mjbench.environment.layers import Layer
 from mjbench.errors import InputError, one_line
+from mjbench.host import machine
 
 # Attributes in which a wrapper holds the environment inside it.
 _INNER = ("env", "_env", "environment", "_environment")
@@ -39,21 +39,13 @@ class EnvironmentAdapter(ABC):
 
     @property
     def wrapper_names(self) -> list[str]:
-        """The classes of the wrappers, the outermost first."""
         return [type(wrapper).__name__ for wrapper in self.wrappers]
 
     def versions(self) -> dict[str, str]:
-        import importlib.metadata
-
         classes = [kind for each in (*self.wrappers, self.core) for kind in type(each).__mro__]
-        versions = {}
-        for package in sorted({kind.__module__.partition(".")[0] for kind in classes}):
-            with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-                versions[package] = importlib.metadata.version(package)
-        return versions
+        return machine.package_versions(sorted({c.__module__.partition(".")[0] for c in classes}))
 
     def inner_steps(self) -> list[Callee]:
-        """Return the steps inside the outermost one, as functions to time."""
         chain = [*self.wrappers, self.core]
         return [Callee(each, "step", *self._layer(each)) for each in chain[1:]]
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench.environment.layers import Layer, layer_of
-from mjbench.loop.script_syntax import dotted_name
+from mjbench.loop.script_syntax import dotted_name, is_call
 
 # Layers whose functions' own callees are timed, too; other functions include what they call.
 _ENTERED = {Layer.STEPPING, Layer.ACTION, Layer.INFO, Layer.TERMINATION, Layer.REST}
@@ -34,12 +34,7 @@ class Callee:
 
 @dataclass(frozen=True)
 class _Call:
-    """A call in the source of a method.
-
-    Attributes:
-      path: the names after `self`, such as `("sim", "step")`; of a function of the module, its
-        name alone.
-    """
+    """A call of a method by the names after `self`, such as `("sim", "step")`, or of a function."""
 
     path: tuple[str, ...]
     is_own: bool
@@ -47,12 +42,7 @@ class _Call:
 
 
 def find(environment: object) -> list[Callee]:
-    """Return the functions that `environment.step` calls, each once.
-
-    Args:
-      environment: the innermost one, without wrappers. What it holds may be replaced by a reset,
-        so this result holds until the next.
-    """
+    """Return the functions that an innermost environment's step calls, each once, until a reset."""
     callees: dict[tuple[int, str], Callee] = {}
     for function in _steps(environment):
         for callee in _callees_of(environment, function):
@@ -77,10 +67,10 @@ def builds_info(environment: object) -> bool:
 
 def _known_callees(callee: Callee) -> Iterator[Callee]:
     """Yield what a method calls on its own object that belongs to a layer by its name."""
-    function = _function_of(callee.owner, callee.attribute)
-    if function is None:
+    method = inspect.getattr_static(type(callee.owner), callee.attribute, None)
+    if not isinstance(method, types.FunctionType):
         return
-    for inner in _callees_of(callee.owner, function):
+    for inner in _callees_of(callee.owner, _undecorated(method)):
         if inner.owner is callee.owner and layer_of(inner.attribute) != Layer.REST:
             yield inner
 
@@ -99,11 +89,6 @@ def _steps(environment: object) -> Iterator[Callable[..., Any]]:
             return
 
 
-def _function_of(owner: object, attribute: str) -> Callable[..., Any] | None:
-    method = inspect.getattr_static(type(owner), attribute, None)
-    return _undecorated(method) if isinstance(method, types.FunctionType) else None
-
-
 def _undecorated(function: types.FunctionType) -> types.FunctionType:
     """Return the function inside its decorators, also those that do not say what they wrap."""
     function = inspect.unwrap(function)
@@ -118,7 +103,6 @@ def _undecorated(function: types.FunctionType) -> types.FunctionType:
 
 
 def _callees_of(owner: object, function: Callable[..., Any]) -> Iterator[Callee]:
-    """Yield what a method calls, as far as it can be replaced."""
     for call in _calls(function):
         target = _owner(owner, function, call)
         if target is not None and _can_be_replaced(target, call.path[-1]):
@@ -169,10 +153,9 @@ def _calls(function: Callable[..., Any]) -> Sequence[_Call]:
             continue
         name = dotted_name(node.func)
         first, *path = name.split(".")
-        if path and first == own:
-            calls.append(_Call(tuple(path), True, results.get(node, ())))
-        elif name and not path:
-            calls.append(_Call((name,), False, results.get(node, ())))
+        is_own = bool(path) and first == own
+        if is_own or (name and not path):
+            calls.append(_Call(tuple(path) or (name,), is_own, results.get(node, ())))
     return tuple(calls)
 
 
@@ -189,16 +172,11 @@ def _results(tree: ast.AST) -> dict[ast.Call, tuple[str, ...]]:
     """Return the names that the result of each call is assigned to, alone or in an expression."""
     names: dict[ast.Call, tuple[str, ...]] = {}
     for node in ast.walk(tree):
-        if isinstance(node, ast.Assign):
-            targets: list[ast.expr] = node.targets
-        elif isinstance(node, ast.AnnAssign | ast.AugAssign):
-            targets = [node.target]
-        else:
-            continue
-        assigned = tuple(name for target in targets for name in _names(target))
-        for inner in ast.walk(node.value) if node.value else ():
-            if isinstance(inner, ast.Call):
-                names[inner] = assigned
+        if isinstance(node, ast.Assign | ast.AnnAssign | ast.AugAssign) and node.value:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            assigned = tuple(name for target in targets for name in _names(target))
+            calls = (each for each in ast.walk(node.value) if isinstance(each, ast.Call))
+            names.update(dict.fromkeys(calls, assigned))
     return names
 
 
@@ -216,12 +194,7 @@ def _names(target: ast.expr) -> list[str]:
 
 def _calls_base_step(function: Callable[..., Any]) -> bool:
     tree = _tree(function)
-    if tree is None:
-        return False
     return any(
-        isinstance(node, ast.Attribute)
-        and node.attr == "step"
-        and isinstance(node.value, ast.Call)
-        and dotted_name(node.value.func) == "super"
-        for node in ast.walk(tree)
+        isinstance(node, ast.Attribute) and node.attr == "step" and is_call(node.value, "super")
+        for node in (ast.walk(tree) if tree else ())
     )

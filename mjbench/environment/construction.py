@@ -59,10 +59,7 @@ def dm_control_mismatch() -> ReleaseMismatch | None:
 
 
 def make(source: EnvironmentSource) -> Any:
-    """Return a new environment.
-
-    A factory runs in the user's folder, and its modules are imported from there.
-    """
+    """Return a new environment; a factory runs in, and is imported from, the user's folder."""
     match source.origin:
         case Origin.GYMNASIUM:
             return _from_gymnasium(source)
@@ -74,10 +71,7 @@ def make(source: EnvironmentSource) -> Any:
 
 @contextlib.contextmanager
 def as_input_error(what: str) -> Iterator[None]:
-    """Turn what the user's code raises into an InputError with its file and line.
-
-    Where dm_control was built for another release of MuJoCo, the error says so, too.
-    """
+    """Turn what the user's code raises into an InputError with its file and line."""
     try:
         yield
     except (MjbenchError, KeyboardInterrupt, MemoryError):
@@ -89,10 +83,7 @@ def as_input_error(what: str) -> Iterator[None]:
 
 
 def place_of(error: BaseException) -> str:
-    """Return the file and line that raised, such as ` (my_env.py:42)`; empty where unknown.
-
-    If a library raised it, the user's own line that led there comes first.
-    """
+    """Return ` (my_env.py:42)` for what raised: the user's own line, then that of a library."""
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)

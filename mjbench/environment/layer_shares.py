@@ -90,10 +90,7 @@ class TimerEffect:
 
 
 class LayerTimes:
-    """The layers of a step, without what timing them cost.
-
-    Arguments are those of `EnvironmentRecord`; `added_ns` is the median over rounds.
-    """
+    """The layers of a step, without what timing them cost; `added_ns` is the median over rounds."""
 
     def __init__(
         self,
@@ -113,10 +110,7 @@ class LayerTimes:
         return np.array(sample.ns) - cost_ns
 
     def shares(self) -> list[LayerShare]:
-        """Return the layers, the one with the largest share first.
-
-        Shares are of medians over rounds, so that they add up.
-        """
+        """Return the layers, largest share first; shares are of medians, so that they add up."""
         step_ns = float(np.median(self._plain_ns))
         total_ns, each_total = self._median_total(), self._total()
         by_layer: dict[Layer, list[LayerSamples]] = {}
@@ -135,7 +129,7 @@ class LayerTimes:
         return sorted(shares, key=lambda layer: -layer.share.median)
 
     def _total(self) -> np.ndarray:
-        """Return (rounds,) nanoseconds of all layers together; never 0, as it divides."""
+        """Return (rounds,) ns of all layers together; never 0, as it divides."""
         total = np.sum([self._ns(sample) for sample in self._samples], axis=0)
         return np.asarray(np.maximum(total, _LEAST_NS))
 

@@ -53,25 +53,16 @@ _RESULTS = (
 
 
 def layer_of(function: str, results: Sequence[str] = ()) -> Layer:
-    """Return the layer of a function that a step calls.
-
-    Args:
-      function: its name, without the object that has it.
-      results: names of the variables that its result is assigned to.
-    """
+    """Return the layer of a function by its name, or by what its result is assigned to."""
     name = function.lower()
-    if not _AFTER.match(name):
-        for layer, pattern in _FUNCTIONS:
-            if pattern.search(name):
-                return layer
-    layers = {_layer_of_result(result) for result in results} - {Layer.REST}
+    known = Layer.REST if _AFTER.match(name) else _first(_FUNCTIONS, name)
+    if known != Layer.REST:
+        return known
+    layers = {_first(_RESULTS, result.lower()) for result in results} - {Layer.REST}
     if len(layers) == 1:
         return layers.pop()
     return Layer.INFO if layers else Layer.REST  # several at once: reward, done, info
 
 
-def _layer_of_result(name: str) -> Layer:
-    for layer, pattern in _RESULTS:
-        if pattern.search(name.lower()):
-            return layer
-    return Layer.REST
+def _first(table: Sequence[tuple[Layer, re.Pattern[str]]], name: str) -> Layer:
+    return next((layer for layer, pattern in table if pattern.search(name)), Layer.REST)

@@ -52,7 +52,6 @@ def _record(
     messages: Sequence[object],
     ended: Ended | None,
 ) -> EnvironmentRecord:
-    """Return what the messages of the child say; `ended` is None where the user interrupted."""
     rounds = [each for each in messages if isinstance(each, EnvironmentRound)]
     untimed = next(
         (each for each in messages if isinstance(each, EnvironmentRecord)),
@@ -80,7 +79,6 @@ def _record(
 
 
 def _layers(rounds: Sequence[EnvironmentRound], nstep: int) -> list[LayerSamples]:
-    """Return the samples of every function that was timed in all rounds."""
     by_round = [{(layer.layer, layer.name): layer for layer in each.layers} for each in rounds]
     first = by_round[0] if by_round else {}
     return [

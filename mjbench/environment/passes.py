@@ -58,7 +58,7 @@ class Pass:
     Attributes:
       step_ns: (nstep,) of each step of the environment.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
-      layers: what each function that was called took, with the timer's cost, where it was timed.
+      layers: with the timer's cost; none where functions were not timed.
     """
 
     step_ns: np.ndarray
@@ -74,18 +74,14 @@ _TimedStep = Callable[[Any], tuple[Any, int]]
 _BeginEpisode = Callable[[], contextlib.AbstractContextManager[_TimedStep]]
 
 
+@dataclass(frozen=True, eq=False)
 class EnvironmentPasses:
-    """Replays actions in an environment; what this raises becomes an InputError."""
+    """Replays actions; episode i is reset with `seed` + i. What this raises is an InputError."""
 
-    def __init__(
-        self,
-        adapter: EnvironmentAdapter,
-        actions: Sequence[Any],
-        seed: int,
-        clock_ns: ClockNs = time.perf_counter_ns,
-    ):
-        """Replay `actions`; episode number i is reset with `seed` + i."""
-        self.adapter, self.actions, self.seed, self.clock_ns = adapter, actions, seed, clock_ns
+    adapter: EnvironmentAdapter
+    actions: Sequence[Any]
+    seed: int
+    clock_ns: ClockNs = time.perf_counter_ns
 
     def plain(self, heartbeat: Callable[[], None] = lambda: None) -> Pass:
         return self._compared(self._begin_plain, heartbeat)

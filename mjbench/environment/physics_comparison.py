@@ -54,9 +54,7 @@ class PhysicsAlone:
       workload: its `nbatch` simulations take `run` steps of the environment each.
       final_state: (nbatch, nstate) states that the environment was in at their ends.
       numbers: (nbatch * run,) of the environment's steps that it covers.
-      run: steps of the environment in each simulation.
-      holds: whether a control is held for all steps of the engine in a step of the environment;
-        otherwise the environment computes another for each.
+      holds: whether a control is held for all steps of the engine in a step of the environment.
     """
 
     workload: Workload
@@ -102,7 +100,6 @@ def physics_of(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | 
 def _assembled(
     recording: Recording, usable: dict[int, StepTrace], frame_skip: int, seed: int, nthread: int
 ) -> PhysicsAlone:
-    """Return the physics of the usable steps of a recording, by their number."""
     runs = _runs(usable)
     length = _run_length([len(run) for run in runs], nthread)
     pieces = [
@@ -156,12 +153,7 @@ def _run_length(lengths: Sequence[int], nthread: int) -> int:
 
 @dataclass
 class PhysicsComparison:
-    """The paths that do the physics of an environment, to be timed.
-
-    Attributes:
-      prepared: the paths that agree, by the position of the variant.
-      differences: the first one of each path whose timed block was wrong, by the same position.
-    """
+    """The paths that agree, by the position of the variant, and those whose timed block did not."""
 
     physics: PhysicsAlone
     variants: Sequence[Variant]
@@ -202,7 +194,6 @@ def difference_from(physics: PhysicsAlone) -> str:
 
 
 def described(number: int, difference: Difference) -> str:
-    """Return a difference between the environment and a plain loop as a sentence."""
     return (
         f"{difference.field}[{difference.index}] is {difference.got!r} in the environment and"
         f" {difference.expected!r} in a plain loop, after step {number + 1} of the environment"

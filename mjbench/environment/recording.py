@@ -60,13 +60,12 @@ class StepTrace:
     """What one step of an environment asked of the engine.
 
     Attributes:
-      start: (nstate,) mjSTATE_INTEGRATION at the first call that ends a step, controls included.
-      end: (nstate,) the state after the last such call.
+      start, end: (nstate,) mjSTATE_INTEGRATION at the first call that ends a step, controls
+        included, and after the last such call.
       control: (nstep, nu) of every step of the engine.
-      calls: functions of the engine in their order, such as `mj_step2`, with the steps that each
-        takes.
-      entered: fields other than ctrl that were written before the first call that ends a step.
-      written: those that were written between later calls.
+      calls: functions of the engine in their order, with the steps that each takes.
+      entered, written: fields other than ctrl that were written before the first call that ends a
+        step, and between later calls.
       follows: whether the step before was of the same episode and the same simulation.
       is_same_model: whether the model was the same at the end of the environment's step.
     """
@@ -93,10 +92,8 @@ class Recording:
     Attributes:
       steps: one entry per step of the environment; None for one that did not step the engine.
       checked: calls that a plain `mj_step` repeated.
-      difference: the first call that it did not repeat to the last bit, and in which step of the
-        environment; None without any.
-      model: a copy of the one that most steps were taken with, which has this version; None where
-        the engine was never stepped.
+      difference: the first call that it did not repeat to the last bit, and in which step.
+      model: a copy of the one that most steps were taken with, which has this version.
       obstacle: why no plain loop can do the same, in one line; empty where one can.
     """
 
@@ -112,8 +109,6 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class _Call:
-    """A call of the engine: the steps that it ends, and the states before and after it."""
-
     name: str
     nstep: int
     before: np.ndarray
@@ -122,8 +117,6 @@ class _Call:
 
 @dataclass(eq=False)
 class _OpenStep:
-    """A step of the environment that is being taken."""
-
     model: Any = None
     data: Any = None
     reader: StateReader | None = None
@@ -262,11 +255,7 @@ class EngineWatch:
 
 
 class _ModelVersions:
-    """Numbers the contents that an environment's model has had.
-
-    Attributes:
-      most_used: number of the content that most steps were taken with, and a copy of it.
-    """
+    """Numbers the contents that a model has had; `most_used` has a number, and a copy."""
 
     def __init__(self) -> None:
         self.moment = Moment.RESET
@@ -296,8 +285,6 @@ class _ModelVersions:
 
 
 class _PlainSteps:
-    """Repeats calls on an MjData of its own."""
-
     def __init__(self, step: EngineFunction):
         self.checked = 0
         self.difference: tuple[int, Difference] | None = None

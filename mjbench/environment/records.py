@@ -115,7 +115,6 @@ class PathSamples:
 
     @property
     def env_steps_per_s(self) -> float | None:
-        """As many as the environment's steps have physics; None without a speed."""
         return 1e9 / float(np.median(self.ns)) if self.ns else None
 
 
@@ -295,7 +294,6 @@ class EnvironmentRecord:
 
     @property
     def env_steps_per_s(self) -> float | None:
-        """Steps of the environment per second; None likewise."""
         return None if self.step is None else 1e9 / self.step.median
 
     @property
@@ -316,12 +314,10 @@ class EnvironmentRecord:
 
     @cached_property
     def layer_shares(self) -> Sequence[LayerShare]:
-        """Layers of a step, the one with the largest share first."""
         return self._layer_times.shares() if self._layer_times else []
 
     @cached_property
     def timer(self) -> TimerEffect | None:
-        """What timing the layers cost; None where it was not timed."""
         return self._layer_times.timer() if self._layer_times else None
 
     @cached_property
@@ -335,7 +331,6 @@ class EnvironmentRecord:
 
     @cached_property
     def physics_paths(self) -> Sequence[PhysicsPath]:
-        """The same physics by other paths; none where the environment was not timed."""
         loop_ns = next((each.ns for each in self.paths if each.path == paths.BASE), ())
         return [
             PhysicsPath(
@@ -349,21 +344,17 @@ class EnvironmentRecord:
 
     @property
     def median_cores(self) -> float | None:
-        """Cores that threads got; None where it was not timed, or without threads."""
         return float(np.median(self.cores)) if self.is_timed and self.cores else None
 
     @property
     def vector_forms(self) -> Sequence[VectorSamples]:
-        """The vectorised forms; none where the environment itself was not timed."""
         return self.vectors if self.is_timed else ()
 
     @property
     def why_no_vectors(self) -> str:
-        """Why there are no vectorised forms; empty where there are, or it was not timed."""
         return self.no_vectors if self.is_timed else ""
 
     def statuses(self) -> list[Status]:
-        """Return how everything ended: the whole, its physics, its paths and vectorised forms."""
         check = [self.check.status] if self.check else []
         paths = [path.status for path in self.physics_paths]
         return [self.status, *check, *paths, *(form.status for form in self.vector_forms)]

@@ -49,7 +49,6 @@ class EnvironmentPlan:
       nstep: steps of it in a pass; None to choose them.
       nenv: numbers of environments in vectorised forms; none for no such forms.
       budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.
-      limit_s: a child that is silent for longer is killed.
     """
 
     nstep: int | None
@@ -75,14 +74,10 @@ class EnvironmentRequest:
 
 @dataclass(frozen=True)
 class EnvironmentRound:
-    """One round; nanoseconds are per step of the environment.
+    """One round; nanoseconds are per step of the environment, and as in its record.
 
     Attributes:
-      step_ns: of the plain pass.
-      compared_ns: of its steps that the comparison covers; None without a comparison.
-      layered_ns: of the layered pass, with the timer's cost.
-      timer_ns: by which a step of it took longer than the same one of the plain pass; the median.
-      layers: what each function took in all steps of it.
+      layers: what each function took in all steps of the layered pass.
       path_ns: of each path, by the position of its variant.
     """
 
@@ -113,7 +108,11 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     channel.doing("recording the steps of the environment")
     times, recording = _recorded(passes, heartbeat)
     _check_steps_engine(recording, nstep)
-    unrepeated = _unrepeated(times, recording, *_recorded(passes, heartbeat))
+    again, recording_again = _recorded(passes, heartbeat)
+    unrepeated = [
+        *times.returned.differences(again.returned),
+        *physics_differences(recording, recording_again),
+    ]
     physics = _physics_alone(recording, unrepeated, seed, request.most_threads)
     record = EnvironmentRecord(
         environment=request.source.name,
@@ -126,19 +125,18 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     comparison = None
     if isinstance(physics, PhysicsAlone):
         comparison = physics_comparison.prepare(physics, request.variants, channel)
-    _time(passes, comparison, request, channel)
+    turns = _Turns(passes, comparison, request, channel)
+    send_rounds(turns.round, request.plan.budget_s, channel)
+    if comparison is not None:
+        for position, difference in comparison.differences.items():
+            detail = f"in a timed block: {difference}"
+            channel.send(AgreementReport(position, Status.DISAGREES, detail))
+        comparison.close()
 
 
 def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple[Pass, Recording]:
     watch = EngineWatch()
     return passes.recorded(watch, heartbeat), watch.recording()
-
-
-def _unrepeated(
-    first: Pass, recording: Recording, again: Pass, recording_again: Recording
-) -> list[FieldDifference]:
-    returned = first.returned.differences(again.returned)
-    return [*returned, *physics_differences(recording, recording_again)]
 
 
 def _heartbeat(channel: Channel) -> Callable[[], None]:
@@ -161,7 +159,6 @@ def _actions(adapter: EnvironmentAdapter, count: int, seed: int) -> list[Any]:
 
 
 def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callable[[], None]) -> int:
-    """Return how many steps a pass has: as many as take PASS_S."""
     actions = _actions(adapter, _WARM_UP_NSTEP, seed)
     few = EnvironmentPasses(adapter, actions[:_FIRST_NSTEP], seed).plain(heartbeat)
     step_s = float(np.median(few.step_ns)) * 1e-9
@@ -238,7 +235,6 @@ def _facts(
 
 
 def _calls(trace: StepTrace) -> list[str]:
-    """Return the engine's functions that a step called, such as `mj_step(nstep=5)`."""
     calls: list[str] = []
     for name, nstep in trace.calls:
         calls.append(f"{name}(nstep={nstep})" if name == "mj_step" and nstep != 1 else name)
@@ -250,21 +246,6 @@ def _calls(trace: StepTrace) -> list[str]:
         return calls
     unit = calls[0] if period == 1 else f"({', '.join(calls[:period])})"
     return [f"{repeats} × {unit}"]
-
-
-def _time(
-    passes: EnvironmentPasses,
-    comparison: PhysicsComparison | None,
-    request: EnvironmentRequest,
-    channel: Channel,
-) -> None:
-    turns = _Turns(passes, comparison, request, channel)
-    send_rounds(turns.round, request.plan.budget_s, channel)
-    if comparison is not None:
-        for position, difference in comparison.differences.items():
-            detail = f"in a timed block: {difference}"
-            channel.send(AgreementReport(position, Status.DISAGREES, detail))
-        comparison.close()
 
 
 class _Turns:

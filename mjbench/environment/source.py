@@ -29,9 +29,7 @@ class Origin(StrEnum):
     """Where an environment comes from."""
 
     GYMNASIUM = "gymnasium"
-    """`gymnasium.make` makes it."""
     DM_CONTROL = "dm_control"
-    """`dm_control.suite.load` makes it."""
     FACTORY = "factory"
     """A function of the user's returns it."""
 
@@ -42,8 +40,7 @@ class EnvironmentSource:
 
     Attributes:
       module: of the factory; the domain of dm_control; empty for a Gymnasium id.
-      attribute: the factory's name, with dots where it is inside a class; the task of dm_control;
-        the id of Gymnasium.
+      attribute: the factory's name, with its class; the task of dm_control; the id of Gymnasium.
       folder: that the user's modules are imported from, and that a factory runs in.
     """
 

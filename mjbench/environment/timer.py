@@ -12,7 +12,7 @@ import functools
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mjbench.bounds import NonNegativeFloat
@@ -44,26 +44,12 @@ class TimerCost:
         return self.inside_ns + self.outside_ns
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class LayerTime:
-    """What one function, or the lines of the step itself, took in a pass.
-
-    Attributes:
-      timed_calls: calls of it that were timed, and so cost inside it.
-      inner_calls: timed calls of other functions, which cost it what they cost outside.
-      ns: nanoseconds, without those of functions that it calls and that are timed, too.
-    """
+    """What one function, or the lines of the step itself, took in a pass, without timed callees."""
 
     layer: Layer
     name: str
-    calls: int
-    timed_calls: int
-    inner_calls: int
-    ns: int
-
-
-@dataclass(slots=True)
-class _RunningTotals:
     calls: int = 0
     timed_calls: int = 0
     inner_calls: int = 0
@@ -76,12 +62,12 @@ class LayerTimer:
     def __init__(self, clock_ns: ClockNs = time.perf_counter_ns):
         self._clock_ns = clock_ns
         self._thread = threading.get_ident()
-        self._totals: dict[tuple[Layer, str], _RunningTotals] = {}
-        self._stack: list[_RunningTotals] = []
+        self._totals: dict[tuple[Layer, str], LayerTime] = {}
+        self._stack: list[LayerTime] = []
         self._last = [0]
 
-    def _totals_of(self, layer: Layer, name: str) -> _RunningTotals:
-        return self._totals.setdefault((layer, name), _RunningTotals())
+    def _totals_of(self, layer: Layer, name: str) -> LayerTime:
+        return self._totals.setdefault((layer, name), LayerTime(layer, name))
 
     def outermost(
         self, function: Callable[[Any], Any], layer: Layer, name: str
@@ -137,11 +123,7 @@ class LayerTimer:
         return run
 
     def layers(self) -> list[LayerTime]:
-        """Return what every function took since the timer was made, with the timer's cost."""
-        return [
-            LayerTime(layer, name, total.calls, total.timed_calls, total.inner_calls, total.ns)
-            for (layer, name), total in self._totals.items()
-        ]
+        return [replace(total) for total in self._totals.values()]
 
 
 def measure_cost(clock_ns: ClockNs = time.perf_counter_ns) -> TimerCost:
@@ -174,8 +156,6 @@ def _nothing() -> None:
 
 @contextlib.contextmanager
 def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[None]:
-    """Time the engine's functions while the block runs."""
-
     def wrapper(name: str) -> Callable[[EngineFunction], EngineFunction]:
         layer = Layer.PHYSICS if name in STEPPING else Layer.ENGINE
         return lambda function: timer.timed(function, layer, name)

@@ -57,12 +57,7 @@ class VectorRequest:
 
 @dataclass(frozen=True)
 class VectorLaunch:
-    """One launch: nanoseconds per step of one environment, by the position of the form.
-
-    Attributes:
-      single_ns: of the same steps in one environment after the other.
-      wrong: why the others cannot be timed.
-    """
+    """Nanoseconds per step of one environment in one launch, by the position of the form."""
 
     ns: Mapping[int, float]
     single_ns: Mapping[int, float]
@@ -91,15 +86,15 @@ def added(
     return dataclasses.replace(record, vectors=rule.samples(ending))
 
 
+@dataclass
 class _VectorLaunches(Targets[VectorLaunch]):
-    def __init__(self, request: VectorRequest):
-        self._request = request
+    request: VectorRequest
 
     def launch(self, positions: Sequence[int]) -> VectorLaunch:
         return isolate.call(
             measure_in_child,
-            dataclasses.replace(self._request, positions=positions),
-            limit_s=self._request.plan.limit_s,
+            dataclasses.replace(self.request, positions=positions),
+            limit_s=self.request.plan.limit_s,
             otherwise=_without_figures,
         )
 
@@ -113,8 +108,6 @@ def _without_figures(ended: Ended) -> VectorLaunch:
 
 
 class _VectorRule(StopRule[VectorLaunch]):
-    """Launch all forms that are right until the budget is used."""
-
     def __init__(self, plan: EnvironmentPlan, clock: Callable[[], float] = time.monotonic):
         self.launches: list[VectorLaunch] = []
         self.wrong: dict[int, Failure] = {}
@@ -220,11 +213,7 @@ def _no_forms(adapter: EnvironmentAdapter) -> str:
 
 
 class _Single:
-    """One environment that does what environment i of a vectorised form does.
-
-    Attributes:
-      returned: of the last run, what each step returned in the order of `_FIELDS`.
-    """
+    """One environment that does what environment i of a vectorised form does."""
 
     def __init__(self, adapter: EnvironmentAdapter, seed: int, nstep: int):
         self._environment = adapter.environment
@@ -276,18 +265,12 @@ def _after_reset(returned: tuple[Any, Any]) -> tuple[Any, float, bool, bool]:
     return returned[0], 0.0, False, False
 
 
-@dataclass
 class _VectorEnvironment:
-    """The environments of a vectorised form, to be timed."""
-
-    environments: Any
-    singles: Sequence[_Single]
-    batched: list[Any] = field(default_factory=list)
-    returned: Sequence[Any] = ()
-
-    def __post_init__(self) -> None:
-        actions = zip(*(single.actions for single in self.singles), strict=True)
+    def __init__(self, environments: Any, singles: Sequence[_Single]):
+        self.environments, self.singles = environments, singles
+        actions = zip(*(single.actions for single in singles), strict=True)
         self.batched = [np.stack(each) for each in actions]
+        self.returned: Sequence[Any] = ()
 
     def reset(self) -> Any:
         return self.environments.reset(seed=[single.seed for single in self.singles])[0]
@@ -303,7 +286,6 @@ class _VectorEnvironment:
         return ""
 
     def difference_after(self, step: int) -> str:
-        """Return what the last step returned that a step of the singles did not, or empty."""
         differences = (
             single.difference(i, step, self.returned) for i, single in enumerate(self.singles)
         )

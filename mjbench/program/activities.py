@@ -2,6 +2,7 @@
 
 import contextlib
 import enum
+import itertools
 import re
 import sysconfig
 from collections.abc import Iterator, Sequence
@@ -25,39 +26,30 @@ class Activity(enum.StrEnum):
     NUMPY = "NumPy"
     """NumPy and SciPy compute."""
     ALLOCATION = "NumPy allocation"
-    """NumPy creates or frees arrays."""
     POLICY = "policy"
     """A framework for neural networks: PyTorch, JAX, TensorFlow, ONNX Runtime."""
     RENDERING = "rendering"
-    """Images are drawn, read back, or shown."""
     LOGGING = "logging and I/O"
-    """Files, logs and the terminal."""
     PROCESSES = "waiting for other processes"
     """For a pipe, a queue or the end of another process."""
     STARTING = "starting processes"
-    """`Process.start` of `multiprocessing`."""
     THREADS = "waiting for other threads"
     """For a lock or a queue of the same process."""
     SLEEPING = "sleeping"
-    """`time.sleep`."""
     COLLECTION = "garbage collection"
     """Python looks for objects that refer to each other."""
     IMPORT = "imports"
-    """Modules are found and compiled."""
     LOADING = "loading models"
-    """MuJoCo reads or compiles a model."""
     BUILDING = "building models"
     """Python adds the elements of a model, such as those of `MjSpec` or `dm_control.mjcf`."""
     COPYING = "creating and copying MjData"
     """`MjData(model)`, copies of one, and states that are read or set as a whole."""
     COMPILING = "compiling by JAX"
-    """JAX traces, lowers and compiles a function."""
     DISPATCH = "calling compiled functions of JAX"
     """JAX starts what a function computes; on a processor, it may compute it meanwhile."""
     DEVICE_WAIT = "waiting for JAX"
     """Until an array is computed, and copied to the host."""
     TRANSFER = "transfers to the device"
-    """JAX copies arrays of the host."""
     REST = "the rest"
     """What is no call that is timed, where too few samples say what else it is."""
 
@@ -207,12 +199,7 @@ def _interpreter(library: Sequence[Frame]) -> Activity | None:
 
 def _libraries_at_end(stack: Sequence[Frame]) -> list[Frame]:
     """Return the frames of libraries that the innermost line of Python called, innermost first."""
-    frames = []
-    for frame in reversed(stack):
-        if frame.is_python:
-            break
-        frames.append(frame)
-    return frames
+    return list(itertools.takewhile(lambda frame: not frame.is_python, reversed(stack)))
 
 
 def _by_engine(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
@@ -237,11 +224,8 @@ def _by_engine(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
 
 
 def _called_by_own(python: Sequence[Frame]) -> Iterator[Frame]:
-    """Yield the lines that the innermost line of the user's code has called, innermost first."""
-    for frame in reversed(python):
-        if is_own(frame):
-            return
-        yield frame
+    """Return the lines that the innermost line of the user's code has called, innermost first."""
+    return itertools.takewhile(lambda frame: not is_own(frame), reversed(python))
 
 
 def _by_caller(

@@ -2,10 +2,11 @@
 
 import itertools
 from collections import Counter, defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
-from mjbench.program import activities, timed_loops
+from mjbench.program import activities, loop_time
 from mjbench.program.activities import WAITING, Activity, Place, is_own
 from mjbench.program.calls import CallTime
 from mjbench.program.loop_time import (
@@ -30,14 +31,34 @@ _MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
 
 @dataclass(frozen=True)
 class _Sample:
+    """A stack of a loop; `inner` are its frames from the line of the loop on."""
+
     thread: ThreadSamples
     stack: Sequence[Frame]
-    loop_frame: int
-    activity: Activity | None
+    inner: Sequence[Frame]
+    activity: Activity
 
     @property
     def seconds(self) -> float:
         return self.thread.interval_s
+
+    @cached_property
+    def python(self) -> Frame:
+        return _innermost_python(self.stack)
+
+    @cached_property
+    def own_places(self) -> Sequence[Place]:
+        return _shown_places(self.inner)
+
+    @property
+    def own_frame(self) -> Frame:
+        """The innermost line of the user's code; that of the loop where none is."""
+        own = (frame for frame in reversed(self.inner) if is_own(frame))
+        return next(own, self.inner[0])
+
+
+# A stack of a loop, before what it does is known: of which thread, its frames, and the inner ones.
+_Stack = tuple[ThreadSamples, Sequence[Frame], Sequence[Frame]]
 
 
 def loop_times(
@@ -55,28 +76,25 @@ def loop_times(
       collections_s: seconds of garbage collections by process, which samples of Python alone do
         not show.
     """
-    by_loop: dict[SourceLoop, list[_Sample]] = defaultdict(list)
+    by_loop: dict[SourceLoop, list[_Stack]] = defaultdict(list)
+    for thread in threads:
+        for stack in thread.stacks:
+            if (running := _outermost_loop(stack)) is not None:
+                loop, inner = running
+                by_loop[loop].append((thread, stack, inner))
     of_pools = {
         each.thread.pid for each in threads if any(map(activities.is_of_thread_pool, each.stacks))
     }
-    for thread in threads:
-        has_pool = thread.thread.pid in of_pools
-        for stack in thread.stacks:
-            position = _loop_frame(stack)
-            if position is not None:
-                loop = _shown_loop(stack[position])
-                assert loop is not None, "the frame was chosen because it is in a loop"
-                activity = activities.activity(stack, thread.has_native, has_pool)
-                by_loop[loop].append(_Sample(thread, stack, position, activity))
+    samples = {loop: _samples(of_loop, of_pools) for loop, of_loop in by_loop.items()}
     loading = _loading_lines(calls)
-    sampled = [_loop_time(loop, samples, main_pid, loading) for loop, samples in by_loop.items()]
+    sampled = [_loop_time(loop, of_loop, main_pid, loading) for loop, of_loop in samples.items()]
     timed = {call.place.position for call in calls}
-    stretches = {loop: _stretch(samples, timed) for loop, samples in by_loop.items()}
+    stretches = {loop: _stretch(of_loop, timed) for loop, of_loop in samples.items()}
     times = [
-        timed_loops.with_collections(
+        loop_time.with_collections(
             time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids)
         )
-        for time in timed_loops.with_calls(sampled, calls, main_pid, stretches)
+        for time in loop_time.with_calls(sampled, calls, main_pid, stretches)
     ]
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
@@ -106,9 +124,8 @@ def outside_loops(
             places = _shown_places(stack)
             if not loops:  # what the module calls is the program itself
                 on_loops.update(places[:-1][:1])
-            position = _loop_frame(stack)
-            loop = None if position is None else _shown_loop(stack[position])
-            if loop in of_loops:
+            running = _outermost_loop(stack)
+            if running is not None and running[0] in of_loops:
                 on_loops.update(places)
             else:
                 rest.append((places, _outside_activity(stack, thread), thread.interval_s))
@@ -162,28 +179,22 @@ def _waits_for_ends(time: LoopTime) -> bool:
     return longest is not None and waiting(longest) > 0 and ".join(" in longest.place.text
 
 
-def _loop_frame(stack: Sequence[Frame]) -> int | None:
-    """Return which frame of a stack runs its outermost loop; None where none does.
+def _outermost_loop(stack: Sequence[Frame]) -> tuple[SourceLoop, Sequence[Frame]] | None:
+    """Return the outermost loop that a stack runs, and the frames from its line on.
 
     Loops of Python's standard library are not meant: they start threads and processes. Nor are
     those of the process that forked this one, which stand on its stack.
     """
-    begin = _own_begin(stack)
-    for i, frame in enumerate(stack):
-        if i < begin:
-            continue
-        if not frame.is_python or frame.file.startswith("<") or activities.is_step_clock(frame):
+    for i in range(_own_begin(stack), len(stack)):
+        frame = stack[i]
+        is_program = frame.is_python and not frame.file.startswith("<")
+        if not is_program or activities.is_step_clock(frame):
             continue
         if activities.standard_name(frame.file):
             continue
-        if outermost_loop(frame.file, frame.line) is not None:
-            return i
+        if (loop := outermost_loop(frame.file, frame.line)) is not None:
+            return replace(loop, file=activities.shown_path(loop.file)), stack[i:]
     return None
-
-
-def _shown_loop(frame: Frame) -> SourceLoop | None:
-    loop = outermost_loop(frame.file, frame.line)
-    return None if loop is None else replace(loop, file=activities.shown_path(loop.file))
 
 
 def _own_begin(stack: Sequence[Frame]) -> int:
@@ -203,13 +214,10 @@ def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> 
     Only the order of samples counts: how long each stands for is uncertain in a short program. It
     is 1 where those before the first call and after the last may be there by chance, and None where
     samples saw too few calls.
-
-    Args:
-      samples: of the loop, by thread, in the order in which they were taken.
     """
     by_thread: dict[Thread, list[tuple[float, bool]]] = defaultdict(list)
     for sample in samples:
-        is_timed = any((each.file, each.line) in timed for each in _own_places(sample))
+        is_timed = any(each.position in timed for each in sample.own_places)
         by_thread[sample.thread.thread].append((sample.seconds, is_timed))
     beyond_s = between_s = 0.0
     for of_thread in by_thread.values():
@@ -234,120 +242,103 @@ def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
     return {line for line, count in counts.items() if count >= LEAST_REPEATS}
 
 
+def _samples(stacks: Sequence[_Stack], of_pools: Collection[int]) -> list[_Sample]:
+    """Return the samples of a loop, each with its activity.
+
+    What a sample in a library such as that of C shows depends on who called it, which the stack may
+    not hold. It counts for what other samples of its line show, most often.
+    """
+    seen = [
+        activities.activity(stack, thread.has_native, thread.thread.pid in of_pools)
+        for thread, stack, _ in stacks
+    ]
+    lines = [_innermost_python(stack) for _, stack, _ in stacks]
+    at_line: dict[tuple[str, int], Counter[Activity]] = defaultdict(Counter)
+    for activity, line in zip(seen, lines, strict=True):
+        if activity is not None:
+            at_line[line.file, line.line][activity] += 1
+    samples = []
+    for of_stack, activity, line in zip(stacks, seen, lines, strict=True):
+        if activity is None:
+            others = at_line[line.file, line.line].most_common(1)
+            activity = others[0][0] if others else Activity.PYTHON
+        samples.append(_Sample(*of_stack, activity))
+    return samples
+
+
+def _innermost_python(stack: Sequence[Frame]) -> Frame:
+    """Return the innermost line of Python that is not the step clock's."""
+    lines = (frame for frame in reversed(stack) if frame.is_python)
+    return next(frame for frame in lines if not activities.is_step_clock(frame))
+
+
+def _parts(samples: Iterable[_Sample]) -> Iterator[tuple[Activity, float]]:
+    return ((sample.activity, sample.seconds) for sample in samples)
+
+
 def _loop_time(
     loop: SourceLoop,
     samples: Sequence[_Sample],
     main_pid: int,
     loading: Collection[tuple[str, int]],
 ) -> LoopTime:
-    resolved = _resolved(samples)
-    by_activity = shares_of((activity, sample.seconds) for sample, activity in resolved)
     total_s = sum(sample.seconds for sample in samples)
-    packages = shares_of(
-        (
-            (activities.package_of(_innermost_python(sample).file), sample.seconds)
-            for sample, activity in resolved
-            if activity == Activity.PYTHON
-        ),
-        total_s,
-    )
+    in_python = [sample for sample in samples if sample.activity == Activity.PYTHON]
+    packages = [(activities.package_of(each.python.file), each.seconds) for each in in_python]
     clock_s = sum(
         sample.seconds
-        for sample, activity in resolved
-        if activity == Activity.PHYSICS and activities.is_engine_clock(sample.stack)
+        for sample in samples
+        if sample.activity == Activity.PHYSICS and activities.is_engine_clock(sample.stack)
     )
-    threads = {sample.thread.thread: sample.thread.thread.name for sample in samples}
+    threads = {sample.thread.thread for sample in samples}
+    own_frames = {frame for sample in samples for frame in sample.inner if is_own(frame)}
     return LoopTime(
         loop=loop,
-        own_files=sorted(
-            {
-                activities.shown_path(frame.file)
-                for sample in samples
-                for frame in _inner(sample)
-                if is_own(frame)
-            }
-        ),
-        threads=sorted(threads.values()),
+        own_files=sorted({activities.shown_path(frame.file) for frame in own_frames}),
+        threads=sorted(thread.name for thread in threads),
         pids=sorted({thread.pid for thread in threads}),
         in_main=any(thread.pid == main_pid == thread.tid for thread in threads),
         samples=round(total_s**2 / sum(sample.seconds**2 for sample in samples)),
         seconds=total_s,
-        activities=by_activity,
-        packages=packages,
-        lines=_own_lines(resolved),
-        inner_functions=_inner_functions(resolved),
+        activities=shares_of(_parts(samples)),
+        packages=shares_of(packages, total_s),
+        lines=_own_lines(samples, total_s),
+        inner_functions=_inner_functions(samples, total_s),
         engine_clock=clock_s / total_s,
-        building=_building_line(resolved, loading),
+        building=_building_line(samples, total_s, loading),
     )
 
 
-def _resolved(samples: Sequence[_Sample]) -> list[tuple[_Sample, Activity]]:
-    """Return each sample with its activity.
-
-    What a sample in a library such as that of C shows depends on who called it, which the stack may
-    not hold. It counts for what other samples of its line show, most often.
-    """
-    at_line: dict[tuple[str, int], Counter[Activity]] = defaultdict(Counter)
+def _own_lines(samples: Sequence[_Sample], total_s: float) -> list[LineTime]:
+    by_line: dict[tuple[str, int], list[_Sample]] = defaultdict(list)
     for sample in samples:
-        if sample.activity is not None:
-            at_line[_line(sample)][sample.activity] += 1
-    resolved = []
-    for sample in samples:
-        activity = sample.activity
-        if activity is None:
-            others = at_line[_line(sample)].most_common(1)
-            activity = others[0][0] if others else Activity.PYTHON
-        resolved.append((sample, activity))
-    return resolved
-
-
-def _line(sample: _Sample) -> tuple[str, int]:
-    frame = _innermost_python(sample)
-    return frame.file, frame.line
-
-
-def _innermost_python(sample: _Sample) -> Frame:
-    """Return the innermost line of Python that is not the step clock's."""
-    lines = (frame for frame in reversed(sample.stack) if frame.is_python)
-    return next(frame for frame in lines if not activities.is_step_clock(frame))
-
-
-def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
-    """Return the lines of the user's code, each with the package that it calls most."""
-    total_s = sum(sample.seconds for sample, _ in resolved)
-    places: dict[tuple[str, int], Place] = {}
-    seconds: dict[tuple[str, int], list[tuple[Activity, float]]] = defaultdict(list)
-    packages: dict[tuple[str, int], Counter[str]] = defaultdict(Counter)
-    for sample, activity in resolved:
-        frame = _own_frame(sample)
-        place = activities.place_of(frame)
-        if place.position not in places or not place.function.startswith("<"):
-            places[place.position] = place
-        seconds[place.position].append((activity, sample.seconds))
-        if activity != Activity.PHYSICS:
-            packages[place.position][_called_package(sample, frame)] += 1
+        by_line[sample.own_frame.file, sample.own_frame.line].append(sample)
     times = []
-    for position, parts in seconds.items():
-        package = next((name for name, _ in packages[position].most_common(1)), "")
-        times.append(LineTime.of(places[position], parts, total_s, package))
+    for of_line in by_line.values():
+        frames = [sample.own_frame for sample in of_line]
+        named = (frame for frame in reversed(frames) if not frame.function.startswith("<"))
+        place = activities.place_of(next(named, frames[0]))
+        beside = (sample for sample in of_line if sample.activity != Activity.PHYSICS)
+        packages = Counter(map(_called_package, beside)).most_common(1)
+        package = packages[0][0] if packages else ""
+        times.append(LineTime.of(place, _parts(of_line), total_s, package))
     return large(times)
 
 
 def _building_line(
-    resolved: Sequence[tuple[_Sample, Activity]], loading: Collection[tuple[str, int]]
+    samples: Sequence[_Sample], total_s: float, loading: Collection[tuple[str, int]]
 ) -> LineTime | None:
     """Return the outermost line under which models are built or loaded, and nothing steps.
 
     Where there are several, it is that with most of their time, and has the time of all.
     """
-    total_s = sum(sample.seconds for sample, _ in resolved)
     seconds: dict[Place, list[float]] = defaultdict(list)
     steps_s: dict[Place, float] = defaultdict(float)
-    for sample, activity in resolved:
+    for sample in samples:
         is_slow_call = sample.stack[-1].file.endswith(activities.CALL_CLOCK)
-        for place in _own_places(sample):
+        for place in sample.own_places:
             seconds[place].append(sample.seconds)
-            if activity == Activity.PHYSICS and not is_slow_call:
+            if sample.activity == Activity.PHYSICS and not is_slow_call:
                 steps_s[place] += sample.seconds
     # a torn stack may show a step under another line
     without_steps = {
@@ -355,16 +346,14 @@ def _building_line(
     }
     by_outermost: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     built_s: dict[Place, float] = defaultdict(float)
-    for sample, activity in resolved:
-        places = _own_places(sample)
-        outermost = next((each for each in places if each in without_steps), None)
+    for sample in samples:
+        outermost = next((each for each in sample.own_places if each in without_steps), None)
         if outermost is None:
             continue
-        loads = [(each.file, each.line) in loading for each in places]
-        by_outermost[outermost].append(
-            (Activity.LOADING if loads[-1] else activity, sample.seconds)
-        )
-        if activity == Activity.BUILDING or any(loads):
+        loads = [each.position in loading for each in sample.own_places]
+        activity = Activity.LOADING if loads[-1] else sample.activity
+        by_outermost[outermost].append((activity, sample.seconds))
+        if sample.activity == Activity.BUILDING or any(loads):
             built_s[outermost] += sample.seconds
     if not built_s:
         return None
@@ -384,45 +373,27 @@ def _most_torn_s(seconds: Sequence[float]) -> float:
     return max(one_s, _MOST_TORN_SHARE * sum(seconds))
 
 
-def _own_places(sample: _Sample) -> list[Place]:
-    return _shown_places(_inner(sample))
-
-
 def _shown_places(stack: Sequence[Frame]) -> list[Place]:
     own = [frame for frame in stack if is_own(frame)]
     return list(dict.fromkeys(map(activities.place_of, own)))
 
 
-def _called_package(sample: _Sample, own: Frame) -> str:
-    inner = list(_inner(sample))
-    following = inner[len(inner) - inner[::-1].index(own) :]
-    packages = (activities.package_of(frame.file) for frame in following if frame.is_python)
-    return next((name for name in packages if name), "")
+def _called_package(sample: _Sample) -> str:
+    own = sample.own_frame
+    called = list(itertools.takewhile(lambda frame: frame != own, reversed(sample.inner)))
+    packages = (activities.package_of(each.file) for each in called[::-1] if each.is_python)
+    return next(filter(None, packages), "")
 
 
-def _inner_functions(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
-    total_s = sum(sample.seconds for sample, _ in resolved)
-    functions: dict[tuple[str, str], list[tuple[Activity, float]]] = defaultdict(list)
-    lines: dict[tuple[str, str], Counter[int]] = defaultdict(Counter)
-    for sample, activity in resolved:
-        frame = _innermost_python(sample)
-        if activity != Activity.PHYSICS and activities.package_of(frame.file):
-            functions[frame.file, frame.function].append((activity, sample.seconds))
-            lines[frame.file, frame.function][frame.line] += 1
+def _inner_functions(samples: Sequence[_Sample], total_s: float) -> list[LineTime]:
+    functions: dict[tuple[str, str], list[_Sample]] = defaultdict(list)
+    for sample in samples:
+        frame = sample.python
+        if sample.activity != Activity.PHYSICS and activities.package_of(frame.file):
+            functions[frame.file, frame.function].append(sample)
     times = []
-    for (file, function), seconds in functions.items():
-        line = lines[file, function].most_common(1)[0][0]
+    for (file, function), of_function in functions.items():
+        ((line, _),) = Counter(sample.python.line for sample in of_function).most_common(1)
         place = Place(activities.shown_path(file), line, function, f"{function}()")
-        times.append(LineTime.of(place, seconds, total_s))
+        times.append(LineTime.of(place, _parts(of_function), total_s))
     return large(times)
-
-
-def _inner(sample: _Sample) -> Sequence[Frame]:
-    return sample.stack[sample.loop_frame :]
-
-
-def _own_frame(sample: _Sample) -> Frame:
-    """Return the innermost line of the user's code; that of the loop where none is."""
-    inner = _inner(sample)
-    own = [frame for frame in inner if is_own(frame)]
-    return own[-1] if own else inner[0]

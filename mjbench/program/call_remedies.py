@@ -8,7 +8,7 @@ of the loop, its time is the gain.
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mjbench.host import machine
 from mjbench.loop.lint import Finding
@@ -45,17 +45,16 @@ def questions(
     loops: Sequence[LoopTime], findings: Sequence[Finding], incidents: Sequence[Incident] = ()
 ) -> list[Question]:
     """Return what to measure on the program's model: only what could be worth a line."""
-    asked: dict[Question, None] = {}
-    for incident in incidents:
-        if incident.name == call_clock.IN_TURN:
-            asked[_batch(incident)] = None
+    asked = [_batch(incident) for incident in incidents if incident.name == call_clock.IN_TURN]
     for loop in loops:
         if _steps_s(loop) > LEAST_GAIN * loop.seconds:
-            asked[_no_timer(loop)] = None
-        for context in _contexts(loop, findings):
-            if context.remedy.trial is not None and _share(loop, context.calls) >= LEAST_GAIN:
-                asked[_question(context)] = None
-    return list(asked)
+            asked.append(_no_timer(loop))
+        asked += [
+            _question(context)
+            for context in _contexts(loop, findings)
+            if context.remedy.trial is not None and _share(loop, context.calls) >= LEAST_GAIN
+        ]
+    return list(dict.fromkeys(asked))
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]
             finding = _finding_of(remedy, place, loop, findings)
             repeats = count_of(calls) >= LEAST_REPEATS
             if finding is not None or (repeats and not remedy.needs_finding):
-                at = place if finding is None else _place(finding)
+                at = place if finding is None else Place(finding.file, finding.line, "")
                 nstep = sum(call.all_steps for call in steps_of(loop))
                 yield _Context(remedy, calls, at, finding, nstep)
 
@@ -109,11 +108,7 @@ def _finding_of(
 
 @dataclass(frozen=True)
 class _Saving:
-    """What a remedy saves: shares of the loop's time.
-
-    Attributes:
-      relative_error: standard error of the gain, over the gain; None where it was not measured.
-    """
+    """Shares of the loop's time; the error is over the gain, and None where it was not measured."""
 
     gain: float
     share: float
@@ -151,7 +146,6 @@ def of_calls(
 
 
 def _saving(loop: LoopTime, context: _Context, measured: MeasuredRatios) -> _Saving | None:
-    """Return what a remedy saves; None where that has to be measured, and could not be."""
     remedy, share = context.remedy, _share(loop, context.calls)
     if remedy.trial is None:
         if remedy.is_of_line:
@@ -254,10 +248,7 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
 
 
 def _gain_of_functions(loop: LoopTime, calls: Sequence[CallTime], ratio: TimeRatio) -> float:
-    """Return what other functions beside a step save.
-
-    The pair that was measured is a step with the call, and a step with the other functions.
-    """
+    """Return what other functions save; the pair has a step with the call, and with the others."""
     nstep = sum(call.all_steps for call in steps_of(loop))
     calls_s, steps_s = sum(call.seconds for call in calls), _steps_s(loop)
     pair_s = calls_s + count_of(calls) * (steps_s / nstep if nstep else 0.0)
@@ -292,7 +283,6 @@ def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:
 
 
 def _no_timer(loop: LoopTime) -> Question:
-    """Return the question about the timer, for as many steps a call as the loop takes."""
     steps = steps_of(loop)
     nstep = sum(call.all_steps for call in steps) / max(1.0, count_of(steps))
     return Question(Trial.NO_TIMER, steps=max(1, round(nstep)))
@@ -344,12 +334,6 @@ def _batch(incident: Incident) -> Question:
     return Question(Trial.BATCH, simulations=max(2, incident.count))
 
 
-def with_software_gl(remedy: Remedy) -> Remedy:
-    if remedy.activity != Activity.RENDERING:
-        return remedy
-    return replace(remedy, text=f"{remedy.text}; here the processor draws (software rendering)")
-
-
 def steps_of(loop: LoopTime) -> list[CallTime]:
     return [call for call in loop.calls if call.callee == "mj_step"]
 
@@ -360,7 +344,3 @@ def _steps_s(loop: LoopTime) -> float:
 
 def _share(loop: LoopTime, calls: Sequence[CallTime]) -> float:
     return min(1.0, sum(call.seconds for call in calls) / loop.seconds)
-
-
-def _place(finding: Finding) -> Place:
-    return Place(finding.file, finding.line, "")

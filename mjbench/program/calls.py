@@ -103,18 +103,21 @@ class CallTime:
         return self.callee in (call_clock.TRACE, call_clock.COMPILE, *call_clock.FAST_JAX)
 
     @property
+    def is_fast(self) -> bool:
+        """Whether it is timed only while steps are."""
+        fast = (*call_clock.FAST, *call_clock.FAST_JAX, *call_clock.STEPS)
+        return self.callee in fast or self.is_callback
+
+    @property
     def is_step(self) -> bool:
         return self.all_steps > 0 or self.callee == call_clock.EAGER_MJX
 
 
 @dataclass(frozen=True)
 class Incident:
-    """What only a run shows.
+    """What only a run shows: a warning of the engine such as BADQACC, or a name of `call_clock`.
 
-    Attributes:
-      name: of the engine's warning, such as BADQACC, or one of `call_clock`: SHARED_DATA, HALVES,
-        IN_TURN, SOFTWARE_GL, COPIED_ENVIRONMENT.
-      count: how often it was seen; of IN_TURN, how many simulations.
+    `count` says how often it was seen; of IN_TURN, how many simulations there are.
     """
 
     name: str
@@ -128,12 +131,7 @@ class Incident:
 
 @dataclass(frozen=True)
 class ProgramCalls:
-    """The calls of all processes of a program.
-
-    Attributes:
-      memory_growth_bytes: by how much the memory of the process that grew most has grown since
-        shortly after its first step; None where that is not known.
-    """
+    """The calls of all processes of a program; memory is that of the process that grew most."""
 
     calls: Sequence[CallTime] = ()
     incidents: Sequence[Incident] = ()
@@ -173,56 +171,46 @@ class _Slot:
 def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> ProgramCalls:
     raw = file.read_bytes()
     slots = [_Slot(*values) for values in call_clock.SLOT.iter_unpack(raw)]
-    sites = [json.loads(line) for line in _lines(file.with_suffix(".sites"))]
-    calls, slots_of_calls, incidents = [], [], []
-    for site in sites:
-        slot, stack = slots[site["slot"]], site["stack"]
-        place, *_ = _places(stack)
-        if site["callee"].startswith(call_clock.WARNING):
-            kind = int(site["callee"].split()[1])
-            incidents.append(Incident(warnings.get(kind, str(kind)), place, slot.calls))
-        elif site["callee"] in _FACTS:
-            incidents.append(Incident(site["callee"], place, slot.calls))
-        elif site["callee"] == call_clock.IN_TURN:
+    timed: list[tuple[CallTime, _Slot]] = []
+    incidents: list[Incident] = []
+    for site in map(json.loads, _lines(file.with_suffix(".sites"))):
+        slot, callee, places = slots[site["slot"]], site["callee"], _places(site["stack"])
+        if callee.startswith(call_clock.WARNING):
+            kind = int(callee.split()[1])
+            incidents.append(Incident(warnings.get(kind, str(kind)), places[0], slot.calls))
+        elif callee in _FACTS:
+            incidents.append(Incident(callee, places[0], slot.calls))
+        elif callee == call_clock.IN_TURN:
             simulations = round(slot.all_steps / max(1, slot.calls))
-            incidents.append(Incident(site["callee"], place, simulations))
+            incidents.append(Incident(callee, places[0], simulations))
         else:
-            call = _call_time(int(file.stem), site["callee"], site["thread"], slot, stack)
-            if site.get("detail"):
-                height, width, backend = site["detail"]
-                call = replace(call, frame=(int(height), int(width)), backend=str(backend))
-            calls.append(call)
-            slots_of_calls.append(slot)
-    estimated = _estimated(calls, slots_of_calls, header)
+            height, width, backend = site.get("detail") or (0, 0, "")
+            call = CallTime(
+                callee=callee,
+                pid=int(file.stem),
+                thread=site["thread"],
+                place=places[0],
+                loop=_loop(site["stack"]),
+                calls=slot.calls,
+                seconds=1e-9 * slot.ns,
+                first_ns=slot.first_ns,
+                last_ns=slot.last_ns,
+                steps=slot.steps,
+                all_steps=slot.all_steps,
+                frame=(int(height), int(width)) if site.get("detail") else None,
+                backend=str(backend),
+                lines=[place.position for place in places],
+            )
+            timed.append((call, slot))
     first_bytes, latest_bytes = call_clock.MEMORY.unpack_from(raw)
     growth = latest_bytes - first_bytes if first_bytes else None
-    return ProgramCalls(_without_callbacks(estimated), incidents, growth)
+    return ProgramCalls(_without_callbacks(_estimated(timed, header)), incidents, growth)
 
 
 def _lines(file: Path) -> list[str]:
     """Return the whole lines of a file; the last may have been cut short."""
     *whole, _ = file.read_text(encoding="utf-8").split("\n")
     return whole
-
-
-def _call_time(
-    pid: int, callee: str, thread: int, slot: _Slot, stack: Sequence[tuple[str, int, str]]
-) -> CallTime:
-    places = _places(stack)
-    return CallTime(
-        callee=callee,
-        pid=pid,
-        thread=thread,
-        place=places[0],
-        loop=_loop(stack),
-        calls=slot.calls,
-        seconds=1e-9 * slot.ns,
-        first_ns=slot.first_ns,
-        last_ns=slot.last_ns,
-        steps=slot.steps,
-        all_steps=slot.all_steps,
-        lines=[place.position for place in places],
-    )
 
 
 def _places(stack: Sequence[tuple[str, int, str]]) -> list[Place]:
@@ -240,24 +228,15 @@ def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
     return None
 
 
-def _estimated(
-    calls: Sequence[CallTime], slots: Sequence[_Slot], header: Header | None
-) -> list[CallTime]:
+def _estimated(timed: Sequence[tuple[CallTime, _Slot]], header: Header | None) -> list[CallTime]:
     """Return the calls with those between bursts, which take no longer than there was time."""
-    slots = _with_callbacks_between_bursts(calls, slots)
-    fast = [  # callbacks are parts of steps
-        slot
-        for call, slot in zip(calls, slots, strict=True)
-        if _is_fast(call.callee) and not call.is_callback
-    ]
+    timed = _with_callbacks_between_bursts(timed)
+    # callbacks are parts of steps
+    fast = [slot for call, slot in timed if call.is_fast and not call.is_callback]
     timed_calls = sum(slot.timed_calls for slot in fast)
     if header is None or not timed_calls:
-        return list(calls)
-    slow = [
-        slot
-        for call, slot in zip(calls, slots, strict=True)
-        if not _is_fast(call.callee) and slot.first_ns >= header.first_ns
-    ]
+        return [call for call, _ in timed]
+    slow = [slot for call, slot in timed if not call.is_fast and slot.first_ns >= header.first_ns]
     span_ns = max(slot.last_ns for slot in [*fast, *slow]) - header.first_ns
     rest_ns = span_ns - header.cost_ns - sum(slot.ns for slot in slow)
     # a few long calls among those that were timed do not make all of them longer than the time
@@ -271,47 +250,35 @@ def _estimated(
             all_steps=call.all_steps + slot.passed_steps,
             clock_s=1e-9 * header.cost_ns * slot.timed_calls / timed_calls,
         )
-        if _is_fast(call.callee)
+        if call.is_fast
         else call
-        for call, slot in zip(calls, slots, strict=True)
+        for call, slot in timed
     ]
 
 
 def _with_callbacks_between_bursts(
-    calls: Sequence[CallTime], slots: Sequence[_Slot]
-) -> list[_Slot]:
+    timed: Sequence[tuple[CallTime, _Slot]],
+) -> list[tuple[CallTime, _Slot]]:
     """Return the slots, where callbacks were called in steps between bursts as in those timed.
 
     Those steps are of the same loop and thread: another loop may have no callback, or be timed from
     end to end.
     """
-    timed, passed = Counter[_Runner](), Counter[_Runner]()
-    for call, slot in zip(calls, slots, strict=True):
+    in_bursts, passed = Counter[_Runner](), Counter[_Runner]()
+    for call, slot in timed:
         if call.callee in call_clock.STEPS:
-            timed[call.runner] += slot.timed_calls
+            in_bursts[call.runner] += slot.timed_calls
             passed[call.runner] += slot.passed_calls
 
     def estimated(call: CallTime, slot: _Slot) -> _Slot:
-        ratio = passed[call.runner] / max(1, timed[call.runner])
+        ratio = passed[call.runner] / max(1, in_bursts[call.runner])
         return replace(
             slot,
             passed_calls=round(ratio * slot.timed_calls),
             passed_ns=round(ratio * slot.timed_ns),
         )
 
-    return [
-        estimated(call, slot) if call.is_callback else slot
-        for call, slot in zip(calls, slots, strict=True)
-    ]
-
-
-def _is_fast(callee: str) -> bool:
-    """Return whether calls are timed only while steps are."""
-    return (
-        callee in (*call_clock.FAST, *call_clock.FAST_JAX)
-        or callee in call_clock.STEPS
-        or callee.startswith(call_clock.CALLBACK)
-    )
+    return [(call, estimated(call, slot) if call.is_callback else slot) for call, slot in timed]
 
 
 def _without_callbacks(calls: Sequence[CallTime]) -> list[CallTime]:

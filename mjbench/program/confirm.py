@@ -1,5 +1,6 @@
 """Measure what remedies save: run the program with and without each, in turns."""
 
+import functools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ _CHANGES = {
 
 # Runs a program once; returns its steps. Arguments: change, and the file to run in its place.
 Run = Callable[[str, Path | None], Sequence[StepTimes]]
-Advance = Callable[[int, str, float], None]
+Advance = Callable[[int, str], None]
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,9 @@ def confirm(
     """Return the remedies, with what those saved that can be applied without the user.
 
     Args:
-      advance: called before each run with the number of runs done, what runs, and a share of 0.
+      advance: called before each run with the number of runs done, and what runs.
     """
-
-    def run_program(change: str, source: Path | None) -> Sequence[StepTimes]:
-        return launch.time_steps(program, RUN_S, change, source)
-
+    run = run or functools.partial(launch.time_steps, program, RUN_S)
     with scratch.folder() as folder:
         original, fixed = _sources(program, folder)
         reruns = [_rerun(remedy, program, original, fixed) for remedy in remedies]
@@ -64,7 +62,7 @@ def confirm(
         distinct = list(dict.fromkeys([unchanged, *(rerun for rerun in reruns if rerun)]))
         if len(distinct) == 1:
             return list(remedies)
-        seconds = _seconds_per_step(distinct, run or run_program, advance)
+        seconds = _seconds_per_step(distinct, run, advance)
     return [
         remedy
         if rerun is None or not len(seconds[rerun]) == ROUNDS == len(seconds[unchanged])
@@ -75,11 +73,7 @@ def confirm(
 
 def most_runs(remedies: Sequence[Remedy]) -> int:
     """Return how often `confirm` runs a program, at most; copies that run at once count once."""
-    kinds = {
-        remedy.kind
-        for remedy in remedies
-        if remedy.kind in _CHANGES or remedy.kind == RemedyKind.COPIES
-    }
+    kinds = {remedy.kind for remedy in remedies} & {*_CHANGES, RemedyKind.COPIES}
     has_fixes = any(remedy.code and remedy.gain is not None for remedy in remedies)
     return ROUNDS * (1 + len(kinds) + has_fixes)
 
@@ -102,7 +96,7 @@ def _sources(program: Program, folder: Path) -> tuple[Path | None, Path | None]:
 def _rerun(
     remedy: Remedy, program: Program, original: Path | None, fixed: Path | None
 ) -> Rerun | None:
-    """Return how the program runs with a remedy; None where mjbench cannot apply it."""
+    """Return how to run with a remedy; None where mjbench cannot apply it."""
     if remedy.kind in _CHANGES:
         return Rerun(_CHANGES[remedy.kind], original)
     if remedy.kind == RemedyKind.COPIES:
@@ -120,7 +114,7 @@ def _seconds_per_step(
     for number in range(ROUNDS):
         # every other round goes backward: a drift of the machine favours none
         for i, rerun in enumerate(reruns if number % 2 == 0 else reruns[::-1]):
-            advance(number * len(reruns) + i, rerun.name, 0.0)
+            advance(number * len(reruns) + i, rerun.name)
             if len(seconds[rerun]) < number:
                 continue  # it has failed
             try:

@@ -56,19 +56,13 @@ class ThreadTime:
         return max(0.0, blocked_s / self.wall_s) if self.wall_s > 0 else 0.0
 
 
-@dataclass(frozen=True)
-class _Look:
-    time_s: float
-    processor_s: float
-    queued_s: float
-
-
 @dataclass
 class ThreadTimes:
     """Looks at the threads of a program from time to time; it costs the program nothing."""
 
-    _first: dict[tuple[int, int], _Look] = field(default_factory=dict)
-    _last: dict[tuple[int, int], _Look] = field(default_factory=dict)
+    # by process and thread: when it was, and the seconds that the thread ran and was queued
+    _first: dict[tuple[int, int], tuple[float, float, float]] = field(default_factory=dict)
+    _last: dict[tuple[int, int], tuple[float, float, float]] = field(default_factory=dict)
 
     def look(self, pids: Iterable[int], folder: Path = Path("/proc")) -> None:
         for pid in pids:
@@ -77,20 +71,15 @@ class ThreadTimes:
                     with contextlib.suppress(OSError, ValueError):
                         ran, queued, _ = map(int, (task / "schedstat").read_text().split())
                         key = pid, int(task.name)
-                        self._last[key] = _Look(time.monotonic(), 1e-9 * ran, 1e-9 * queued)
+                        self._last[key] = time.monotonic(), 1e-9 * ran, 1e-9 * queued
                         self._first.setdefault(key, self._last[key])
 
     def times(self) -> Sequence[ThreadTime]:
         return [
             ThreadTime(
-                pid,
-                tid,
-                last.time_s - first.time_s,
-                last.processor_s - first.processor_s,
-                last.queued_s - first.queued_s,
+                *key, *(end - begin for begin, end in zip(self._first[key], last, strict=True))
             )
-            for (pid, tid), last in self._last.items()
-            for first in [self._first[pid, tid]]
+            for key, last in self._last.items()
         ]
 
     def contending(self) -> int | None:
@@ -133,11 +122,7 @@ class GilWait:
 def gil_waits(
     times: Sequence[ThreadTime], threads: Sequence[ThreadSamples], holders: Holders | None
 ) -> list[GilWait]:
-    """Return the threads that wait for the GIL, those that wait longest first.
-
-    Args:
-      holders: None where no process has several busy threads.
-    """
+    """Return the threads that wait for the GIL, those that wait longest first."""
     if holders is None or not holders.samples:
         return []
     holders_by_tid = {each.thread.tid: each for each in holders.threads if each.stacks}
@@ -153,14 +138,11 @@ def gil_waits(
         most = max(others, key=lambda each: len(each.stacks))
         by_others = sum(len(each.stacks) for each in others) / holders.samples
         share = min(own_time.blocked_share - _waiting_share(thread), by_others)
-        if share >= LEAST_SHARE:
-            place = _place(most.stacks)
-            if place is not None:
-                holder_share = min(1.0, len(most.stacks) / holders.samples)
-                name = most.thread.name
-                waits.append(
-                    GilWait(thread.thread.name, own_time.pid, share, name, holder_share, place)
-                )
+        place = _place(most.stacks)
+        if share >= LEAST_SHARE and place is not None:
+            holder_share = min(1.0, len(most.stacks) / holders.samples)
+            name, holder = thread.thread.name, most.thread.name
+            waits.append(GilWait(name, own_time.pid, share, holder, holder_share, place))
     return sorted(waits, key=lambda wait: -wait.share)
 
 

@@ -13,8 +13,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
@@ -61,13 +61,10 @@ class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
-      paused_share: share of time for which the profiler stopped a process of the program, summed
-        over processes; None where that cannot be seen.
+      paused_share: as that of `records.ProgramRow`.
       problem: why there are no samples, in one line; empty where there are.
     """
 
-    exit_code: int
-    was_ended: bool
     wall_s: float
     pid: int
     threads: Sequence[ThreadSamples]
@@ -75,22 +72,14 @@ class ProgramObservation:
     rate_hz: int
     has_native: bool
     paused_share: float | None
+    exit_code: int = 0
+    was_ended: bool = False
     processor: ProcessorUse | None = None
     problem: str = ""
     calls: ProgramCalls = ProgramCalls()  # noqa: RUF009 - it is frozen
     models: Sequence[RecordedModel] = ()
     crash: Place | None = None
     gil_waits: Sequence[GilWait] = ()
-
-
-@dataclass
-class _Signals:
-    forward: Callable[[int], None] = field(default=lambda number: None)
-
-    def handle(self, number: int, frame: FrameType | None) -> None:
-        """Pass a signal on, unless the terminal has sent it to the program, too."""
-        if not (number == signal.SIGINT and _is_foreground()):
-            self.forward(number)
 
 
 def check(program: Program) -> None:
@@ -119,12 +108,49 @@ def run(
         it run.
     """
     with scratch.folder() as folder:
-        return _run(program, folder, seconds, sampling, most_s)
+        running: list[subprocess.Popen[bytes]] = []
+        with _passing_signals_to(running):
+            begin = ProcessorClock.now()
+            process = _start(program, folder)
+            running.append(process)
+            was_ended, first_ns = False, None
+            try:
+                profiling = _start_profiler(process, folder, sampling)
+                while process.poll() is None:
+                    time.sleep(_LOOK_S if profiling is None else profiling.look_s)
+                    first_ns = first_ns or _first_step_ns(folder)
+                    stepped_s = (time.perf_counter_ns() - first_ns) / 1e9 if first_ns else 0.0
+                    if profiling is not None:
+                        profiling.look()
+                        if stepped_s > _CALM_S:
+                            profiling.look_for_pause()
+                    has_stepped = seconds is not None and first_ns and stepped_s > seconds
+                    is_late = time.monotonic() - begin.time_s > most_s
+                    if not was_ended and (has_stepped or is_late):
+                        was_ended = True
+                        _end(process)
+            except BaseException:  # nobody would wait for it any more
+                _end(process)
+                raise
+        end, processor = ProcessorClock.now(), None
+        if profiling is not None:
+            processor = end.use(begin, profiling)
+            profiling.sampler.finish()
+        seen = _observation(folder, process.pid, sampling, profiling, begin.time_s, end.time_s)
+        code = process.returncode
+        return replace(
+            seen,
+            exit_code=code if code >= 0 else 128 - code,
+            was_ended=was_ended,
+            processor=processor,
+        )
 
 
 def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> ProgramObservation:
-    """Sample a program that runs already; InputError without such a process."""
-    if not _exists(pid):
+    """Sample a program that runs; InputError without such a process."""
+    import psutil
+
+    if not psutil.pid_exists(pid):
         raise InputError(f"--attach {pid}: no such process")
     with scratch.folder() as folder:
         begin_s = time.monotonic()
@@ -136,7 +162,7 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Pr
                 time.sleep(profiling.look_s)
         end_s = time.monotonic()
         profiling.sampler.stop()
-        return _observation(folder, pid, sampling, profiling, end_s - begin_s, end_s)
+        return _observation(folder, pid, sampling, profiling, begin_s, end_s)
 
 
 def _observation(
@@ -144,11 +170,8 @@ def _observation(
     pid: int,
     sampling: Sampling,
     profiling: Profiling | None,
-    wall_s: float,
+    begin_s: float,
     end_s: float,
-    exit_code: int = 0,
-    was_ended: bool = False,
-    processor: ProcessorUse | None = None,
 ) -> ProgramObservation:
     """Return what the profiler and the clocks have seen; there are no clocks in some programs."""
     waits: Sequence[GilWait] = ()
@@ -158,62 +181,18 @@ def _observation(
         threads, problem = profiling.samples(end_s)
         waits = gil_waits.gil_waits(profiling.thread_times.times(), threads, profiling.holders())
     return ProgramObservation(
-        exit_code=exit_code,
-        was_ended=was_ended,
-        wall_s=wall_s,
+        wall_s=end_s - begin_s,
         pid=pid,
         threads=threads,
         steps=step_times.read_all(folder),
         rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
         has_native=sampling.has_native,
         paused_share=None if profiling is None else profiling.paused_share,
-        processor=processor,
         problem=problem,
         calls=calls.read_all(folder, step_times.read_headers(folder)),
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
         gil_waits=waits,
-    )
-
-
-def _run(
-    program: Program, folder: Path, seconds: float | None, sampling: Sampling, most_s: float
-) -> ProgramObservation:
-    with _passing_on() as signals:
-        begin = ProcessorClock.now()
-        process = _start(program, folder)
-        signals.forward = process.send_signal
-        was_ended, first_ns = False, None
-        with _ended_on_error(process):
-            profiling = _start_profiler(process, folder, sampling)
-            while process.poll() is None:
-                time.sleep(_LOOK_S if profiling is None else profiling.look_s)
-                first_ns = first_ns or _first_step_ns(folder)
-                stepped_s = (time.perf_counter_ns() - first_ns) / 1e9 if first_ns else 0.0
-                if profiling is not None:
-                    profiling.look()
-                    if stepped_s > _CALM_S:
-                        profiling.look_for_pause()
-                has_stepped = seconds is not None and first_ns and stepped_s > seconds
-                is_late = time.monotonic() - begin.time_s > most_s
-                if not was_ended and (has_stepped or is_late):
-                    was_ended = True
-                    _end(process)
-    end = ProcessorClock.now()
-    processor = None
-    if profiling is not None:
-        processor = end.use(begin, profiling)
-        profiling.sampler.finish()
-    return _observation(
-        folder,
-        process.pid,
-        sampling,
-        profiling,
-        end.time_s - begin.time_s,
-        end.time_s,
-        _exit_code(process.returncode),
-        was_ended,
-        processor,
     )
 
 
@@ -231,9 +210,7 @@ def _crash(folder: Path) -> Place | None:
 def time_steps(
     program: Program, seconds: float, change: str = "", source: Path | None = None
 ) -> list[StepTimes]:
-    """Run a program again without the profiler; return the steps of its processes.
-
-    Its output goes nowhere, and it has no input.
+    """Run a program again without the profiler, input and output; return its processes' steps.
 
     Args:
       change: that the step clock applies: `step_clock.NO_ENGINE_CLOCK` or `NO_COLLECTION`.
@@ -303,10 +280,10 @@ def _first_step_ns(folder: Path) -> int | None:
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
     """End the program and what it started as Ctrl-C does; by force where that does not do."""
-    for number, seconds in ((signal.SIGINT, _END_S), (signal.SIGTERM, _END_S)):
+    for number in (signal.SIGINT, signal.SIGTERM):
         _send(process, number)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(seconds)
+            process.wait(_END_S)
             return
     _kill(process)
 
@@ -329,43 +306,28 @@ def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
 
 
 @contextlib.contextmanager
-def _ended_on_error(process: "subprocess.Popen[bytes]") -> Iterator[None]:
-    """End the program where the block fails: nobody would wait for it any more."""
-    try:
-        yield
-    except BaseException:
-        _end(process)
-        raise
+def _passing_signals_to(running: "Sequence[subprocess.Popen[bytes]]") -> Iterator[None]:
+    """While the block runs, signals are the programs': mjbench passes them on."""
 
+    def handle(number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGINT and _is_foreground():
+            return  # the terminal has sent it to the program, too
+        for process in running:
+            process.send_signal(number)
 
-@contextlib.contextmanager
-def _passing_on() -> Iterator[_Signals]:
-    """While the block runs, signals are the program's: mjbench passes them on."""
-    signals = _Signals()
-    numbers = [number for name in _SIGNALS if (number := getattr(signal, name, None)) is not None]
+    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
     earlier = {number: signal.getsignal(number) for number in numbers}
     try:
-        for number in numbers:
-            if earlier[number] != signal.SIG_IGN:
-                signal.signal(number, signals.handle)
-        yield signals
+        for number, handler in earlier.items():
+            if handler != signal.SIG_IGN:
+                signal.signal(number, handle)
+        yield
     finally:
         for number, handler in earlier.items():
             signal.signal(number, handler)
 
 
 def _is_foreground() -> bool:
-    """Return whether a terminal sends Ctrl-C to this process and to the program alike."""
     with contextlib.suppress(OSError), open("/dev/tty", "rb", buffering=0) as terminal:  # noqa: PTH123
         return os.tcgetpgrp(terminal.fileno()) == os.getpgrp()
     return False
-
-
-def _exists(pid: int) -> bool:
-    import psutil
-
-    return psutil.pid_exists(pid)
-
-
-def _exit_code(returncode: int) -> int:
-    return returncode if returncode >= 0 else 128 - returncode

@@ -4,6 +4,7 @@ The program's own model is stepped from states that the program was in, in a chi
 """
 
 import enum
+import math
 import statistics
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -96,7 +97,6 @@ class PhysicsCost:
 
     @property
     def main_cost(self) -> Cost | None:
-        """What costs most in that stage; None where the stage has no notable parts."""
         kinds = {"sensors": (CostKind.SENSORS,), "collision": (CostKind.PAIR, CostKind.TYPES)}.get(
             self.main_stage[0], ()
         )
@@ -104,11 +104,7 @@ class PhysicsCost:
 
 
 def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> PhysicsCost | None:
-    """Return what costs in steps of a program; None where its models cannot be stepped here.
-
-    Args:
-      stages: shares of a step that were timed in the program; empty where none were.
-    """
+    """Return what costs in steps; None where no model can be stepped here."""
     model = loadable(models)
     if model is None:
         return None
@@ -156,7 +152,11 @@ def _pairs(
             types = " and ".join(sorted(_type_name(model, geom) for geom in (first, second)))
             groups[types, Nearness(each)].append((int(first), int(second)))
     affordable = int(BUDGET_S / LEAST_ROUNDS / (BLOCK_S + 2 * step_s))
-    spread_pairs = [pair for group in groups.values() for pair in _spread_pairs(group)]
+    spread_pairs = [
+        pair
+        for group in groups.values()
+        for pair in group[:: math.ceil(len(group) / PAIRS_OF_GROUP)]
+    ]
     timed = spread_pairs[: min(MOST_PAIRS, max(1, affordable))]
     if not timed:
         return
@@ -219,10 +219,6 @@ def _nearness(model: mujoco.MjModel, states: np.ndarray, pairs: np.ndarray) -> n
         touches = [tuple(sorted(map(int, pair))) in touching for pair in pairs]
         nearness = np.maximum(nearness, np.where(touches, Nearness.TOUCHING, is_near))
     return nearness
-
-
-def _spread_pairs(pairs: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
-    return pairs[:: -(-len(pairs) // PAIRS_OF_GROUP)]
 
 
 def _type_name(model: mujoco.MjModel, geom: int) -> str:

@@ -97,11 +97,10 @@ class Profiling:
 
     Attributes:
       has_adapted: whether the rate was compared with what samples cost.
-      paused: how often the profiler had stopped it, or one of its child processes, then.
-      begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
-        before that.
-      holding: the profiler of threads that hold the GIL; None where no process has several busy
-        threads.
+      looks, paused: how often it was seen whether the program is stopped, and how often it or one
+        of its child processes was.
+      begin_s: when the profiler began to take samples, on the clock of `time.monotonic`.
+      holding: the profiler of threads that hold the GIL, if a process has several busy threads.
     """
 
     pid: int
@@ -137,7 +136,9 @@ class Profiling:
     def look(self) -> None:
         """See whether the profiler has begun, and whether there are many processes by now."""
         if self.looks_listed % LOOKS_PER_LIST == 0:
-            self.children = _children(self.folder, self.pid)
+            # the processes whose step clock has begun, but the first
+            pids = {int(file.stem) for file in self.folder.glob("*.steps")}
+            self.children = sorted(pids - {self.pid})
             self.thread_times.look((self.pid, *self.children))
             self._look_for_holders()
         self.looks_listed += 1
@@ -180,13 +181,10 @@ class Profiling:
         self.looks += 1
         self.paused += states.count(_TRACED)
         if self.adapts and self.looks == LOOKS_TO_ADAPT:
-            self._adapt()
-
-    def _adapt(self) -> None:
-        self.has_adapted = True
-        share = self.paused / self.looks
-        if share > MAX_PAUSED_SHARE and self.sampler.is_running:
-            self._restart(max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share)))
+            self.has_adapted = True
+            share = self.paused / self.looks
+            if share > MAX_PAUSED_SHARE and self.sampler.is_running:
+                self._restart(max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share)))
 
     def _restart(self, rate_hz: int) -> None:
         """Start the profiler again; what it has seen is not lost."""
@@ -246,12 +244,6 @@ class _Holding:
             of_process = [each for each in seen if each.thread.pid == self.pid]
             return Holders(self.pid, of_process, round(seconds * HOLDERS_RATE_HZ))
         return None
-
-
-def _children(folder: Path, pid: int) -> list[int]:
-    """Return the processes whose step clock has begun, but the first."""
-    stems = (file.stem for file in folder.glob("*.steps"))
-    return [int(stem) for stem in stems if stem != str(pid)]
 
 
 def process_state(pid: int) -> bytes | None:

@@ -42,19 +42,6 @@ class LoopReport:
     remedies: Sequence[Remedy]
 
 
-def _physics(observation: ProgramObservation) -> PhysicsCost | None:
-    most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
-    return physics_cost.measure(
-        observation.models, next((each.stages for each in most if each.stages), {})
-    )
-
-
-def _own_files(times: Sequence[LoopTime], observation: ProgramObservation) -> list[str]:
-    files = {file for time in times for file in time.own_files}
-    files |= {call.place.file for call in observation.calls.calls}
-    return sorted(file for file in files if not activities.package_of(file))
-
-
 def others_busy_s(
     time: LoopTime, calls: Sequence[CallTime], of_main: Collection[SourceLoop]
 ) -> float:
@@ -133,19 +120,37 @@ class ProgramRow:
     @classmethod
     def of(cls, name: str, observation: ProgramObservation) -> "ProgramRow":
         steps = [step for step in observation.steps if step.step is not None]
-        pids = {step.pid for step in steps}
-        collections_s = {step.pid: step.collections_s for step in steps}
+        calls, incidents = observation.calls.calls, observation.calls.incidents
         times = attribution.loop_times(
-            observation.threads, observation.pid, pids, observation.calls.calls, collections_s
+            observation.threads,
+            observation.pid,
+            {step.pid for step in steps},
+            calls,
+            {step.pid: step.collections_s for step in steps},
         )
-        files = _own_files(times, observation)
+        of_main = {time.loop for time in times if time.in_main}
+        in_loops = {file for time in times for file in time.own_files}
+        files = sorted(
+            file
+            for file in in_loops | {call.place.file for call in calls}
+            if not activities.package_of(file)
+        )
         findings = remedies.findings_of(files)
         asked = [
-            *call_remedies.questions(times, findings, observation.calls.incidents),
+            *call_remedies.questions(times, findings, incidents),
             *remedies.questions_of_lines(times, findings),
         ]
         measured = replacements.measure(observation.models, list(dict.fromkeys(asked)))
-        runs_jax = any(call.is_of_jax for call in observation.calls.calls)
+        physics = None
+        if times and times[0].is_mostly_physics:
+            most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
+            stages = next((each.stages for each in most if each.stages), {})
+            physics = physics_cost.measure(observation.models, stages)
+        loops = []
+        for time in times:
+            busy_s = others_busy_s(time, calls, of_main)
+            listed = remedies.remedies(time, findings, measured, incidents, busy_s)
+            loops.append(LoopReport(time, listed))
         return cls(
             program=name,
             status=Status.UNAVAILABLE if observation.problem and not times else Status.OK,
@@ -156,23 +161,7 @@ class ProgramRow:
             rate_hz=observation.rate_hz,
             samples=sum(len(thread.stacks) for thread in observation.threads),
             paused_share=observation.paused_share,
-            loops=[
-                LoopReport(
-                    time,
-                    remedies.remedies(
-                        time,
-                        findings,
-                        measured,
-                        observation.calls.incidents,
-                        others_busy_s(
-                            time,
-                            observation.calls.calls,
-                            {each.loop for each in times if each.in_main},
-                        ),
-                    ),
-                )
-                for time in times
-            ],
+            loops=loops,
             steps=steps,
             wrong=wrong_results.wrong_results(
                 findings, observation.calls, files, measured.computes_forces
@@ -181,15 +170,11 @@ class ProgramRow:
             processor=observation.processor,
             memory_growth_bytes=observation.calls.memory_growth_bytes,
             crash=observation.crash,
-            gil_waits=() if runs_jax else observation.gil_waits,
+            gil_waits=() if any(call.is_of_jax for call in calls) else observation.gil_waits,
             outside_loops=attribution.outside_loops(
-                observation.threads,
-                observation.pid,
-                times,
-                observation.wall_s,
-                observation.calls.calls,
+                observation.threads, observation.pid, times, observation.wall_s, calls
             ),
-            physics=_physics(observation) if times and times[0].is_mostly_physics else None,
+            physics=physics,
         )
 
     def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":

@@ -4,6 +4,7 @@ What is known of calls that were timed comes from `call_remedies`. Other lines a
 samples, and their share is an upper bound.
 """
 
+import contextlib
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ from mjbench.program import call_remedies
 from mjbench.program.activities import STANDARD_LIBRARY, WAITING, Activity, Place
 from mjbench.program.calls import Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
+from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, shares_of
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.remedy_table import LINE_REMEDIES, LineRemedy
 from mjbench.program.replacements import MeasuredRatios
@@ -81,7 +82,12 @@ def remedies(
         *call_remedies.of_turns(loop, known, incidents),
     ]
     if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
-        listed = [call_remedies.with_software_gl(remedy) for remedy in listed]
+        listed = [
+            replace(each, text=f"{each.text}; here the processor draws (software rendering)")
+            if each.activity == Activity.RENDERING
+            else each
+            for each in listed
+        ]
     worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
     return sorted(worthwhile, key=lambda remedy: remedy.rank)
 
@@ -90,10 +96,8 @@ def findings_of(files: Sequence[str]) -> list[Finding]:
     """Return lint's findings in files; those that cannot be checked have none."""
     findings: list[Finding] = []
     for file in files:
-        try:
+        with contextlib.suppress(InputError):
             findings += lint.check(file)
-        except InputError:
-            continue
     return findings
 
 
@@ -122,12 +126,12 @@ def _savings(
     whole = (loop.activities.keys() & _ADVICE.keys()) - _OF_LINES
     if any(remedy.activity == Activity.STARTING for remedy in of_calls):
         whole -= {Activity.PROCESSES}  # the loop also waits for processes to begin
-    if _has_building(loop):
+    if (building := _of_building(loop)) is not None:
         # a model that is built is compiled, too, and has an MjData of its own
         of_model = {Activity.LOADING, Activity.COPYING}
         of_calls = [remedy for remedy in of_calls if remedy.activity not in of_model]
         whole -= of_model
-        yield _of_building(loop)
+        yield building
     yield from of_calls
     yield from call_remedies.of_steps(loop, measured)
     if loop.samples < FEW_SAMPLES:
@@ -183,22 +187,19 @@ def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
     most = max(lines, key=lambda line: line.activities[activity], default=None)
     is_collection = activity == Activity.COLLECTION
     kind = RemedyKind.COLLECTION if is_collection else RemedyKind.ACTIVITY
-    place = None if most is None else most.place
+    place = most.place if most else None
     return _remedy(loop, kind, activity, place, _ADVICE[activity], loop.activities[activity])
 
 
-def _has_building(loop: LoopTime) -> bool:
-    """Return whether samples show more of the models that are built than the calls that load."""
-    if loop.building is None or loop.samples < FEW_SAMPLES:
-        return False
-    loading = [call for call in loop.calls if call.activity == Activity.LOADING]
-    is_call = any(call.place.position == loop.building.place.position for call in loading)
-    return not is_call or loop.building.activities.get(Activity.BUILDING, 0.0) >= LEAST_GAIN
-
-
-def _of_building(loop: LoopTime) -> Remedy:
+def _of_building(loop: LoopTime) -> Remedy | None:
+    """Return what to do where samples show more of models that are built than calls that load."""
     line = loop.building
-    assert line is not None, "models are built"
+    if line is None or loop.samples < FEW_SAMPLES:
+        return None
+    loading = [call for call in loop.calls if call.activity == Activity.LOADING]
+    is_call = any(call.place.position == line.place.position for call in loading)
+    if is_call and line.activities.get(Activity.BUILDING, 0.0) < LEAST_GAIN:
+        return None
     kind, activity = RemedyKind.ACTIVITY, Activity.BUILDING
     return _remedy(loop, kind, activity, line.place, _BUILDING_ADVICE, line.share)
 
@@ -212,10 +213,7 @@ def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:
 
 
 def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
-    """Return whether no line of a function stands out, so that the function is named as a whole.
-
-    The lines of the loop itself are always named.
-    """
+    """Return whether no line stands out; the lines of the loop itself are always named."""
     is_loop = any(loop.loop.holds(line.place.position) for line in lines)
     return not is_loop and _avoidable(lines[0]) < sum(map(_avoidable, lines)) / 2
 
@@ -225,12 +223,8 @@ def _avoidable(line: LineTime) -> float:
 
 
 def _main_cost(lines: Sequence[LineTime]) -> Activity:
-    total: dict[Activity, float] = defaultdict(float)
-    for line in lines:
-        for activity, share in line.activities.items():
-            if activity in _OF_LINES:
-                total[activity] += share
-    return max(total, key=lambda activity: total[activity], default=Activity.PYTHON)
+    parts = (part for line in lines for part in line.activities.items() if part[0] in _OF_LINES)
+    return next(iter(shares_of(parts, 1.0)), Activity.PYTHON)
 
 
 def _of_line(
@@ -294,7 +288,9 @@ def _gain_of_line(
     Where a loop within a step runs the line, only its samples say how often it runs. They say
     nothing of an array that is a part of what the line computes: None.
     """
-    is_part = remedy.code == NEW_ARRAY and not _only_creates(line.place.text)
+    text = line.place.text
+    only_creates = " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
+    is_part = remedy.code == NEW_ARRAY and not only_creates
     ratio = None if remedy.trial is None else measured.ratios.get(Question(remedy.trial))
     nstep = sum(call.calls for call in call_remedies.steps_of(loop))
     if ratio is None:
@@ -305,10 +301,6 @@ def _gain_of_line(
         return None if is_part else (gain, Basis.PAIRED, gain * ratio.relative_error)
     gain = min(share, count * ratio.certainly_saved_s * nstep / loop.seconds)
     return gain, Basis.PAIRED, gain * ratio.relative_error
-
-
-def _only_creates(text: str) -> bool:
-    return " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:

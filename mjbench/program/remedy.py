@@ -18,13 +18,10 @@ class RemedyKind(enum.StrEnum):
     CALL = "call"
     """A call of MuJoCo or JAX."""
     LINE = "line"
-    """A line of the user's code."""
     CLOCK = "package's timer"
     """A step reads the timer of MuJoCo's Python package."""
     COLLECTION = "garbage collection"
-    """Python's garbage collector."""
     ACTIVITY = "activity"
-    """An activity as a whole."""
     COPIES = "copies"
     """How many copies of the program run at once; not listed before it is measured."""
 

@@ -24,9 +24,8 @@ class CallRemedy:
     """What to do about calls of some functions in a loop.
 
     Attributes:
-      text: what to do; `{count}` stands for the number of calls.
+      text: `{count}` stands for the number of calls; a finding's own message is shown instead.
       trial: that measures what replaces the call; None where nothing does.
-      codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
       is_bound: whether the same has to be computed elsewhere, so that less is saved.
       overlaps: whether the rest of the loop could run meanwhile: no more than that rest is saved.
@@ -50,7 +49,6 @@ class CallRemedy:
 
 
 def _is_of_stepped_data(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    """Return whether mj_step is called as often, with the same arguments."""
     arguments = _ARGUMENTS.search(calls[0].place.text)
     steps = [each for each in of_loop if each.callee == "mj_step"]
     of_same = [each for each in steps if arguments and f"({arguments[1]}" in each.place.text]
@@ -229,12 +227,7 @@ CALL_REMEDIES = (
 
 @dataclass(frozen=True)
 class LineRemedy:
-    """What to do about a line that samples show.
-
-    Attributes:
-      code: of lint's rule that finds it; "" where the text alone tells.
-      trial: that measures what is saved; None where the line's share bounds it.
-    """
+    """What to do about a line that samples show, by lint's rule `code` or by its text alone."""
 
     line: re.Pattern[str]
     text: str

@@ -34,10 +34,9 @@ LAUNCHES_OF_THREADS, BLOCK_OF_THREADS_S = 5, 0.02
 
 @dataclass(frozen=True)
 class TimeRatio:
-    """The time of what mjbench suggests, over that of what the program does.
+    """The time of what mjbench suggests, over that of what the program does, with a 95 % interval.
 
     Attributes:
-      low, high: its 95 % interval; of several processes, from the lowest end to the highest.
       saved_s: seconds that are saved each time, by the medians.
       created_share: share of the time of what the program does in which it creates an object:
         calls that are timed in the program hold that alone.
@@ -56,23 +55,16 @@ class TimeRatio:
 
     @property
     def relative_error(self) -> float:
-        """The standard error of the share that is saved, over that share."""
         return (self.high - self.low) / 4 / (1 - self.estimate) if self.saved else 0.0
 
     @property
     def certainly_saved_s(self) -> float:
-        """The seconds that are saved each time; 0 where that may be chance."""
         return self.saved_s if self.saved else 0.0
 
 
 @dataclass(frozen=True)
 class MeasuredRatios:
-    """What was measured on the program's own model.
-
-    Attributes:
-      computes_forces: whether a step of the model computes `cfrc_ext`, `cfrc_int` and `cacc`; None
-        where that is not known.
-    """
+    """What was measured, and whether a step computes `cfrc_ext`, `cfrc_int` and `cacc`."""
 
     ratios: Mapping[Question, TimeRatio]
     computes_forces: bool | None = None

@@ -45,7 +45,6 @@ class Sampler:
         return self.log.stat().st_size > 0
 
     def cpu_s(self) -> float:
-        """Return the processor seconds of the profiler so far; 0 where they cannot be seen."""
         import psutil
 
         with contextlib.suppress(psutil.Error):
@@ -56,7 +55,11 @@ class Sampler:
     def stop(self) -> None:
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(signal.SIGINT)
-        self._wait()
+        try:
+            self.process.wait(WRITING_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
 
     def finish(self) -> None:
         """Wait until the profiler has written its file; stop one that outlives the program."""
@@ -64,13 +67,6 @@ class Sampler:
             self.process.wait(ENDING_S)
         except subprocess.TimeoutExpired:
             self.stop()
-
-    def _wait(self) -> None:
-        try:
-            self.process.wait(WRITING_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
 
     def problem(self) -> str:
         text = self.log.read_text(encoding="utf-8", errors="replace")
@@ -84,7 +80,7 @@ class Sampler:
 
 
 def program() -> str:
-    """Return the path of the profiler; UnavailableError where it is not installed."""
+    """Return the path of the profiler; UnavailableError without one."""
     beside = Path(sysconfig.get_path("scripts")) / ("py-spy.exe" if os.name == "nt" else "py-spy")
     path = str(beside) if beside.is_file() else shutil.which("py-spy")
     if path is None:
@@ -106,13 +102,7 @@ def start(
     seconds: float | None = None,
     of_holders: bool = False,
 ) -> Sampler:
-    """Sample a process and those that it starts, until it ends or `Sampler.stop`.
-
-    Args:
-      has_native: whether stacks of libraries are read, too, where this platform can; each sample
-        then stops the program for a moment.
-      of_holders: whether only the thread that holds the GIL is sampled.
-    """
+    """Sample a process and those that it starts, until it ends or `Sampler.stop`."""
     name = "holders" if of_holders else "sampler"
     file, log = folder / f"{name}.json", folder / f"{name}.log"
     command = [program(), "record", "--pid", str(pid), "--rate", str(rate_hz)]

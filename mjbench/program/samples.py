@@ -19,11 +19,7 @@ _COMPILED = (".c", ".cc", ".cpp", ".cxx", ".h", ".hpp", ".pyx", ".rs", ".S")
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of a stack.
-
-    Attributes:
-      line: from 1; 0 in a library.
-    """
+    """One frame of a stack; lines count from 1, and a library has line 0."""
 
     function: str
     file: str
@@ -37,7 +33,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Thread:
-    """A thread of the program."""
+    """A thread of one process."""
 
     pid: int
     tid: int

@@ -88,15 +88,12 @@ def _outermost(scope: ast.AST) -> list[ast.stmt | ast.expr]:
     for node in ast.iter_child_nodes(scope):
         if isinstance(node, _LOOPS):
             loops.append(node)
-            loops += [inner for function in _functions(node) for inner in _outermost(function)]
+            # lines of functions that are defined inside a loop run when they are called
+            functions = [each for each in ast.walk(node) if isinstance(each, _FUNCTIONS)]
+            loops += [inner for function in functions for inner in _outermost(function)]
         else:
             loops += _outermost(node)
     return loops
-
-
-def _functions(loop: ast.AST) -> list[ast.AST]:
-    """Return the functions that are defined inside a loop: their lines run when they are called."""
-    return [node for node in ast.walk(loop) if isinstance(node, _FUNCTIONS)]
 
 
 @cache
@@ -110,7 +107,6 @@ def _tree(file: str) -> ast.Module:
 
 @cache
 def _text(file: str) -> str:
-    """Return a file's text; nothing where it cannot be read."""
     try:
         with tokenize.open(file) as stream:
             text = stream.read(_MAX_BYTES + 1)

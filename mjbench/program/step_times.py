@@ -29,9 +29,7 @@ class Header:
     Attributes:
       first_ns: when the first call began, on the clock of `time.perf_counter_ns`; 0 before it.
       was_away: 1 if calls were made while the clock was away; they are not counted.
-      cost_ns: what the clock cost the program, as calibrated.
-      timed_ns: what it cost for each call that has a record.
-      process_ns: when the process began, on the same clock.
+      cost_ns, timed_ns: what the clock cost the program, as calibrated, and for each timed call.
     """
 
     pid: int
@@ -149,12 +147,8 @@ def read(file: Path, timers: Mapping[str, int]) -> StepTimes:
     header = Header(*step_file.HEADER.unpack_from(head, 0))
     seconds = step_file.TIMERS.unpack_from(head, step_file.HEADER.size)
     stored = np.memmap(file, dtype=_RECORDS, mode="r", offset=step_file.FIRST_RECORD)
-    return step_times(header, np.array(stored[: _used(stored)]), seconds, timers)
-
-
-def _used(records: np.ndarray) -> int:
-    """Return how many records were written: the rest of the file is zeros."""
-    return int(np.searchsorted(records["kind"] == 0, True))
+    used = int(np.searchsorted(stored["kind"] == 0, True))  # the rest of the file is zeros
+    return step_times(header, np.array(stored[:used]), seconds, timers)
 
 
 def step_times(

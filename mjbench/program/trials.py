@@ -25,7 +25,6 @@ class Trial(enum.StrEnum):
     INVERSE = "inverse dynamics in a step"
     """`mj_inverse` and `mj_step`, and `mj_inverseSkip` between the halves of the step."""
     UNCENTERED = "one-sided differences"
-    """`mjd_transitionFD` with differences on both sides, and on one."""
     NEW_DATA_OR_RESET = "mj_resetData"
     """`MjData(model)` with steps, which new memory costs, too, and `mj_resetData` with steps."""
     NEW_DATA_OR_COPY = "mj_copyData"
@@ -35,19 +34,12 @@ class Trial(enum.StrEnum):
     DEEP_COPY_OR_COPY = "mj_copyData in place of deepcopy"
     """Likewise, with `copy.deepcopy(data)`, which copies the model, too."""
     ONE_CALL = "nstep"
-    """Ten calls of `mj_step`, and one with `nstep=10`."""
     NO_TIMER = "no timer"
-    """`mj_step` with the timer of MuJoCo's Python package, and without."""
     NAMED_ACCESS = "hoisted accessor"
-    """An element looked up by its name, and an attribute of one that was looked up before."""
     NEW_ARRAY = "array that stays"
-    """`np.zeros(model.nv)`, and zeros written into an array that stays."""
     CONCATENATION = "slices of an array that stays"
-    """`np.concatenate` of positions and velocities, and both written into slices."""
     CONTACTS = "arrays of contacts"
-    """A loop over `data.contact`, and arrays of all contacts."""
     RAYS = "mj_multiRay"
-    """Rays by `mj_ray`, and by one `mj_multiRay`."""
     POOL = "pool of threads"
     """`mujoco.rollout.rollout` with its own threads, and `Rollout`, which keeps them."""
     MORE_THREADS = "rollout on threads"
@@ -57,9 +49,7 @@ class Trial(enum.StrEnum):
     BATCH_OR_ROLLOUT = "Batch in place of rollout"
     """`Rollout` with its pool, and `mujoco.batch.Batch`, which has no states to copy."""
     BATCH = "Batch"
-    """`mj_step` of several simulations in turn, and `mujoco.batch.Batch`."""
     RENDERER = "one Renderer"
-    """A frame by a `Renderer` of its own, and by one that stays."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +60,7 @@ class Question:
       simulations: in turn or at once; rays, for `Trial.RAYS`.
       steps: of each simulation, for trials of rollout; after each new MjData; of each call, for
         `Trial.NO_TIMER`; before the functions of `Trial.FUNCTIONS`.
-      frame: height and width in pixels, for `Trial.RENDERER`.
-      backend: `MUJOCO_GL` of the program, for `Trial.RENDERER`.
+      frame, backend: height and width in pixels, and `MUJOCO_GL`, for `Trial.RENDERER`.
     """
 
     trial: Trial
@@ -87,8 +76,7 @@ class Way:
     """One way of doing something.
 
     Attributes:
-      create: creates an object for `use`, which together do what `run` does; None if it needs none.
-      use: does the rest with the object, which the caller frees.
+      create, use: create an object, and do the rest of `run` with it, if it needs one.
       has_timer: whether steps read the timer of MuJoCo's Python package.
       prepare: takes over a state, before it is timed.
     """

@@ -41,31 +41,18 @@ def wrong_results(
     files: Sequence[str] = (),
     computes_forces: bool | None = None,
 ) -> list[Remedy]:
-    """Return what makes a program's results wrong, whatever it costs.
-
-    Args:
-      computes_forces: whether a step of its model computes what `_FORCES` names; None if unknown.
-    """
+    """Return what makes results wrong; `computes_forces` is whether a step computes `_FORCES`."""
     listed = list(_unfilled(calls, files) if computes_forces is False else ())
-    for incident in calls.incidents:
-        if not incident.is_wrong:
-            continue
-        if incident.name in _FACTS:
-            text = _FACTS[incident.name]
-        else:
-            meaning = _WARNINGS.get(incident.name, "the engine warned")
-            times = "once" if incident.count == 1 else f"{incident.count:,} times"
-            text = f"{meaning} ({times}, warning {incident.name})"
-        listed.append(_wrong(incident.place, text))
+    for incident in filter(lambda each: each.is_wrong, calls.incidents):
+        meaning = _WARNINGS.get(incident.name, "the engine warned")
+        times = "once" if incident.count == 1 else f"{incident.count:,} times"
+        warning = f"{meaning} ({times}, warning {incident.name})"
+        listed.append(_wrong(incident.place, _FACTS.get(incident.name, warning)))
     halves = {i.place.file for i in calls.incidents if i.name == call_clock.HALVES}
     for finding in findings:
-        if not finding.is_wrong_result or (finding.code == "MJB008" and finding.file in halves):
-            continue
-        listed.append(
-            replace(
-                _wrong(Place(finding.file, finding.line, ""), finding.message), code=finding.code
-            )
-        )
+        if finding.is_wrong_result and not (finding.code == "MJB008" and finding.file in halves):
+            place = Place(finding.file, finding.line, "")
+            listed.append(replace(_wrong(place, finding.message), code=finding.code))
     return list(dict.fromkeys(listed))  # one line may have several, all with one remedy
 
 

@@ -266,10 +266,6 @@ class CallClock:
             self.is_own[file] = own
         return own
 
-    def count_as_own(self, file: str, is_own: bool) -> None:
-        """Let a file count as the user's, while the cost of a call is measured."""
-        self.is_own[file] = is_own
-
     def slow(
         self,
         function: Any,
@@ -327,7 +323,6 @@ class CallClock:
 
 
 def _begins_process(frame: FrameType) -> bool:
-    """Return whether what is below a frame on the stack belongs to the process's parent."""
     code = frame.f_code
     return code.co_name == _PROCESS_FUNCTION and code.co_filename.endswith(_PROCESS_MODULE)
 

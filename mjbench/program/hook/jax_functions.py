@@ -166,7 +166,7 @@ class JaxFunctions:
 
     def _calibrate(self) -> None:
         calls = CallClock(os.devnull, self._now_ns)
-        calls.count_as_own(__file__, True)
+        calls.is_own[__file__] = True
         scratch = JaxFunctions(calls, self._now_ns, lambda: 0)
 
         def nothing() -> None:

@@ -10,7 +10,6 @@ from typing import Any
 
 
 def named_like(function: Any, replacement: Any) -> Any:
-    """Return a replacement with the name and documentation of what it stands for."""
     for name in ("__name__", "__qualname__", "__doc__", "__module__"):
         value = getattr(function, name, None)
         if value is not None:
@@ -72,7 +71,6 @@ def _call_after(
     name: str,
     actions: dict[str, Callable[[ModuleType], None]],
 ) -> None:
-    """Let the loader of a module call its function once the module was executed."""
     loader = spec.loader
     execute = getattr(loader, "exec_module", None)
     if execute is None:

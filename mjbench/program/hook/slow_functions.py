@@ -91,7 +91,7 @@ class SlowFunctions:
         return named_like(setter, set_callback)
 
     def _getting(self, getter: Any) -> Any:
-        """Return what stands for a function that returns a callback: it returns the program's."""
+        """Return what stands for a getter of a callback: it returns the program's."""
 
         def get_callback() -> Any:
             function = getter()
@@ -185,7 +185,6 @@ def _argument(args: Sequence[Any], kwargs: Mapping[str, Any], place: int, name: 
 
 
 def _rollout_steps(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) -> tuple[int, int]:
-    """Return the steps of one simulation and of all, from the states that rollout returns."""
     shape = result[0].shape
     nstep = int(shape[-2])
     return nstep, nstep * int(shape[0] if len(shape) == 3 else 1)

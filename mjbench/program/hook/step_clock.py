@@ -337,7 +337,7 @@ class StepClock:
         def nothing(*args: Any, **kwargs: Any) -> None:
             return None
 
-        self._calls.count_as_own(__file__, True)
+        self._calls.is_own[__file__] = True
         call, costs = self._timing(nothing, "nothing"), []
         # one call more than a burst has: none ends while calls are calibrated
         for to_pass, calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
@@ -359,7 +359,7 @@ class StepClock:
         self.cold_ns = max(self.timed_ns, cold_ns)
         self.burst_calls = 0
         self._file.open()  # without the records of the calibration
-        self._calls.count_as_own(__file__, False)
+        self._calls.is_own[__file__] = False
         self._calls.begin_process()
         self._burst.begin_process()
         self._pacer.begin()

@@ -172,7 +172,7 @@ def _resident_bytes() -> int:
 
 
 def write_engine(folder: str, module: ModuleType) -> None:
-    """Write the release and the names of its timers and warnings, for those who read them."""
+    """Write the release, and the names of its timers and warnings."""
     timer = getattr(module, "mjtTimer", None)
     members = getattr(timer, "__members__", {})
     names = {name.removeprefix("mjTIMER_"): int(value) for name, value in members.items()}
