@@ -55,7 +55,6 @@ class CallgrindProfile:
     """The content of one dump.
 
     Attributes:
-      self_cost: instructions that each function executed itself, by name.
       arcs: instructions of each (caller, callee), with all that the callee called.
       places: where the code of each function lies, by name; several files may have a function
         of that name.

@@ -190,11 +190,7 @@ def _file_changes(
 
 
 def renamed_functions(gone: Codes, new: Codes) -> dict[str, str]:
-    """Return the new names of functions by their old ones; a function has one of each.
-
-    Args:
-      new: functions of the candidate that may be the same.
-    """
+    """Return the new names of functions by their old ones; a function has one of each."""
     pairs = [
         (machine_code.similarity(code, other), _similarity_of_names(name, new_name), name, new_name)
         for name, code in gone.items()

@@ -250,11 +250,7 @@ def verdicts(
     stored: Sequence[VerdictRecord] = (),
     on_candidate: Callable[[int], None] = lambda number: None,
 ) -> Iterator[VerdictRecord]:
-    """Yield the verdict on each model in each new release.
-
-    Args:
-      on_candidate: called with the position of each new release before it is counted.
-    """
+    """Yield the verdict on each model in each new release; `on_candidate` gets its position."""
     baselines: dict[str, ModelCount] = {}
     for number, candidate in enumerate(comparison.candidates):
         on_candidate(number)

@@ -52,9 +52,6 @@ def function_differences(
 
     Of equal differences the costliest function comes first. Functions without names are put
     together by their library, because their addresses differ between releases.
-
-    Args:
-      code: how the code changed; None where it was not compared.
     """
     names = {old: new for new, old in code.old_names.items()} if code else {}
     before, after = _self_costs(baseline, names), _self_costs(candidate, {})

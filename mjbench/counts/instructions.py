@@ -131,11 +131,7 @@ class InstructionCounter:
         work: Sequence[ModelSource | OperationRequest],
         limit_s: float = 600.0,
     ) -> Iterator[ModelCount]:
-        """Yield the instructions of models' steps, and of operations around the step.
-
-        Args:
-          limit_s: kill the process when it finishes nothing for this long.
-        """
+        """Yield what work takes; a process that finishes nothing for `limit_s` is killed."""
         requests = [
             each if isinstance(each, OperationRequest) else self._request(each) for each in work
         ]

@@ -55,7 +55,6 @@ class Instruction:
         where the name is unknown.
       successor: number of the instruction in the same function that it branches to, not counting
         nops; None for other instructions.
-      source_line: that it passes to a function; None for other instructions.
     """
 
     shape: tuple[object, ...]
@@ -77,7 +76,6 @@ class Surroundings:
     """What a function's code refers to.
 
     Attributes:
-      name_at: returns the name of the function at an address; None where it is unknown.
       constant_at: returns that many bytes at an address; None where the program may change them,
         or where they depend on the address at which the library is loaded.
     """
@@ -108,11 +106,7 @@ def compare(
     candidate: Sequence[Instruction],
     renamed: Mapping[str, str] | None = None,
 ) -> CodeChange:
-    """Return how the code of a function changed: identical, offsets only, or changed.
-
-    Args:
-      renamed: functions that have another name in the candidate, by their name in the baseline.
-    """
+    """Return how code changed; `renamed` functions have another name in the candidate."""
     working = [[i for i in code if not i.is_nop] for code in (baseline, candidate)]
     pairs = list(zip(*working, strict=False))
     if len(working[0]) != len(working[1]) or any(_work_differs(old, new) for old, new in pairs):

@@ -300,10 +300,7 @@ def _ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
 
 
 def _writable(path: Path) -> Path:
-    """Return the absolute path of a file; raise a MachineError if it cannot be written.
-
-    It is absolute, because the program may change its folder.
-    """
+    """Return a file's path, absolute as the program may change its folder; else MachineError."""
     file = Path(os.path.realpath(path))
     with writing(file):
         if file.exists():

@@ -29,15 +29,11 @@ class Habit:
     defines.
 
     Attributes:
-      body: statement in the loop's body, after the step.
-      setup: statements that run once, before the first run of the loop.
       cheaper: name of the habit that does the same for less; empty if there is none.
       value: expression for what the habit computed, evaluated after the last step; `body` if
         empty.
       requires: whether this MuJoCo release, the model and the file it was loaded from have what
         the habit needs.
-      before_run: statements at the beginning of each run of the loop.
-      after_run: statements at the end of each run of the loop.
       instead_of_loop: statement that does all steps of a run; a loop with `body` if empty.
     """
 
@@ -229,12 +225,7 @@ def loop_names(
 
 @dataclass(frozen=True)
 class CompiledLoop:
-    """A stepping loop with a habit in it.
-
-    Attributes:
-      run: resets to the start state, then steps nstep times.
-      value: returns what the habit computed in the last step.
-    """
+    """A stepping loop with a habit in it; `value` returns what that computed in the last step."""
 
     run: Callable[[], None]
     value: Callable[[], Any]

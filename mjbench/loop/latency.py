@@ -78,7 +78,6 @@ class StepSamples:
     """The steps of one pace, one entry each.
 
     Attributes:
-      rate_hz: of paced steps; None for free-running ones.
       features: what happened in each step, by name: contacts, solver iterations, garbage
         collections, page faults, preemptions, and by how much it began late.
     """
@@ -270,10 +269,7 @@ def record_steps(
     clock: Callable[[], int] = time.perf_counter_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Step simulations in turn; return (nstep,) latencies in ns, and (nstep,) features by name.
-
-    `period_ns` is between two paced steps; 0 is for no pace.
-    """
+    """Return (nstep,) latencies in ns, and features by name; a period of 0 ns is for no pace."""
     model, data = workload.model, mujoco.MjData(workload.model)
     total = nstep + WARM_UP_NSTEP
     latency_ns, counters = np.zeros(total), np.zeros((total, len(_FEATURES)))

@@ -16,7 +16,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import one_line, printable, writing
+from mjbench.errors import InputError, one_line, printable, writing
 from mjbench.loop import lint
 from mjbench.loop.certain_names import CertainNames
 from mjbench.loop.copying import Copying
@@ -26,7 +26,7 @@ from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.notebook import NotebookPart
 from mjbench.loop.python_source import PythonProgram, read_program
-from mjbench.loop.script_files import UncheckedFile, each_checked
+from mjbench.loop.script_files import UncheckedFile
 from mjbench.loop.stepping_script import SteppingScript
 from mjbench.store import files as stored_files
 
@@ -74,9 +74,7 @@ class LintedFile:
     """A file, what lint finds in it, and what can be changed in it.
 
     Attributes:
-      before: as it is stored.
       after: as it is with all changes; `before` itself where there are none.
-      fixed: number of findings that the changes remove.
       unfixed: those of them that have a remedy.
     """
 
@@ -114,8 +112,14 @@ def lint_all(
     files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES, fixes: bool = False
 ) -> Iterator[LintedFile | UncheckedFile]:
     """Yield what is found in each file; in place of one that cannot be checked, why."""
-    lint_file = fix if fixes else _check
-    return each_checked(files, lambda file: lint_file(file, choice.codes_for(file)))
+    for file in files:
+        if isinstance(file, UncheckedFile):
+            yield file
+            continue
+        try:
+            yield (fix if fixes else _check)(file, choice.codes_for(file))
+        except InputError as error:
+            yield UncheckedFile(file, str(error).removeprefix(f"{file}: "))
 
 
 def _check(file: str, codes: Collection[str]) -> LintedFile:

@@ -37,7 +37,6 @@ class Iteration:
 
     Attributes:
       inside: what stands in the loop itself: the part, or the call that leads to it.
-      functions: that the calls lead through, from the loop to the part.
     """
 
     loop: Repetition

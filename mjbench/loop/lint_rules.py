@@ -136,10 +136,7 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
 def _in_steps(
     script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingBody]
 ) -> Iterator[tuple[ast.Call, Repetition | None]]:
-    """Yield calls that run in every step of one of some loops.
-
-    With a call in a function comes the loop that calls the function; None with those of the loop.
-    """
+    """Yield calls that run in every step of a loop; with one in a function, its caller's loop."""
     inside = {loop.node: {*loop.inner} for loop in loops}
     for call in calls:
         loop = script.step_loop_around(call)

@@ -26,7 +26,6 @@ class LintSettings:
 
     Attributes:
       select: codes to check; none for all.
-      ignore: codes to leave out.
       per_file_ignores: codes to leave out by pattern, of names or of paths below `folder`.
     """
 
@@ -51,7 +50,6 @@ class RuleChoice:
 
     Attributes:
       select: codes of the command line, or how they begin; none to do as pyproject.toml says.
-      ignore: likewise.
     """
 
     select: tuple[str, ...] = ()

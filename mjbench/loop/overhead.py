@@ -97,7 +97,6 @@ class Launch:
     """From a child: what one launch measured.
 
     Attributes:
-      bare_ns: a step of it; the median over quads.
       added_ns: to each step by a habit, by its name; medians over quads.
     """
 
@@ -119,7 +118,6 @@ def measure(
 
     Args:
       limit_s: a launch is killed after this long without a message.
-      launches: processes that measure, one after the other, at most.
       budget_s: seconds after which no launch begins, once there are a few.
     """
     measured: list[Launch] = []

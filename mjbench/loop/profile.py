@@ -248,10 +248,7 @@ def _step_ns(
 
 
 def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
-    """Return the share of a step by stage: from the engine's timers, with sensors apart.
-
-    It is briefer than `step`, which has all parts that no timer is about.
-    """
+    """Return the share of a step by stage: from the engine's timers, with only sensors apart."""
     shares = timer_shares(model, block)
     if not model.nsensor:
         return shares

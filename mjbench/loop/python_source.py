@@ -31,7 +31,6 @@ class SourceLine:
     Attributes:
       is_command: whether it is not Python, but a command of IPython or a part of one.
       number: from 1; of the file, or of the cell.
-      cell: of a notebook, from 1; None in a Python file.
     """
 
     text: str
@@ -55,7 +54,6 @@ class PythonProgram:
 
     Attributes:
       lines: the lines that the line numbers of `tree` count, from 1.
-      encoding: of a Python file; None for a notebook.
     """
 
     tree: ast.Module

@@ -64,11 +64,7 @@ class SensorCost:
 
 @dataclass(frozen=True)
 class StepPart:
-    """A part of a step that is timed apart.
-
-    Attributes:
-      within: the stage whose time it is a part of.
-    """
+    """A part of a step that is timed apart; its time is a part of that of the stage `within`."""
 
     name: str
     within: str

@@ -170,7 +170,6 @@ class ModelRecorder:
 
     Attributes:
       mjb: file with the model before its first step; None unless it is wanted and can be saved.
-      mjb_failure: why it cannot be saved; empty otherwise.
       nstep: that the program took, of what is to be captured.
     """
 
@@ -288,14 +287,6 @@ class StepRecorder:
         data: mujoco.MjData | None = None,
         with_mjb: bool = False,
     ):
-        """Prepare to record.
-
-        Args:
-          max_states: the most states to store of each model.
-          model: only this one is captured, and those with the same digest; None for all.
-          data: only this one is captured; None for all.
-          with_mjb: whether the compiled models are wanted as well.
-        """
         self._max_states, self._window_nstep = max_states, window_nstep
         self._digest = None if model is None else model_digest(model)
         self._data, self._with_mjb = data, with_mjb

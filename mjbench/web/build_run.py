@@ -180,9 +180,6 @@ def warm_up(
     Return their nanoseconds.
 
     V8 compiles WebAssembly quickly first, and functions that run often again, meanwhile.
-
-    Args:
-      time_block: runs a block, and returns its nanoseconds.
     """
     begin, blocks = clock(), [time_block()]
     while True:

@@ -44,10 +44,7 @@ class CReference:
     """A model, its workload, and what C does with that.
 
     Attributes:
-      files: that the model is compiled from, its own first.
-      model_file: holds what C compiled.
       block_file: holds the workload of a timed block, final states included.
-      digest: of all start states and controls.
       compile_ms: to compile the model, with loading its files.
     """
 
@@ -158,9 +155,6 @@ def timed_paths(
     """Yield a process for each path of C, which `time_block` steps the first simulations of.
 
     They step without the timer of MuJoCo's Python package, which the builds do not have either.
-
-    Args:
-      core: that they run on; None for any.
     """
     processes: list[WorkerProcess] = []
     try:

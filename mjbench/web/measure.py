@@ -185,10 +185,7 @@ def rounds(
     it is required.
 
     Args:
-      blocks: each runs one, and returns its nanoseconds.
       budget_s: seconds for all rounds; no two begin that would exceed them.
-      on_failure: called with the key of a block that failed, and its error.
-      required: keys of blocks that are never left out for their length.
     """
     rng, going_on = rng or random.Random(), dict(blocks)
     rows: list[Mapping[int, int]] = []

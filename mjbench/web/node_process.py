@@ -59,11 +59,7 @@ class Instantiated:
 
 @dataclass(frozen=True)
 class StepsInFiles:
-    """A workload: start states and controls, in files as float64, row by row.
-
-    Attributes:
-      has_reset: whether the state leaves something out, which a reset sets.
-    """
+    """A workload: start states and controls, in files as float64, row by row."""
 
     starts_file: str
     control_file: str
