@@ -14,7 +14,7 @@ import os
 import shutil
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -224,7 +224,7 @@ class _Block:
     pid: int = dataclasses.field(default_factory=os.getpid)
 
     def write(self) -> Captured:
-        models, others = self.recorder.models(), self.recorder.other_nstep()
+        models, others = self.recorder.models(), self.recorder.other_nstep
         unseen = tuple(_modules_with_own_functions())
         windows = models[0].windows() if models else []
         segments = [segment for window in windows for segment in window.segments()]
@@ -273,23 +273,25 @@ def _header(recorded: ModelRecorder, windows: Sequence[RecordedWindow]) -> Captu
     )
 
 
-def _others(nstep: dict[str, int], models: Iterable[ModelRecorder]) -> tuple[OtherModel, ...]:
+def _others(nstep: Mapping[str, int], models: Iterable[ModelRecorder]) -> tuple[OtherModel, ...]:
     """Return the models that are left out: those that were only counted, and others."""
-    others = [OtherModel(recorded.name, recorded.nstep) for recorded in models]
-    return (*others, *(OtherModel(name, count) for name, count in nstep.items()))
+    counts = [*((recorded.name, recorded.nstep) for recorded in models), *nstep.items()]
+    return tuple(OtherModel(name, count) for name, count in counts)
 
 
 def _modules_with_own_functions() -> list[str]:
     """Return the modules that bound a stepping function, by `from mujoco import mj_step`."""
     functions = [engine_functions.original(name) for name in engine_functions.STEPPING]
-    modules = [
+    return sorted(
         name
         for name, module in list(sys.modules.items())
         if name.split(".")[0] != "mujoco"
-        for value in list(getattr(module, "__dict__", {}).values())
-        if any(value is function for function in functions)
-    ]
-    return sorted(set(modules))
+        and any(
+            value is function
+            for value in list(getattr(module, "__dict__", {}).values())
+            for function in functions
+        )
+    )
 
 
 def _ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:

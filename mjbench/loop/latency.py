@@ -241,23 +241,16 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamp
     samples: list[StepSamples] = []
     for pace in Pace:
         channel.doing(f"timing {pace} steps")
+        is_paced = pace == Pace.PACED
         count = nstep
-        if pace == Pace.PACED and request.nstep is None:
+        if is_paced and request.nstep is None:
             count = max(LEAST_NSTEP, min(nstep, int(request.budget_s * rate_hz)))
         total = count + WARM_UP_NSTEP
         channel.allow_silence(_PATIENCE * step_s * total + 2 * total / rate_hz)
-        period_ns = 1e9 / rate_hz if pace == Pace.PACED else 0.0
-        latency_ns, features = record_steps(sample.workload, count, period_ns)
+        measured = record_steps(sample.workload, count, 1e9 / rate_hz if is_paced else 0.0)
+        pace_hz, step_work = rate_hz if is_paced else None, sample.observation.work
         samples.append(
-            StepSamples(
-                pace,
-                rate_hz if pace == Pace.PACED else None,
-                timestep_s,
-                sample.observation.work,
-                latency_ns,
-                features,
-                sample.starts,
-            )
+            StepSamples(pace, pace_hz, timestep_s, step_work, *measured, starts=sample.starts)
         )
     return samples
 

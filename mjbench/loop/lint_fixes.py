@@ -172,13 +172,8 @@ def _plan(program: PythonProgram, codes: Collection[str]) -> _Plan:
     return _Plan(matches, SourceChanges(copied, hoists), refusals | not_hoisted)
 
 
-@dataclass(frozen=True)
-class _Edit:
-    """Bytes of the text of a part that are replaced: from `start` to `end`, without `end`."""
-
-    start: int
-    end: int
-    text: bytes
+# Bytes of the text of a part that are replaced: from the first number to the second, without it.
+_Edit = tuple[int, int, bytes]
 
 
 class _PartText:
@@ -205,7 +200,7 @@ class _PartText:
             text = b" " + text
         if _OF_IDENTIFIER.match(after):
             text += b" "
-        return _Edit(start, end, text)
+        return start, end, text
 
     def binding(self, hoist: Hoist) -> _Edit:
         """Return the edit that binds a name on a line before the loop, which has its own lines."""
@@ -221,15 +216,15 @@ class _PartText:
         before_loop = self.data[max(line - 2, 0) : line]
         end = _LINE_END.search(self.data, loop) or _LINE_END.search(before_loop)
         line_end = end[0] if end else b"\n"
-        return _Edit(line, line, indent + hoist.name.encode() + b" = " + source + line_end)
+        return line, line, indent + hoist.name.encode() + b" = " + source + line_end
 
     def edited(self, edits: Sequence[_Edit]) -> str:
         """Return the text after edits; those at the same place apply in their order."""
-        pieces, end = [], 0
-        for edit in sorted(edits, key=lambda edit: edit.start):
-            pieces += [self.data[end : edit.start], edit.text]
-            end = edit.end
-        return b"".join([*pieces, self.data[end:]]).decode()
+        pieces, behind = [], 0
+        for start, end, text in sorted(edits, key=lambda edit: edit[0]):
+            pieces += [self.data[behind:start], text]
+            behind = end
+        return b"".join([*pieces, self.data[behind:]]).decode()
 
 
 def lines_of(text: str) -> list[str]:
@@ -243,7 +238,9 @@ def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
       SyntaxError, ValueError, LookupError: they cannot be applied, or would change anything else.
     """
     try:
-        expected = ast.dump(_expected(program.tree, changes))
+        copies: dict[int, Any] = {}
+        tree = copy.deepcopy(program.tree, copies)
+        expected = ast.dump(_Transformer(changes, copies).visit(tree))
         result = program.with_texts([_edited(program, part, changes) for part in program.parts])
         actual = ast.dump(result.tree)
     except (RecursionError, MemoryError) as error:
@@ -256,19 +253,12 @@ def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
 def _edited(program: PythonProgram, part: NotebookPart, changes: SourceChanges) -> str:
     text = _PartText(program, part)
     in_part = [view for view in changes.copied if program.line_of(view).cell == part.cell]
-    edits = [_Edit(text.end(view), text.end(view), b".copy()") for view in in_part]
+    edits = [(text.end(view), text.end(view), b".copy()") for view in in_part]
     for hoist in changes.hoists:
         if program.line_of(hoist.loop).cell == part.cell:
             edits.append(text.binding(hoist))
             edits += [text.replacing(call, hoist.name) for call in hoist.calls]
     return text.edited(edits)
-
-
-def _expected(tree: ast.Module, changes: SourceChanges) -> ast.AST:
-    """Return what the changes make of a script's syntax, which itself stays as it is."""
-    copies: dict[int, Any] = {}
-    new = copy.deepcopy(tree, copies)
-    return _Transformer(changes, copies).visit(new)  # type: ignore[no-any-return]
 
 
 class _Transformer(ast.NodeTransformer):

@@ -16,6 +16,7 @@ from mjbench.loop.script_syntax import (
     bound_in,
     dotted_name,
     is_call,
+    is_periodic,
     is_step,
     last_name,
     names_in,
@@ -63,8 +64,8 @@ class Iteration:
         return names
 
     def makes_model(self) -> bool:
-        new = _new_models(self.loop) & names_in(self.inside)
-        return bool(new) or any(map(_new_models, self.functions))
+        has_new = not _new_models(self.loop).isdisjoint(names_in(self.inside))
+        return has_new or any(map(_new_models, self.functions))
 
 
 def step_loop_of_helper(script: SteppingScript, node: ast.expr | ast.stmt) -> Iteration | None:
@@ -133,18 +134,14 @@ def _may_run_once(
             return True
         if isinstance(parent, ast.BoolOp) and child is not parent.values[0]:
             return True
-        if not isinstance(limit, ast.FunctionDef) and _leaves_after(child, parent):
+        block = block_around(child, parent)
+        rest = block[block.index(child) + 1 :] if isinstance(child, ast.stmt) and block else []
+        leaves = any(isinstance(n, ast.Return | ast.Break | ast.Raise) for n in rest)
+        if leaves and not isinstance(limit, ast.FunctionDef):
             return True
         child = parent
-    leaves = ast.Return if isinstance(limit, ast.FunctionDef) else ast.Continue
-    return any(isinstance(n, leaves) and n.lineno < node.lineno for n in nodes_inside(limit))
-
-
-def _leaves_after(child: ast.AST, parent: ast.AST) -> bool:
-    """Return whether a statement that follows a child in its block ends the loop around both."""
-    block = block_around(child, parent)
-    rest = block[block.index(child) + 1 :] if isinstance(child, ast.stmt) and block else []
-    return any(isinstance(node, ast.Return | ast.Break | ast.Raise) for node in rest)
+    passes_by = ast.Return if isinstance(limit, ast.FunctionDef) else ast.Continue
+    return any(isinstance(n, passes_by) and n.lineno < node.lineno for n in nodes_inside(limit))
 
 
 def _expects_error(node: ast.With) -> bool:
@@ -156,15 +153,12 @@ def _expects_error(node: ast.With) -> bool:
 def _is_regular(branch: ast.AST, limit: Repetition | ast.FunctionDef) -> bool:
     """Return whether a condition holds in each nth iteration, or in all of them or in none."""
     assert isinstance(branch, ast.If | ast.IfExp)
-    parts = list(ast.walk(branch.test))
-    if any(isinstance(part, ast.BinOp) and isinstance(part.op, ast.Mod) for part in parts):
+    if is_periodic(branch.test):
         return True
-    if isinstance(limit, ast.FunctionDef):
-        return False
-    is_plain = all(
-        isinstance(part, ast.Name | ast.Not | ast.UnaryOp | ast.expr_context) for part in parts
-    )
-    return is_plain and names_in(branch.test).isdisjoint(bound_in(limit))
+    plain = ast.Name | ast.Not | ast.UnaryOp | ast.expr_context
+    is_plain = all(isinstance(part, plain) for part in ast.walk(branch.test))
+    is_same = is_plain and names_in(branch.test).isdisjoint(bound_in(limit))
+    return is_same and not isinstance(limit, ast.FunctionDef)
 
 
 def _flows(node: ast.AST) -> Iterator[tuple[set[str], ast.AST]]:

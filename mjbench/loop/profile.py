@@ -139,12 +139,10 @@ def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> Profil
     simulated_second = {
         "physics": steps.engine_ns * 1e-9 * nstep,
         "Python": 0.0 if steps.is_all_engine else steps.python_ns * 1e-9 * nstep,
-        **{
-            f"rendering ({frame.backend})": frame.seconds * FRAMES_PER_S
-            for frame in frames
-            if frame.seconds is not None
-        },
     }
+    for frame in frames:
+        if frame.seconds is not None:
+            simulated_second[f"rendering ({frame.backend})"] = frame.seconds * FRAMES_PER_S
     return ProfileRow(
         model,
         python_ns=steps.python_ns,

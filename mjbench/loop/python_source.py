@@ -95,7 +95,8 @@ def read_program(file: str) -> PythonProgram:
 
 def parse_python(data: bytes) -> PythonProgram:
     """Return the program in a Python file; SyntaxError, ValueError, LookupError if it is none."""
-    encoding = _encoding(data)
+    first_lines = _NEWLINE_BYTES.split(data, maxsplit=2)[:2]
+    encoding, _ = tokenize.detect_encoding(iter([line + b"\n" for line in first_lines]).__next__)
     text = data.decode(encoding)
     return _parse([NotebookPart(text, text)], data, encoding)
 
@@ -114,12 +115,6 @@ def _read(path: Path) -> bytes:
     if max(status.st_size, len(data)) > MAX_FILE_BYTES:
         raise ValueError(f"larger than {MAX_FILE_BYTES // 10**6} MB")
     return data
-
-
-def _encoding(data: bytes) -> str:
-    first_lines = _NEWLINE_BYTES.split(data, maxsplit=2)[:2]
-    encoding, _ = tokenize.detect_encoding(iter([line + b"\n" for line in first_lines]).__next__)
-    return encoding
 
 
 def _parse(parts: Sequence[NotebookPart], data: bytes, encoding: str | None) -> PythonProgram:

@@ -179,16 +179,12 @@ def sensor_costs(
             none_s, together_s, *alone_s = medians(
                 model, start, [(prepare, function) for prepare in prepares], budget_s
             )
-            seconds = _parts_of(together_s - none_s, [each_s - none_s for each_s in alone_s])
-            costs += [
-                SensorCost(
-                    str(mujoco.mjtSensor(kind).name).removeprefix("mjSENS_").lower(),
-                    stage,
-                    int(mask.sum()),
-                    min(1.0, each_s / step_s),
-                )
-                for kind, mask, each_s in zip(kinds, masks, seconds, strict=True)
-            ]
+            types_s = [max(0.0, each_s - none_s) for each_s in alone_s]
+            scale = max(0.0, together_s - none_s) / sum(types_s) if any(types_s) else 0.0
+            for kind, mask, type_s in zip(kinds, masks, types_s, strict=True):
+                name = compat.enum_name(mujoco.mjtSensor, kind, "mjSENS_")
+                share = min(1.0, scale * type_s / step_s)
+                costs.append(SensorCost(name, stage, int(mask.sum()), share))
     return sorted(costs, key=lambda cost: -cost.share)
 
 
@@ -200,12 +196,6 @@ def _afresh(function: Function) -> Function:
         function(model, data)
 
     return call
-
-
-def _parts_of(total: float, alone: Sequence[float]) -> list[float]:
-    values = [max(0.0, value) for value in alone]
-    scale = max(0.0, total) / sum(values) if any(values) else 0.0
-    return [scale * value for value in values]
 
 
 def medians(

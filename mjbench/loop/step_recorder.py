@@ -294,7 +294,8 @@ class StepRecorder:
         # by the identity of the MjModel, as long as that lives; None for one that is not captured
         self._by_identity: dict[int, ModelRecorder | None] = {}
         self._references: dict[int, weakref.ref[mujoco.MjModel]] = {}
-        self._other_nstep: collections.Counter[str] = collections.Counter()
+        # steps that were not captured, by the name of their model
+        self.other_nstep: collections.Counter[str] = collections.Counter()
 
     def models(self) -> list[ModelRecorder]:
         """Return the models that were captured, the one that took most steps first."""
@@ -304,10 +305,6 @@ class StepRecorder:
     def close(self) -> None:
         for recorder in self._by_layout.values():
             recorder.close()
-
-    def other_nstep(self) -> dict[str, int]:
-        """Return the steps that were not captured, by the name of their model."""
-        return dict(self._other_nstep)
 
     def wrappers(self) -> Mapping[str, Callable[[EngineFunction], EngineFunction]]:
         """Return what makes the replacements, by function; mj_step1 takes no step of its own."""
@@ -334,7 +331,7 @@ class StepRecorder:
                 recorder = self._recorder_of(model)
             if recorder is None or (only_data is not None and data is not only_data):
                 result = function(*args, **keywords)
-                self._other_nstep[model_name(model)] += nstep
+                self.other_nstep[model_name(model)] += nstep
                 return result
             if recorder.is_unseen(nstep):
                 result = function(*args, **keywords)
