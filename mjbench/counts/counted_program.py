@@ -110,7 +110,6 @@ CountAnswer = CountedWork | CountedOperation | Failure
 
 
 def can_switch_instrumentation() -> bool:
-    """Return whether a program can ask for the change on this machine's kind of processor."""
     return sys.platform == "linux" and platform.machine() == "x86_64"
 
 

@@ -84,7 +84,6 @@ class ModelCount(InstructionsRecord):
     followed: Followed | None = None
 
     def record(self) -> InstructionsRecord:
-        """Return what a run file and `mjbench profile --instructions --json` have of it."""
         values = {each.name: getattr(self, each.name) for each in fields(InstructionsRecord)}
         return InstructionsRecord(**values)
 
@@ -142,19 +141,16 @@ class InstructionCounter:
         sizes = self._sizes
         of_file = NBATCH_OF_FILE, NSTEP_OF_FILE
         nbatch, nstep = (NBATCH, NSTEP) if sizes.starts.file is None else of_file
-        return ModelRequest(
-            source,
-            workload_file=self._workload_files.setdefault(source, unused),
-            sample=SampleRequest(
-                sizes.nbatch or nbatch,
-                sizes.nstep or whole_holds(nstep, sizes.hold),
-                sizes.hold,
-                sizes.seed,
-                sizes.starts,
-                MAX_SETTLING_NSTEP,
-                may_shorten=sizes.nstep is None,
-            ),
+        sample = SampleRequest(
+            sizes.nbatch or nbatch,
+            sizes.nstep or whole_holds(nstep, sizes.hold),
+            sizes.hold,
+            sizes.seed,
+            sizes.starts,
+            MAX_SETTLING_NSTEP,
+            may_shorten=sizes.nstep is None,
         )
+        return ModelRequest(source, self._workload_files.setdefault(source, unused), sample)
 
 
 def _count(
@@ -176,18 +172,20 @@ def _count_until_death(
     begin_s = time.monotonic()
     with _program(release, tasks, folder, limit_s) as connection:
         for number, task in enumerate(tasks):
+            answer: CountAnswer
+            is_over = False
             try:
-                answer: CountAnswer = connection.unpickled(connection.receive(limit_s))
+                answer = connection.unpickled(connection.receive(limit_s))
             except ChildError as error:
                 hung = error.ending == Status.TIMEOUT
-                detail = f"{error.cause}, killed" if hung else str(error)
-                failed = _failed(task, release, Failure(error.ending, detail))
-                yield replace(failed, seconds=time.monotonic() - begin_s)
-                return
+                answer = Failure(error.ending, f"{error.cause}, killed" if hung else str(error))
+                is_over = True
             dumps = [folder / f"callgrind.out.{dump}" for dump in _dumps(number)]
             end_s = time.monotonic()
             yield replace(_task_count(release, task, answer, dumps), seconds=end_s - begin_s)
             begin_s = end_s
+            if is_over:
+                return
 
 
 @contextlib.contextmanager
@@ -255,10 +253,15 @@ def _dumps(index: int) -> range:
 def _task_count(
     release: installs.ReleaseSpec, task: TaskRequest, answer: CountAnswer, dumps: Sequence[Path]
 ) -> ModelCount:
+    empty = ModelCount(
+        model=task.source.name if task.source else "",
+        operation=task.operation if isinstance(task, OperationRequest) else "",
+        release=release.version,
+        build=release.key,
+    )
     if isinstance(answer, Failure):
-        return _failed(task, release, answer)
+        return replace(empty, status=answer.status, detail=answer.detail)
     profile, repeated = (callgrind.parse(child.text(dump)) for dump in dumps)
-    empty = _empty_count(task, release)
     if isinstance(answer, CountedOperation):
         return _operation_count(empty, answer.repeats, profile, repeated)
     return _model_count(empty, answer, profile, repeated)
@@ -308,17 +311,4 @@ def _model_count(
         calls={arc for arc in profile.arcs if executed.issuperset(arc)},
         healthy=counted.healthy,
         followed=counted.followed,
-    )
-
-
-def _failed(task: TaskRequest, release: installs.ReleaseSpec, failure: Failure) -> ModelCount:
-    return replace(_empty_count(task, release), status=failure.status, detail=failure.detail)
-
-
-def _empty_count(task: TaskRequest, release: installs.ReleaseSpec) -> ModelCount:
-    return ModelCount(
-        model=task.source.name if task.source else "",
-        operation=task.operation if isinstance(task, OperationRequest) else "",
-        release=release.version,
-        build=release.key,
     )

@@ -115,8 +115,9 @@ def compare(
     if not _shifts(pairs, "addends") <= {0} | shifts:
         return CodeChange.CHANGED
     names = renamed or {}
-    if any(_calls_another(old.callee, new.callee, names) for old, new in pairs):
-        return CodeChange.CHANGED
+    for old, new in pairs:
+        if old.callee and new.callee and new.callee not in (old.callee, names.get(old.callee)):
+            return CodeChange.CHANGED
     has_same_layout = [i.size_bytes for i in baseline] == [i.size_bytes for i in candidate]
     has_same_references = all(
         (old.callee == new.callee or names.get(old.callee or "") == new.callee)
@@ -128,24 +129,15 @@ def compare(
     return CodeChange.OFFSETS
 
 
-def _calls_another(old: str | None, new: str | None, renamed: Mapping[str, str]) -> bool:
-    """Return whether two calls are known to be of different functions."""
-    return old is not None and new is not None and new not in (old, renamed.get(old))
-
-
 def similarity(baseline: Sequence[Instruction], candidate: Sequence[Instruction]) -> float:
     """Return the share of their code that two functions have in common, from 0 to 1.
 
     It is the Sørensen–Dice coefficient of the triples of consecutive mnemonics, so what the
     compiler assigned to which register does not matter.
     """
-    old, new = (_triples(code) for code in (baseline, candidate))
+    mnemonics = [[i.shape[0] for i in code if not i.is_nop] for code in (baseline, candidate)]
+    old, new = (Counter(zip(each, each[1:], each[2:], strict=False)) for each in mnemonics)
     return 2 * (old & new).total() / max(1, old.total() + new.total())
-
-
-def _triples(code: Sequence[Instruction]) -> Counter[tuple[object, ...]]:
-    mnemonics = [i.shape[0] for i in code if not i.is_nop]
-    return Counter(zip(mnemonics, mnemonics[1:], mnemonics[2:], strict=False))
 
 
 def _shifts(

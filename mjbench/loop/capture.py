@@ -97,7 +97,6 @@ def _called(model: str) -> str:
 
 
 def _why_nothing(captured: Captured) -> str:
-    """Return why there are no states, as far as that is known."""
     if captured.others:
         others = ", ".join(_called(other.name) for other in captured.others)
         return f"no step seen of what was to be captured, but of {others}"
@@ -204,7 +203,9 @@ class Capture(contextlib.ContextDecorator):
             if os.getpid() != block.pid:
                 return
             self.result = block.write()
-            block.check_model()
+            for recorded in block.recorder.models()[:1]:
+                if recorded.mjb_failure:
+                    raise MachineError(f"cannot save {block.model_file}: {recorded.mjb_failure}")
         except MjbenchError as failure:
             if error is None:
                 raise
@@ -252,11 +253,6 @@ class _Block:
             model_file=self.model_file if recorded.mjb is not None else None,
             unseen=unseen,
         )
-
-    def check_model(self) -> None:
-        for recorded in self.recorder.models()[:1]:
-            if recorded.mjb_failure:
-                raise MachineError(f"cannot save {self.model_file}: {recorded.mjb_failure}")
 
 
 def _header(recorded: ModelRecorder, windows: Sequence[RecordedWindow]) -> CaptureHeader:

@@ -40,7 +40,6 @@ class Copying:
         self._stored = stored_views(names.script)
 
     def refusal(self, view: ast.expr) -> str:
-        """Return why a view that a loop stores cannot be copied there; empty if it can."""
         body = self._stored.loop_around(view)
         above = self._script.above(view)
         containers = ast.Tuple | ast.List | ast.Dict
@@ -116,16 +115,13 @@ class Copying:
             is_store = self._stored_in(self._parents.get(self._parents[node])) is node
             if is_store or self._shows(node):
                 continue
-            if not (is_list_of_views and self._reads(node) and self._is_after(node, loop)):
+            around = self._stored.loop_around(node)  # that it runs after, or in another episode
+            is_of_episode = around is None or around.node in self._script.above(loop)
+            is_after = is_of_episode and self._bindings.scope_of(node) is scope
+            if not (is_list_of_views and is_after and self._reads(node)):
                 place = self._names.program.line_of(node).place
                 return f"{place} may do more with {log.id} than read and copy it"
         return ""
-
-    def _is_after(self, node: ast.AST, loop: Loop) -> bool:
-        """Return whether a node runs when a loop has ended, and not in another one that steps."""
-        around = self._stored.loop_around(node)
-        is_of_episode = around is None or around.node in self._script.above(loop)
-        return is_of_episode and self._bindings.scope_of(node) is self._bindings.scope_of(loop)
 
     def _shows(self, log: ast.Name) -> bool:
         above = self._parents[log]
@@ -143,7 +139,6 @@ class Copying:
         return False
 
     def _reads(self, log: ast.Name) -> bool:
-        """Return whether NumPy makes a new array of all values of a log."""
         match self._parents[log]:
             case ast.Call(func=function, args=[first] | [first, ast.Constant()], keywords=keywords):
                 has_others = any(keyword.arg != "axis" for keyword in keywords)  # such as `dtype`

@@ -18,7 +18,7 @@ import builtins
 import keyword
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.loop.certain_names import DATA, MODEL, CertainNames
@@ -71,7 +71,8 @@ class Hoisting:
                 if self._always_runs(call, loop)
             }
             for call, loop in accesses:
-                around = [n for n in self._loops_up_from(loop) if n in moved_out_of]
+                above = self._script.above(loop, self._bindings.scope_of(loop))
+                around = [n for n in (loop, *above) if n in moved_out_of]
                 if around:  # also of a call that not every step reaches: the name is bound already
                     by_loop[around[-1]].append(call)
                 else:
@@ -80,10 +81,6 @@ class Hoisting:
                 name = self._new_name(*accesses[0])
                 hoists += [Hoist(name, loop, of_loop) for loop, of_loop in by_loop.items()]
         return hoists, refusals
-
-    def _loops_up_from(self, loop: Loop) -> Iterator[Loop]:
-        above = self._script.above(loop, self._bindings.scope_of(loop))
-        return (node for node in (loop, *above) if isinstance(node, Loop))
 
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
         if loop is None:

@@ -10,29 +10,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from mjbench.loop.name_bindings import Scope
-from mjbench.loop.script_syntax import COPIES, is_bound, is_call, last_name
+from mjbench.loop.script_syntax import (
+    COPIES,
+    creates_container,
+    is_bound,
+    is_call,
+    is_numpy_call,
+    last_name,
+)
 from mjbench.loop.stepping_script import (
     FIELDS,
+    PART_PREFIXES,
     STORING_METHODS,
     VIEW_METHODS,
     SteppingScript,
     index_gives_view,
 )
-
-# How the fields of MjData begin whose rest is the field of a named part.
-PART_PREFIXES = {
-    "body": "",
-    "joint": "",
-    "jnt": "",
-    "actuator": "",
-    "geom": "geom_",
-    "site": "site_",
-    "cam": "cam_",
-    "camera": "cam_",
-    "light": "light_",
-    "ten": "ten_",
-    "tendon": "ten_",
-}
 
 
 @dataclass
@@ -158,7 +151,7 @@ class _Following:
             yield from ((function, parameter) for parameter in parameters)
 
     def _of_part(self, call: ast.Call, accessor: str) -> None:
-        if accessor not in PART_PREFIXES:
+        if accessor not in PART_PREFIXES or accessor == "sensor":
             raise _UnknownUseError
         parent = self._script.parents.get(call)
         parts = [parent]
@@ -178,7 +171,6 @@ class _Following:
 
 
 def _only_target(statement: ast.AST | None) -> ast.Name:
-    """Return the one name to which a statement assigns; any other node is an unknown use."""
     match statement:
         case ast.Assign(targets=[ast.Name() as target]):
             return target
@@ -207,10 +199,12 @@ def _outlives(script: SteppingScript, field: ast.Attribute, is_row: bool) -> boo
     match parent:
         case ast.Assign(targets=targets):
             return not all(
-                isinstance(target, ast.Subscript) and not script.is_container_name(target.value)
+                isinstance(target, ast.Subscript)
+                # an array copies what is put in
+                and not any(map(creates_container, script.assigned(target.value)))
                 for target in targets
             )
         case ast.Call(func=ast.Attribute() as function):
-            return not script.is_numpy_call(parent) and last_name(function) in STORING_METHODS
+            return not is_numpy_call(parent) and last_name(function) in STORING_METHODS
     containers = ast.Return | ast.Yield | ast.Tuple | ast.List | ast.Dict | ast.keyword
     return isinstance(parent, containers | ast.ListComp | ast.GeneratorExp | ast.DictComp)

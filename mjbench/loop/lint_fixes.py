@@ -219,7 +219,6 @@ class _PartText:
         return line, line, indent + hoist.name.encode() + b" = " + source + line_end
 
     def edited(self, edits: Sequence[_Edit]) -> str:
-        """Return the text after edits; those at the same place apply in their order."""
         pieces, behind = [], 0
         for start, end, text in sorted(edits, key=lambda edit: edit[0]):
             pieces += [self.data[behind:start], text]

@@ -11,12 +11,12 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.loop.lint_data_uses import PART_PREFIXES
 from mjbench.loop.lint_forward import COMPUTED, STATE, enough_for
 from mjbench.loop.lint_rule import Match, rule
 from mjbench.loop.script_syntax import (
     dotted_name,
     is_bound,
+    is_numpy_call,
     is_step,
     last_name,
     nodes_inside,
@@ -24,6 +24,7 @@ from mjbench.loop.script_syntax import (
 )
 from mjbench.loop.stepping_script import (
     FIELDS,
+    PART_PREFIXES,
     STORING_METHODS,
     VIEW_METHODS,
     SteppingBody,
@@ -36,7 +37,6 @@ from mjbench.units import listed
 _INTEGRATED = ("qpos", "qvel", "act", "time")
 _OF_NO_MOMENT = STATE | {"qacc_warmstart", "plugin_state"}
 _COMPUTED_NUMBERS = {"contact", "ncon", "nefc"}
-_PREFIXES = PART_PREFIXES | {"sensor": "sensor"}
 # Methods that write a row; those of other objects, and built-in functions, that compute nothing.
 _WRITING_METHODS = {"log", "write", "writerow"}
 _HARMLESS = {
@@ -164,9 +164,7 @@ def is_computed(field: str) -> bool:
 def _readings(script: SteppingScript, node: ast.AST) -> Iterator[tuple[str, str]]:
     """Yield the MjData and the field that a node reads; those of the views that a name is."""
     if isinstance(node, ast.Name):
-        values = script.assigned(node)
-        for value in values if all(v is not None and script.is_view(v) for v in values) else ():
-            assert value is not None
+        for value in filter(None, script.assigned(node) if script.is_alias(node) else ()):
             yield from (r for n in ast.walk(value) for r in _readings(script, n) if n is not node)
     elif isinstance(node, ast.Attribute) and script.is_data(node.value):
         yield dotted_name(node.value), node.attr
@@ -174,7 +172,7 @@ def _readings(script: SteppingScript, node: ast.AST) -> Iterator[tuple[str, str]
         owner = node.value
         access = owner if isinstance(owner, ast.Call) else script.assigned(owner)[0]
         assert isinstance(access, ast.Call) and isinstance(access.func, ast.Attribute)
-        prefix = _PREFIXES.get(access.func.attr, "")
+        prefix = PART_PREFIXES.get(access.func.attr, "")
         yield dotted_name(access.func.value), prefix + node.attr
 
 
@@ -211,7 +209,7 @@ def _last_step(
 def _is_harmless(script: SteppingScript, call: ast.Call) -> bool:
     """Return whether a call certainly computes nothing in an MjData."""
     name = last_name(call.func) or (call.func.attr if isinstance(call.func, ast.Attribute) else "")
-    if script.is_numpy_call(call) or script.is_named_access(call) or name.startswith(_READING):
+    if is_numpy_call(call) or script.is_named_access(call) or name.startswith(_READING):
         return True
     origin = script.bindings.origin(dotted_name(call.func)).partition(".")[0]
     return origin in _HARMLESS_MODULES or (name in _HARMLESS and not script.functions.called(call))

@@ -365,7 +365,6 @@ def _is_number(script: SteppingScript, name: ast.Name) -> bool:
 
 
 def _has_threads(script: SteppingScript, call: ast.Call) -> bool:
-    """Return whether rollout gets a list of several MjData, one for each thread."""
     given = {keyword.arg: keyword.value for keyword in call.keywords}
     data = call.args[1] if len(call.args) > 1 else given.get("data")
     if isinstance(data, ast.Name):

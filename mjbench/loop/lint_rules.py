@@ -23,6 +23,7 @@ from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data, 
 from mjbench.loop.script_syntax import (
     dotted_name,
     is_call,
+    is_numpy_call,
     is_step,
     last_name,
     names_in,
@@ -125,7 +126,7 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
         call
         for call in script.calls
         if is_call(call, *ALLOCATIONS)
-        and script.is_numpy_call(call)
+        and is_numpy_call(call)
         and not any(keyword.arg == "out" for keyword in call.keywords)
     ]
     for call, loop in _in_steps(script, arrays, script.loops):

@@ -73,7 +73,6 @@ class NameBindings:
         return self._bindings.get((scope, name), [])
 
     def of_name(self, name: ast.Name) -> Sequence[ast.AST]:
-        """Return the nodes that bind what a name means where it stands."""
         owner = self.owner(name.id, name)
         return self.bindings(name.id, owner) if owner is not None else ()
 
@@ -134,7 +133,6 @@ class NameBindings:
         )
 
     def _imported(self, node: ast.AST) -> str:
-        """Return what a node imports, by its full name; empty if it binds by other means."""
         if not isinstance(node, ast.alias):
             return ""
         statement = self._parents[node]

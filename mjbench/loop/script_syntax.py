@@ -11,6 +11,7 @@ COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 COPIES = {"copy", "deepcopy"}
 # Inputs of a step, which programs write.
 _INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")
+_NUMPY = {"np", "numpy", "onp"}
 # Attributes of an array that are the array itself.
 WHOLE = {"T", "flat"}
 
@@ -36,6 +37,11 @@ def is_call(node: ast.AST | None, *names: str) -> TypeGuard[ast.Call]:
 
 def is_step(node: ast.AST) -> TypeGuard[ast.Call]:
     return is_call(node, "mj_step", "mj_step1", "mj_step2")
+
+
+def is_numpy_call(node: ast.Call) -> bool:
+    """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
+    return isinstance(node.func, ast.Attribute) and dotted_name(node.func.value) in _NUMPY
 
 
 def name_nodes(node: ast.AST) -> Iterator[ast.Name]:

@@ -7,6 +7,7 @@ anew for each episode, or changes its masses, steps one model here.
 import collections
 import contextlib
 import functools
+import itertools
 import operator
 import random
 import tempfile
@@ -111,15 +112,14 @@ class RecordedWindow:
 
         A segment ends before a state that is not finite; the engine may be set to continue from it.
         """
-        ends = [*self._begins[1:], self._count]
-        pairs = zip(self._begins, ends, strict=True)
-        finite = [_until_not_finite(self._states[begin:end]) for begin, end in pairs]
-        return [segment for segment in finite if len(segment) > 1]
-
-
-def _until_not_finite(states: np.ndarray) -> np.ndarray:
-    is_bad = ~np.isfinite(states).all(axis=1)
-    return states[: int(is_bad.argmax())] if is_bad.any() else states
+        segments = []
+        for begin, end in itertools.pairwise([*self._begins, self._count]):
+            states = self._states[begin:end]
+            is_bad = ~np.isfinite(states).all(axis=1)
+            finite = states[: int(is_bad.argmax())] if is_bad.any() else states
+            if len(finite) > 1:
+                segments.append(finite)
+        return segments
 
 
 class WindowSample(Generic[_Window]):
@@ -153,7 +153,6 @@ class WindowSample(Generic[_Window]):
         self.due = due
 
     def windows(self) -> list[_Window]:
-        """Return the sample, in the order of the run."""
         return [self._by_stratum[stratum] for stratum in sorted(self._by_stratum)]
 
     def _halve(self) -> None:

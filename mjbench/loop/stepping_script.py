@@ -21,7 +21,6 @@ from mjbench.loop.script_syntax import (
     FUNCTIONS,
     ancestors,
     assignments,
-    creates_container,
     dotted_name,
     is_call,
     is_step,
@@ -38,12 +37,23 @@ _ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
 _LOADS_MODEL = re.compile(r"from_(binary_path|xml_path|xml_string)$")
 # Names of environments.
 _ENVIRONMENTS = {"env", "envs", "environment", "physics", "venv", "vec_env"}
-# Methods that return the part of an MjData or an MjModel that belongs to a named element.
-_DATA_ACCESSORS = {
-    *("actuator", "body", "cam", "camera", "geom", "jnt", "joint", "light", "sensor", "site"),
-    *("ten", "tendon"),
+# Methods that return the part of an MjData, or also of an MjModel, that belongs to a named element;
+# with how the fields of MjData begin whose rest is the field of such a part.
+PART_PREFIXES = {
+    "body": "",
+    "joint": "",
+    "jnt": "",
+    "actuator": "",
+    "geom": "geom_",
+    "site": "site_",
+    "cam": "cam_",
+    "camera": "cam_",
+    "light": "light_",
+    "ten": "ten_",
+    "tendon": "ten_",
+    "sensor": "sensor",
 }
-_MODEL_ACCESSORS = _DATA_ACCESSORS | {
+_MODEL_ACCESSORS = PART_PREFIXES.keys() | {
     *("eq", "equality", "exclude", "hfield", "key", "keyframe", "mat", "material", "mesh"),
     *("numeric", "pair", "skin", "tex", "text", "texture", "tuple"),
 }
@@ -54,7 +64,6 @@ VIEW_METHODS = {"view", "transpose", "squeeze", "swapaxes", "ravel", "reshape"}
 _RESHAPING = {"ravel", "reshape"}
 # Methods of a container that store an argument.
 STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
-_NUMPY = {"np", "numpy", "onp"}
 # Array fields of MjData (mjdata.h); nothing else is taken for a view.
 FIELDS = re.compile(
     r"(qpos|qvel|act|ctrl|qacc|act_dot|sensordata|userdata|mocap_pos|mocap_quat|eq_active"
@@ -154,7 +163,6 @@ class SteppingScript:
         return named - {""}
 
     def _names_of_functions(self, has: Callable[[ast.AST], bool]) -> set[str]:
-        """Return the names of the functions with a node that a condition holds for."""
         functions = (node for node in self.nodes if isinstance(node, FUNCTIONS))
         return {function.name for function in functions if any(map(has, ast.walk(function)))}
 
@@ -191,7 +199,6 @@ class SteppingScript:
         return indirect
 
     def is_view(self, node: ast.AST) -> bool:
-        """Return whether an expression is a view of MuJoCo's memory."""
         match node:
             case ast.Attribute(value=array, attr="T"):
                 return self.is_view(array)
@@ -256,10 +263,6 @@ class SteppingScript:
     def step_loop_around(self, node: ast.AST) -> Loop | None:
         return next((n for n in self.loops_around(node) if n in self._step_loops), None)
 
-    def is_numpy_call(self, node: ast.Call) -> bool:
-        """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
-        return isinstance(node.func, ast.Attribute) and dotted_name(node.func.value) in _NUMPY
-
     def is_conditional(self, node: ast.AST) -> bool:
         """Return whether a node is under an `if` of its loop that steps, or of its function."""
         above = self.above(node, self.step_loop_around(node))
@@ -301,17 +304,20 @@ class SteppingScript:
     def is_access_to_data(self, node: ast.AST) -> bool:
         match node:
             case ast.Call(func=ast.Attribute(value=owner, attr=accessor)):
-                return accessor in _DATA_ACCESSORS and self.is_data(owner)
+                return accessor in PART_PREFIXES and self.is_data(owner)
         return False
 
     def is_named_part(self, node: ast.AST) -> bool:
-        values = self.assigned(node)
-        is_name = bool(values) and all(v is not None and self.is_access_to_data(v) for v in values)
-        return is_name or self.is_access_to_data(node)
+        return self._is_always(node, self.is_access_to_data) or self.is_access_to_data(node)
 
-    def is_container_name(self, node: ast.AST) -> bool:
-        """Return whether a name was assigned a list or a dict; an array copies what is put in."""
-        return any(map(creates_container, self.assigned(node)))
+    def is_alias(self, node: ast.AST) -> bool:
+        """Return whether a name always stands for a view."""
+        return isinstance(node, ast.Name) and self._is_always(node, self.is_view)
+
+    def _is_always(self, node: ast.AST, test: Callable[[ast.AST], bool]) -> bool:
+        """Return whether a test holds for all that is ever assigned to a name or an attribute."""
+        values = self.assigned(node)
+        return bool(values) and all(value is not None and test(value) for value in values)
 
     def above(self, node: ast.AST, until: ast.AST | None = None) -> Iterator[ast.AST]:
         """Yield the nodes above a node, the innermost first, without `until` and those above."""

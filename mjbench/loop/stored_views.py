@@ -33,6 +33,7 @@ from mjbench.loop.script_syntax import (
     is_bound,
     is_call,
     is_input,
+    is_numpy_call,
     is_periodic,
     is_step,
     last_name,
@@ -184,12 +185,8 @@ class StoredViews:
     def _views_in(self, value: ast.expr) -> Iterator[ast.expr]:
         """Yield the view that an expression is, or those in the tuple, list or dict it creates."""
         for part in elements(value):
-            if self._script.is_view(part) or self._is_alias(part):
+            if self._script.is_view(part) or self._script.is_alias(part):
                 yield part
-
-    def _is_alias(self, node: ast.expr) -> bool:
-        values = self._script.assigned(node) if isinstance(node, ast.Name) else []
-        return bool(values) and all(v is not None and self._script.is_view(v) for v in values)
 
     def _is_of_the_one_data(self, view: ast.expr, inner: Sequence[ast.AST]) -> bool:
         """Return whether a view is the same memory of the MjData that steps, in each iteration."""
@@ -222,8 +219,7 @@ class StoredViews:
         """Return whether it is known which view, or which part of an MjData, a name stands for."""
         if not isinstance(node, ast.Name | ast.Attribute) or self._script.is_data(node):
             return False
-        is_alias = isinstance(node, ast.Name) and self._is_alias(node)
-        return is_alias or self._script.is_named_part(node)
+        return self._script.is_alias(node) or self._script.is_named_part(node)
 
     def _is_renewed(self, node: ast.AST) -> bool:
         """Return whether another function may make a name stand for another MjData."""
@@ -301,7 +297,6 @@ class StoredViews:
         )
 
     def _uses(self, function: ast.FunctionDef) -> Iterator[ast.expr]:
-        """Yield the calls of a function; of a property, the attributes that are called so."""
         if function.decorator_list:
             attributes = (node for node in self._script.nodes if isinstance(node, ast.Attribute))
             return (attribute for attribute in attributes if attribute.attr == function.name)
@@ -347,8 +342,7 @@ def store_of(node: ast.AST) -> Store | None:
     """Return where a statement or a call stores something; None for several places, or none."""
     match node:
         case ast.Call(func=ast.Attribute(value=place, attr=method), args=values):
-            is_of_numpy = dotted_name(place) in ("np", "numpy", "onp")
-            is_store = method in _STORING_METHODS and not is_of_numpy
+            is_store = method in _STORING_METHODS and not is_numpy_call(node)
             return Store(place, None, values) if is_store else None
         case ast.Assign(targets=[ast.Attribute() as target], value=value):
             return Store(target, None, [value])

@@ -126,7 +126,6 @@ def _first(workload: PortableWorkload, run: ReferenceRun, block: RunSize) -> Por
 
 
 def _sample(process: WorkerProcess, sizes: Sizes) -> tuple[SampleRequest, float]:
-    """Return the workload to draw, and about how many seconds a step of it takes."""
     nstart = sizes.nbatch or NBATCH
     now = process.call(Worker.measure_step_cost, sizes.starts, nstart, sizes.hold)
     step_s = step_costs.step_cost_s(now.digest, lambda: process.call(Worker.measure_settled_cost))
