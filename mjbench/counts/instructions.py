@@ -180,7 +180,10 @@ def _count_until_death(
                 hung = error.ending == Status.TIMEOUT
                 answer = Failure(error.ending, f"{error.cause}, killed" if hung else str(error))
                 is_over = True
-            dumps = [folder / f"callgrind.out.{dump}" for dump in _dumps(number)]
+            # numbered from 1; each task's first one holds what came before its passes
+            first = counted_program.MARKERS * number + 2
+            passes = range(first, first + counted_program.MARKERS - 1)
+            dumps = [folder / f"callgrind.out.{dump}" for dump in passes]
             end_s = time.monotonic()
             yield replace(_task_count(release, task, answer, dumps), seconds=end_s - begin_s)
             begin_s = end_s
@@ -212,7 +215,12 @@ def _program(
             limit_s,
             stdin=subprocess.DEVNULL,
             cwd=folder,
-            env=_environment(install, folder),
+            env=release_python.environment(install)
+            | {
+                "GLIBC_TUNABLES": TUNABLES,
+                "PYTHONHASHSEED": HASH_SEED,
+                "TMPDIR": str(folder),  # valgrind's own temporary files go with the folder
+            },
             preexec_fn=lambda: child.die_with_parent(parent),
         )
         try:
@@ -231,23 +239,6 @@ def _callgrind(folder: Path) -> list[str]:
         f"--instr-atstart={'no' if counted_program.can_switch_instrumentation() else 'yes'}",
         f"--callgrind-out-file={folder / 'callgrind.out'}",
     ]
-
-
-def _environment(install: Path | None, folder: Path) -> dict[str, str]:
-    return release_python.environment(install) | {
-        "GLIBC_TUNABLES": TUNABLES,
-        "PYTHONHASHSEED": HASH_SEED,
-        "TMPDIR": str(folder),  # valgrind's own temporary files are removed with the folder
-    }
-
-
-def _dumps(index: int) -> range:
-    """Return the numbers of the dumps that hold the passes of the task at `index`.
-
-    Dumps are numbered from 1. Each task's first one holds what came before its passes.
-    """
-    first = counted_program.MARKERS * index + 2
-    return range(first, first + counted_program.MARKERS - 1)
 
 
 def _task_count(

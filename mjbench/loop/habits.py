@@ -25,8 +25,7 @@ class Habit:
     """One habit, as snippets of a loop.
 
     A run of the loop is an episode: it starts from the start state, whatever the habit does.
-    Snippets may use the names of `loop_names`, and those that `setup`
-    defines.
+    Snippets may use the names of `loop_names`, and those that `setup` defines.
 
     Attributes:
       cheaper: name of the habit that does the same for less; empty if there is none.

@@ -10,6 +10,7 @@ import copy
 import difflib
 import re
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -36,29 +37,23 @@ _OF_IDENTIFIER = re.compile(rb"[\w\x80-\xff]")
 
 
 @dataclass(frozen=True)
-class SourceChanges:
-    """What to change in a script: expressions that get `.copy()`, and calls that become names."""
-
-    copied: Sequence[ast.expr]
-    hoists: Sequence[Hoist]
-
-    @property
-    def expressions(self) -> Sequence[ast.expr]:
-        return [*self.copied, *(call for hoist in self.hoists for call in hoist.calls)]
-
-
-@dataclass(frozen=True)
 class _Plan:
     """What breaks rules in a program, and what to change.
 
     Attributes:
+      copied: expressions that get `.copy()`.
       refusals: why a remedy is not certain to be safe, by the node that breaks a rule: in one
         sentence without its full stop.
     """
 
     matches: Sequence[tuple[Rule, Match]]
-    changes: SourceChanges
+    copied: Sequence[ast.expr]
+    hoists: Sequence[Hoist]
     refusals: Mapping[ast.AST, str]
+
+    @property
+    def changed(self) -> Sequence[ast.expr]:
+        return [*self.copied, *(call for hoist in self.hoists for call in hoist.calls)]
 
 
 @dataclass(frozen=True)
@@ -132,10 +127,10 @@ def fix(file: str, codes: Collection[str] = ALL_CODES) -> LintedFile:
     with lint.refusing_deep_nesting(file):
         before = after = read_program(file)
         plan = _plan(before, codes)
-        fixed = plan.changes.expressions
+        fixed = plan.changed
         if fixed:
             try:
-                after = changed(before, plan.changes)
+                after = _changed(before, plan)
             except (SyntaxError, ValueError, LookupError) as error:
                 failed: dict[ast.AST, str] = dict.fromkeys(fixed, one_line(error))
                 plan, fixed = replace(plan, refusals={**plan.refusals, **failed}), []
@@ -169,7 +164,7 @@ def _plan(program: PythonProgram, codes: Collection[str]) -> _Plan:
             assert isinstance(match.node, ast.Call)
             calls.append(match.node)
     hoists, not_hoisted = Hoisting(names).plan(calls)
-    return _Plan(matches, SourceChanges(copied, hoists), refusals | not_hoisted)
+    return _Plan(matches, copied, hoists, refusals | not_hoisted)
 
 
 # Bytes of the text of a part that are replaced: from the first number to the second, without it.
@@ -230,7 +225,7 @@ def lines_of(text: str) -> list[str]:
     return [line for line in _LINE.findall(text) if line]
 
 
-def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
+def _changed(program: PythonProgram, plan: _Plan) -> PythonProgram:
     """Return a program after changes.
 
     Raises:
@@ -239,8 +234,8 @@ def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
     try:
         copies: dict[int, Any] = {}
         tree = copy.deepcopy(program.tree, copies)
-        expected = ast.dump(_Transformer(changes, copies).visit(tree))
-        result = program.with_texts([_edited(program, part, changes) for part in program.parts])
+        expected = ast.dump(_Transformer(plan, copies).visit(tree))
+        result = program.with_texts([_edited(program, part, plan) for part in program.parts])
         actual = ast.dump(result.tree)
     except (RecursionError, MemoryError) as error:
         raise ValueError("it is nested too deeply, or too large") from error
@@ -249,11 +244,11 @@ def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
     return result
 
 
-def _edited(program: PythonProgram, part: NotebookPart, changes: SourceChanges) -> str:
+def _edited(program: PythonProgram, part: NotebookPart, plan: _Plan) -> str:
     text = _PartText(program, part)
-    in_part = [view for view in changes.copied if program.line_of(view).cell == part.cell]
+    in_part = [view for view in plan.copied if program.line_of(view).cell == part.cell]
     edits = [(text.end(view), text.end(view), b".copy()") for view in in_part]
-    for hoist in changes.hoists:
+    for hoist in plan.hoists:
         if program.line_of(hoist.loop).cell == part.cell:
             edits.append(text.binding(hoist))
             edits += [text.replacing(call, hoist.name) for call in hoist.calls]
@@ -261,12 +256,12 @@ def _edited(program: PythonProgram, part: NotebookPart, changes: SourceChanges) 
 
 
 class _Transformer(ast.NodeTransformer):
-    def __init__(self, changes: SourceChanges, copies: Mapping[int, Any]):
-        self._copied = {copies[id(view)] for view in changes.copied}
-        self._names = {copies[id(c)]: hoist.name for hoist in changes.hoists for c in hoist.calls}
-        self._hoists: dict[ast.AST, list[Hoist]] = {}
-        for hoist in changes.hoists:
-            self._hoists.setdefault(copies[id(hoist.loop)], []).append(hoist)
+    def __init__(self, plan: _Plan, copies: Mapping[int, Any]):
+        self._copied = {copies[id(view)] for view in plan.copied}
+        self._names = {copies[id(c)]: hoist.name for hoist in plan.hoists for c in hoist.calls}
+        self._hoists: defaultdict[ast.AST, list[Hoist]] = defaultdict(list)
+        for hoist in plan.hoists:
+            self._hoists[copies[id(hoist.loop)]].append(hoist)
 
     def visit(self, node: ast.AST) -> Any:
         if node in self._names:

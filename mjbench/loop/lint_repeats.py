@@ -123,17 +123,18 @@ def _may_run_once(
     child: ast.AST = node
     while child is not limit:
         parent = script.parents[child]
-        if isinstance(parent, ast.ExceptHandler | ast.match_case):
-            return True
-        if isinstance(parent, ast.Try) and child in parent.orelse:
-            return True
-        if isinstance(parent, ast.With) and _expects_error(parent):
-            return True
-        is_branch = isinstance(parent, ast.If | ast.IfExp) and child is not parent.test
-        if is_branch and not _is_regular(parent, limit):
-            return True
-        if isinstance(parent, ast.BoolOp) and child is not parent.values[0]:
-            return True
+        match parent:
+            case ast.ExceptHandler() | ast.match_case():
+                return True
+            case ast.Try(orelse=block) if child in block:
+                return True
+            case ast.With() if _expects_error(parent):
+                return True
+            case ast.If(test=test) | ast.IfExp(test=test) if child is not test:
+                if not _is_regular(test, limit):
+                    return True
+            case ast.BoolOp(values=[first, *_]) if child is not first:
+                return True
         block = block_around(child, parent)
         rest = block[block.index(child) + 1 :] if isinstance(child, ast.stmt) and block else []
         leaves = any(isinstance(n, ast.Return | ast.Break | ast.Raise) for n in rest)
@@ -150,15 +151,12 @@ def _expects_error(node: ast.With) -> bool:
     return any("raises" in last_name(function).lower() for function in calls)
 
 
-def _is_regular(branch: ast.AST, limit: Repetition | ast.FunctionDef) -> bool:
+def _is_regular(condition: ast.expr, limit: Repetition | ast.FunctionDef) -> bool:
     """Return whether a condition holds in each nth iteration, or in all of them or in none."""
-    assert isinstance(branch, ast.If | ast.IfExp)
-    if is_periodic(branch.test):
-        return True
     plain = ast.Name | ast.Not | ast.UnaryOp | ast.expr_context
-    is_plain = all(isinstance(part, plain) for part in ast.walk(branch.test))
-    is_same = is_plain and names_in(branch.test).isdisjoint(bound_in(limit))
-    return is_same and not isinstance(limit, ast.FunctionDef)
+    is_plain = all(isinstance(part, plain) for part in ast.walk(condition))
+    is_same = is_plain and names_in(condition).isdisjoint(bound_in(limit))
+    return is_periodic(condition) or (is_same and not isinstance(limit, ast.FunctionDef))
 
 
 def _flows(node: ast.AST) -> Iterator[tuple[set[str], ast.AST]]:
@@ -191,11 +189,11 @@ def creates_model(node: ast.AST, by_any_call: bool = False) -> bool:
 
 
 def _new_models(scope: Repetition | ast.FunctionDef) -> set[str]:
+    assigns = (node for node in ast.walk(scope) if isinstance(node, ast.Assign))
     return {
         name
-        for node in ast.walk(scope)
-        if isinstance(node, ast.Assign)
-        and creates_model(node.value, by_any_call=isinstance(node.targets[0], ast.Tuple))
+        for node in assigns
+        if creates_model(node.value, by_any_call=isinstance(node.targets[0], ast.Tuple))
         for target in node.targets
         for name in names_in(target)
     }

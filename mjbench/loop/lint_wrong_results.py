@@ -26,7 +26,7 @@ from mjbench.loop.script_syntax import (
     parameters_of,
 )
 from mjbench.loop.stepping_script import FIELDS, SteppingScript
-from mjbench.loop.stored_views import Source, StoredViews, stored_views
+from mjbench.loop.stored_views import stored_views
 from mjbench.loop.view_writes import WRITING_FUNCTIONS, WRITING_METHODS
 
 _RK4_TEXT = re.compile(r"""integrator\s*=\s*["']RK4["']""")
@@ -219,7 +219,9 @@ def written_views(script: SteppingScript) -> Iterator[Match]:
         if not isinstance(node, ast.expr | ast.stmt):
             continue
         for name in _written(node):
-            source = _source_of(script, stored, name)
+            bindings = script.bindings.of_name(name)
+            values = [b for b in bindings if not isinstance(script.parents[b], ast.AugAssign)]
+            source = stored.source_of_binding(values[0]) if len(values) == 1 else None
             if source is None or _sets_state(script, node):
                 continue
             for function, view in stored.returned(source):
@@ -257,13 +259,6 @@ def _replaces_all(part: ast.Subscript, value: ast.expr) -> bool:
     """Return whether `x[:] = value` replaces all of an array by what does not follow from it."""
     is_whole = isinstance(part.slice, ast.Slice) and not (part.slice.lower or part.slice.upper)
     return is_whole and names_in(part.value).isdisjoint(names_in(value))
-
-
-def _source_of(script: SteppingScript, stored: StoredViews, name: ast.Name) -> Source | None:
-    """Return where the one value of a name comes from; None where it has others."""
-    bindings = script.bindings.of_name(name)
-    values = [b for b in bindings if not isinstance(script.parents.get(b), ast.AugAssign)]
-    return stored.source_of_binding(values[0]) if len(values) == 1 else None
 
 
 def _sets_state(script: SteppingScript, node: ast.expr | ast.stmt) -> bool:

@@ -27,8 +27,8 @@ SENSORS = "sensors"
 # RK4 evaluates the dynamics so often in a step.
 _EVALUATIONS_OF_RK4 = 4
 
+# A function of the engine, or what brings an MjData to a start state.
 Function = Callable[[mujoco.MjModel, mujoco.MjData], None]
-Start = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 
 class SensorStage(enum.StrEnum):
@@ -90,7 +90,7 @@ def with_parts(stages: Mapping[str, float], parts: Sequence[StepPart]) -> dict[s
 
 def parts(
     model: mujoco.MjModel,
-    start: Start,
+    start: Function,
     step_s: float,
     sensors: Sequence[SensorCost],
     budget_s: float = BUDGET_S,
@@ -114,13 +114,9 @@ def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:
     return [StepPart(SENSORS, OTHER, total)] if sensors else []
 
 
-def step_s(model: mujoco.MjModel, start: Start, budget_s: float = BUDGET_S) -> float:
-    (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)], budget_s)
+def step_s(model: mujoco.MjModel, start: Function, budget_s: float = BUDGET_S) -> float:
+    (seconds,) = medians(model, start, [(lambda: None, mujoco.mj_step)], budget_s)
     return seconds
-
-
-def _nothing() -> None:
-    pass
 
 
 def _functions(model: mujoco.MjModel) -> Iterator[tuple[str, str, int, Function]]:
@@ -157,12 +153,9 @@ def _needed_sensors(model: mujoco.MjModel) -> Iterator[Callable[[np.ndarray], Ca
 
 
 def sensor_costs(
-    model: mujoco.MjModel, start: Start, step_s: float, budget_s: float = BUDGET_S
+    model: mujoco.MjModel, start: Function, step_s: float, budget_s: float = BUDGET_S
 ) -> list[SensorCost]:
-    """Return what the sensors of each type and stage cost of a step, the largest first.
-
-    Their function is timed with each type, with all of the stage, and with none.
-    """
+    """Return what the sensors of each type and stage cost of a step, the largest first."""
     if not model.nsensor or not compat.flag_enabled(model, "sensor"):
         return []
     types, needs = np.array(model.sensor_type), np.array(model.sensor_needstage)
@@ -200,7 +193,7 @@ def _afresh(function: Function) -> Function:
 
 def medians(
     model: mujoco.MjModel,
-    start: Start,
+    start: Function,
     contenders: Sequence[tuple[Callable[[], None], Function]],
     budget_s: float = BUDGET_S,
 ) -> list[float]:

@@ -145,7 +145,12 @@ class WindowSample(Generic[_Window]):
         """Take the window that was due and ended at a step, and decide when the next is due."""
         self._by_stratum[self.due // self.stride] = window
         while len(self._by_stratum) > self._most:
-            self._halve()
+            self.stride *= 2
+            merged: dict[int, _Window] = {}
+            for stratum, sampled in sorted(self._by_stratum.items()):
+                if stratum // 2 not in merged or self._rng.random() < 0.5:
+                    merged[stratum // 2] = sampled
+            self._by_stratum = merged
         stratum = max(self.due // self.stride + 1, end // self.stride)
         room = self.stride - self._nstep
         while (due := stratum * self.stride + self._rng.randint(0, room)) < end:
@@ -154,14 +159,6 @@ class WindowSample(Generic[_Window]):
 
     def windows(self) -> list[_Window]:
         return [self._by_stratum[stratum] for stratum in sorted(self._by_stratum)]
-
-    def _halve(self) -> None:
-        self.stride *= 2
-        merged: dict[int, _Window] = {}
-        for stratum in sorted(self._by_stratum):
-            if stratum // 2 not in merged or self._rng.random() < 0.5:
-                merged[stratum // 2] = self._by_stratum[stratum]
-        self._by_stratum = merged
 
 
 class ModelRecorder:
@@ -236,7 +233,9 @@ class ModelRecorder:
             return None
         try:
             if self._window is not None:
-                if not self._is_over(self._window, data):
+                # it is gone, or full, or of no use
+                is_over = self._window.data in (None, data)
+                if not is_over and self.nstep - self._followed_at < _PATIENCE_NSTEP:
                     return None
                 self._end_window()
             if self.nstep < self._sample.due:
@@ -246,12 +245,6 @@ class ModelRecorder:
             return self._window
         finally:
             self._lock.release()
-
-    def _is_over(self, window: RecordedWindow, data: mujoco.MjData) -> bool:
-        """Return whether a window that does not follow `data` is over: full, or of no use."""
-        if window.data in (None, data):  # that is gone, or has no room for this step
-            return True
-        return self.nstep - self._followed_at >= _PATIENCE_NSTEP
 
     def _end_window(self) -> None:
         assert self._window is not None, "a window is open"

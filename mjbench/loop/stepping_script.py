@@ -83,10 +83,7 @@ Loop = ast.For | ast.While
 
 @dataclass(frozen=True, eq=False)
 class SteppingBody:
-    """A loop that steps, or a method that does, such as `step` of an environment.
-
-    Somebody calls such a method in a loop.
-    """
+    """A loop that steps, or a method that does, such as an environment's `step`."""
 
     node: Loop | ast.FunctionDef | ast.AsyncFunctionDef
 

@@ -195,7 +195,12 @@ class StoredViews:
         stepped = {dotted_name(step.args[1]) for step in steps}
         for expression in self._behind(view):
             data = next((n for n in ast.walk(expression) if self._script.is_data(n)), None)
-            if is_input(view) or is_input(expression) or data is None or self._is_renewed(data):
+            if data is None or is_input(view) or is_input(expression):
+                return False
+            # another function may make the name stand for another MjData
+            if isinstance(data, ast.Name) and data.id in self._script.bindings.declared:
+                return False
+            if isinstance(data, ast.Attribute) and data.attr in self._renewed_attributes:
                 return False
             if stepped and dotted_name(data) not in stepped:
                 return False
@@ -221,17 +226,8 @@ class StoredViews:
             return False
         return self._script.is_alias(node) or self._script.is_named_part(node)
 
-    def _is_renewed(self, node: ast.AST) -> bool:
-        """Return whether another function may make a name stand for another MjData."""
-        if isinstance(node, ast.Name):
-            return node.id in self._script.bindings.declared
-        return last_name(node) in self._renewed_attributes
-
     def _of_helpers(self, value: ast.expr, renewed: Collection[str]) -> Iterator[ast.expr]:
-        """Yield the views in a value that functions of the script return, or yield, to be stored.
-
-        Those of calls that get a name which stands for something else in each iteration are not.
-        """
+        """Yield the views in a value that calls return or yield, of what is the same each time."""
         for part in elements(value):
             for source in self._sources(part):
                 given = {dotted_name(node) for node in ast.walk(source.call)}
