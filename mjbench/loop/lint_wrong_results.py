@@ -219,7 +219,7 @@ def written_views(script: SteppingScript) -> Iterator[Match]:
         if not isinstance(node, ast.expr | ast.stmt):
             continue
         for name in _written(node):
-            bindings = script.bindings.of_name(name)
+            bindings = script.bindings.of(name.id, name)
             values = [b for b in bindings if not isinstance(script.parents[b], ast.AugAssign)]
             source = stored.source_of_binding(values[0]) if len(values) == 1 else None
             if source is None or _sets_state(script, node):

@@ -72,9 +72,10 @@ class NameBindings:
     def bindings(self, name: str, scope: Scope) -> Sequence[ast.AST]:
         return self._bindings.get((scope, name), [])
 
-    def of_name(self, name: ast.Name) -> Sequence[ast.AST]:
-        owner = self.owner(name.id, name)
-        return self.bindings(name.id, owner) if owner is not None else ()
+    def of(self, name: str, node: ast.AST) -> Sequence[ast.AST]:
+        """Return the nodes that bind what a name means where a node stands."""
+        owner = self.owner(name, node)
+        return self.bindings(name, owner) if owner is not None else ()
 
     def rebinding(self, name: str, loop: ast.For | ast.While) -> str:
         """Return why a name may change its value during a loop; empty where it cannot."""
@@ -244,7 +245,7 @@ class ScriptFunctions:
         return None
 
     def _binding(self, name: ast.Name) -> ast.AST | None:
-        bindings = self._bindings.of_name(name)
+        bindings = self._bindings.of(name.id, name)
         return bindings[0] if len(bindings) == 1 else None
 
 

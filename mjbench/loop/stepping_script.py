@@ -225,7 +225,7 @@ class SteppingScript:
             return list(self.assigned_anywhere(dotted_name(node)))
         if node.id in self.bindings.declared:
             return [None]
-        return [self.values.get(target) for target in self.bindings.of_name(node)]
+        return [self.values.get(target) for target in self.bindings.of(node.id, node)]
 
     def resolved(self, node: ast.expr) -> ast.expr:
         """Return what a name was assigned, where that happens once; any other expression itself."""

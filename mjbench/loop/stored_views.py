@@ -262,7 +262,7 @@ class StoredViews:
             case ast.Subscript(value=ast.Call() as call, slice=ast.Constant(value=key)):
                 return [Source(call, index=key)] if key is not None else []
             case ast.Name():
-                bindings = self._script.bindings.of_name(value)
+                bindings = self._script.bindings.of(value.id, value)
                 sources = [*map(self.source_of_binding, bindings)]
                 return [each for each in sources if each is not None] if all(sources) else []
         return []

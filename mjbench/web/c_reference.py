@@ -58,14 +58,6 @@ class CReference:
     block: RunSize
     compile_ms: float
 
-    @property
-    def nbatch(self) -> int:
-        return int(self.traced.run.states.shape[1])
-
-    @property
-    def nstep(self) -> int:
-        return len(self.traced.run.states) - 1
-
 
 def prepare(
     pool: WorkerPool,

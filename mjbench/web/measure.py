@@ -80,9 +80,10 @@ class _Measurement:
         plan, reference = self._plan, self._reference
         measured: dict[str, Any] = {}
         if reference is not None:
+            nrow, nbatch, _ = reference.traced.run.states.shape
             measured = {
-                "nbatch": reference.nbatch,
-                "nstep": reference.nstep,
+                "nbatch": nbatch,
+                "nstep": nrow - 1,
                 "block_nbatch": reference.block.nbatch,
                 "block_nstep": reference.block.nstep,
                 "workload_digest": reference.digest,
