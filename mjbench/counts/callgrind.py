@@ -55,7 +55,6 @@ class CallgrindProfile:
     """The content of one dump.
 
     Attributes:
-      self_cost: instructions that each function executed itself, by name.
       arcs: instructions of each (caller, callee), with all that the callee called.
       places: where the code of each function lies, by name; several files may have a function
         of that name.
@@ -95,16 +94,11 @@ class CallgrindProfile:
 
     def counts(self, names: Iterable[str], repeats: int) -> list[FunctionCount]:
         """Return what functions cost in one of `repeats` equal pieces of work, costliest first."""
-        counts = [
-            FunctionCount(
-                name, self.self_cost.get(name, 0) / repeats, self.inclusive_cost[name] / repeats
-            )
-            for name in names
-        ]
+        own, inclusive = self.self_cost, self.inclusive_cost
+        counts = [FunctionCount(n, own.get(n, 0) / repeats, inclusive[n] / repeats) for n in names]
         return sorted(counts, key=lambda count: (-count.self, count.name))
 
     def reachable_from(self, root: str) -> set[str]:
-        """Return the functions that `root` calls, directly or not, and itself."""
         callees: dict[str, set[str]] = defaultdict(set)
         for caller, callee in self.arcs:
             callees[caller].add(callee)
@@ -124,7 +118,8 @@ def parse(text: str) -> CallgrindProfile:
 
 
 def _parse(text: str) -> CallgrindProfile:
-    functions, libraries = _Names(source_name), _Names(_library)
+    # Callgrind writes `???` where it knows no file
+    functions, libraries = _Names(source_name), _Names(lambda name: name if name.strip("?") else "")
     self_cost: dict[str, int] = defaultdict(int)
     arcs: dict[tuple[str, str], int] = defaultdict(int)
     places: dict[tuple[str, str], set[int]] = defaultdict(set)
@@ -160,11 +155,10 @@ def _parse(text: str) -> CallgrindProfile:
 
 def _places(addresses: Mapping[tuple[str, str], set[int]]) -> dict[str, tuple[CodePlace, ...]]:
     """Return where functions lie; `addresses` are by function and file."""
-    places: dict[str, tuple[CodePlace, ...]] = {}
+    places: defaultdict[str, tuple[CodePlace, ...]] = defaultdict(tuple)
     for (function, library), executed in addresses.items():
-        place = CodePlace(library, tuple(sorted(executed)))
-        places[function] = (*places.get(function, ()), place)
-    return places
+        places[function] += (CodePlace(library, tuple(sorted(executed))),)
+    return dict(places)
 
 
 class _Names:
@@ -188,11 +182,6 @@ def _moved(address: int, position: str) -> int:
         return address
     number = int(position.lstrip("+-"), 0)
     return {"+": address + number, "-": address - number}.get(position[0], number)
-
-
-def _library(name: str) -> str:
-    """Return the name of a library; empty where Callgrind knows none, and writes `???`."""
-    return "" if name.strip("?") == "" else name
 
 
 def source_name(name: str) -> str:

@@ -104,17 +104,7 @@ class _Executed:
 
 
 def _engine_changes(old: _Executed, new: _Executed) -> CodeChanges:
-    gone = {
-        name: _main_code(old.library, symbols)
-        for name, symbols in old.functions.items()
-        if name not in new.functions and not _has_twin(old.library, symbols, new.library)
-    }
-    fresh = {
-        name: _main_code(new.library, symbols)
-        for name, symbols in new.functions.items()
-        if name not in old.functions and not _has_twin(new.library, symbols, old.library)
-    }
-    renamed = renamed_functions(gone, fresh)
+    renamed = renamed_functions(_only_in(old, new), _only_in(new, old))
     callees = {
         source_name(before.name): source_name(after.name)
         for old_name, new_name in renamed.items()
@@ -130,15 +120,24 @@ def _engine_changes(old: _Executed, new: _Executed) -> CodeChanges:
     return CodeChanges(changes, old_names)
 
 
+def _only_in(one: _Executed, other: _Executed) -> dict[str, list[Instruction]]:
+    """Return the code of the functions that only one library has, at least by that name."""
+    return {
+        name: _main_code(one.library, symbols)
+        for name, symbols in one.functions.items()
+        if name not in other.functions and not _has_twin(one.library, symbols, other.library)
+    }
+
+
 def _main_code(library: SharedLibrary, symbols: Sequence[Symbol]) -> list[Instruction]:
-    """Return the instructions of the longest of the parts of a function."""
     return library.decoded(max(symbols, key=lambda symbol: symbol.size_bytes))
 
 
 def _has_twin(library: SharedLibrary, symbols: Sequence[Symbol], other: SharedLibrary) -> bool:
     """Return whether another library has the same function, and not only one of its name."""
     code = _main_code(library, symbols)
-    return any(is_same_function(code, other.decoded(twin)) for twin in _named_like(symbols, other))
+    twins = map(other.decoded, _named_like(symbols, other))
+    return any(_is_same(machine_code.similarity(code, twin), 1.0) for twin in twins)
 
 
 def _named_like(symbols: Iterable[Symbol], library: SharedLibrary) -> list[Symbol]:
@@ -180,23 +179,23 @@ def _file_changes(
         {place.library for in_files in places.values() for place in in_files if place.library}
         for places in (baseline, candidate)
     )
-    in_both = old_files & new_files
-    return {
-        name: CodeChange.IDENTICAL
-        if all(p.library in in_both for p in (*baseline.get(name, ()), *candidate.get(name, ())))
-        else CodeChange.UNKNOWN
-        for name in names
-    }
+    changes = {}
+    for name in names:
+        files = {place.library for place in (*baseline.get(name, ()), *candidate.get(name, ()))}
+        is_same = files <= old_files & new_files
+        changes[name] = CodeChange.IDENTICAL if is_same else CodeChange.UNKNOWN
+    return changes
 
 
 def renamed_functions(gone: Codes, new: Codes) -> dict[str, str]:
-    """Return the new names of functions by their old ones; a function has one of each.
-
-    Args:
-      new: functions of the candidate that may be the same.
-    """
+    """Return the new names of functions by their old ones; a function has one of each."""
     pairs = [
-        (machine_code.similarity(code, other), _similarity_of_names(name, new_name), name, new_name)
+        (
+            machine_code.similarity(code, other),
+            difflib.SequenceMatcher(None, name, new_name).ratio(),
+            name,
+            new_name,
+        )
         for name, code in gone.items()
         for new_name, other in new.items()
         if min(len(code), len(other)) >= MIN_INSTRUCTIONS
@@ -209,15 +208,7 @@ def renamed_functions(gone: Codes, new: Codes) -> dict[str, str]:
     return renamed
 
 
-def is_same_function(code: Sequence[Instruction], other: Sequence[Instruction]) -> bool:
-    """Return whether functions of the same name are the same, however much the code changed."""
-    return _is_same(machine_code.similarity(code, other), similarity_of_names=1.0)
-
-
 def _is_same(similarity: float, similarity_of_names: float) -> bool:
+    """Return whether two functions are the same, however much the code changed."""
     is_like_named = similarity_of_names >= MIN_SIMILARITY_OF_NAMES
     return similarity >= (MIN_SIMILARITY_OF_LIKE_NAMES if is_like_named else MIN_SIMILARITY)
-
-
-def _similarity_of_names(old: str, new: str) -> float:
-    return difflib.SequenceMatcher(None, old, new).ratio()

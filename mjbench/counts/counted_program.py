@@ -84,7 +84,6 @@ class CountedWork:
     """What was done between two markers.
 
     Attributes:
-      warnings: how many of the others raised each warning, by its name.
       healthy: (nbatch,) bool: the simulations that did not diverge.
       followed: what the release did from the states of the workload's probe; None without one.
       starts: where start states came from; None where another process drew them.
@@ -111,7 +110,6 @@ CountAnswer = CountedWork | CountedOperation | Failure
 
 
 def can_switch_instrumentation() -> bool:
-    """Return whether a program can ask for the change on this machine's kind of processor."""
     return sys.platform == "linux" and platform.machine() == "x86_64"
 
 

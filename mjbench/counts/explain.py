@@ -17,7 +17,6 @@ from mjbench.counts.records import (
     CodeChange,
     CodeShare,
     ExplainRecord,
-    FunctionDifference,
 )
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
@@ -39,14 +38,11 @@ DISAGREEMENT = 0.03
 
 def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
     """Return what changed, a line each: first by how much, then in what."""
-    assert baseline.instructions_per_step
-    assert candidate.instructions_per_step
-    ratio = candidate.instructions_per_step / baseline.instructions_per_step
+    old, new = baseline.instructions_per_step, candidate.instructions_per_step
+    assert old and new, "both were counted"
+    ratio = new / old
     changes = _work_changes(baseline, candidate, row.time)
-    counts = (
-        f"instructions per step {baseline.instructions_per_step:,.0f} →"
-        f" {candidate.instructions_per_step:,.0f} ({percent_change(ratio)} %)"
-    )
+    counts = f"instructions per step {old:,.0f} → {new:,.0f} ({percent_change(ratio)} %)"
     time = row.time
     lines = [
         f"{_describe_time(time, time.ratio)}; {counts}" if time and time.ratio else counts,
@@ -62,8 +58,12 @@ def _code_lines(row: ExplainRecord) -> list[str]:
         f"{change} {share.functions} ({100 * share.share:.1f} %)"
         for change, share in row.code.items()
     )
-    moved = [_moved_line(group) for group in moved_groups(row.functions)]
-    return [f"{_code_conclusion(row.code)}: {details}", *moved]
+    lines = [f"{_code_conclusion(row.code)}: {details}"]
+    for group in moved_groups(row.functions):
+        parts = " and ".join(f"{each.name} ({each.difference:+,.0f})" for each in group)
+        total = sum(each.difference for each in group)
+        lines.append(f"cost moved between {parts}, together {total:+,.0f}")
+    return lines
 
 
 def _code_conclusion(code: Mapping[CodeChange, CodeShare]) -> str:
@@ -88,12 +88,6 @@ def _code_conclusion(code: Mapping[CodeChange, CodeShare]) -> str:
     )
 
 
-def _moved_line(group: Sequence[FunctionDifference]) -> str:
-    parts = " and ".join(f"{function.name} ({function.difference:+,.0f})" for function in group)
-    total = sum(function.difference for function in group)
-    return f"cost moved between {parts}, together {total:+,.0f}"
-
-
 def _describe_time(time: VerdictRow, ratio: Ratio) -> str:
     interval = "interval unknown"
     if ratio.low is not None and ratio.high is not None:
@@ -105,10 +99,9 @@ def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
     lines = [] if time.status == Status.OK else [f"time not compared: {time.detail}"]
     if time.ratio is None or time.ratio.low is None or time.ratio.high is None:
         return lines
-    estimate, low, high = time.ratio.estimate, time.ratio.low, time.ratio.high
-    difference = abs(estimate - instruction_ratio)
-    is_outside = not low - DISAGREEMENT <= instruction_ratio <= high + DISAGREEMENT
-    if difference > DISAGREEMENT and is_outside:
+    difference = abs(time.ratio.estimate - instruction_ratio)
+    low, high = time.ratio.low - DISAGREEMENT, time.ratio.high + DISAGREEMENT
+    if difference > DISAGREEMENT and not low <= instruction_ratio <= high:
         lines.append(
             f"time and instructions disagree by {100 * difference:.1f} points: instruction counts"
             " do not show cache misses, mispredicted branches, wider or slower instructions (SIMD,"
@@ -168,13 +161,17 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
         work = Pair(baseline.work, candidate.work)
     drift = state_drift(baseline, candidate)
     details = [f"MuJoCo {c.release}: {c.detail}" for c in (baseline, candidate) if c.detail]
+    path = counted_program.PATH
     return VerdictRow(
         model=candidate.model,
-        path=counted_program.PATH,
+        path=path,
         metric=Metric.INSTRUCTIONS,
         old=baseline.release,
         new=candidate.release,
-        sides=[_target_row(baseline), _target_row(candidate)],
+        sides=[
+            TargetRow(c.release, c.model, path, options={}, model_options={}, build=c.build)
+            for c in (baseline, candidate)
+        ],
         status=failed.status if failed else Status.OK,
         detail="; ".join(details),
         verdict=exact_verdict(ratio.estimate, min_effect) if ratio else None,
@@ -190,24 +187,11 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
 
 
 def state_drift(baseline: ModelCount, candidate: ModelCount) -> StateDrift | None:
-    """Return how far the states of two counts differ; None if it is unknown."""
     if baseline.followed is None or candidate.followed is None:
         return None
     assert baseline.healthy is not None and candidate.healthy is not None, "both were counted"
-    return work_check.drift(
-        baseline.followed, candidate.followed, baseline.healthy & candidate.healthy
-    )
-
-
-def _target_row(count: ModelCount) -> TargetRow:
-    return TargetRow(
-        count.release,
-        count.model,
-        path=counted_program.PATH,
-        options={},
-        model_options={},
-        build=count.build,
-    )
+    healthy = baseline.healthy & candidate.healthy
+    return work_check.drift(baseline.followed, candidate.followed, healthy)
 
 
 def _ratio(baseline: ModelCount, candidate: ModelCount) -> Ratio | None:
@@ -249,11 +233,7 @@ def verdicts(
     stored: Sequence[VerdictRecord] = (),
     on_candidate: Callable[[int], None] = lambda number: None,
 ) -> Iterator[VerdictRecord]:
-    """Yield the verdict on each model in each new release.
-
-    Args:
-      on_candidate: called with the position of each new release before it is counted.
-    """
+    """Yield the verdict on each model in each new release; `on_candidate` gets its position."""
     baselines: dict[str, ModelCount] = {}
     for number, candidate in enumerate(comparison.candidates):
         on_candidate(number)

@@ -52,9 +52,6 @@ def function_differences(
 
     Of equal differences the costliest function comes first. Functions without names are put
     together by their library, because their addresses differ between releases.
-
-    Args:
-      code: how the code changed; None where it was not compared.
     """
     names = {old: new for new, old in code.old_names.items()} if code else {}
     before, after = _self_costs(baseline, names), _self_costs(candidate, {})
@@ -72,7 +69,11 @@ def function_differences(
     if code:
         calls = {(names.get(a, a), names.get(b, b)) for a, b in baseline.calls} | candidate.calls
         min_cost = MIN_MOVED * (candidate.instructions_per_step or 0.0)
-        _mark_moved(functions, calls, min_cost)
+        for group in moved_cost(functions, calls, min_cost):
+            members = sorted((functions[name] for name in group), key=_largest_first)
+            for each in members:
+                others = [other.name for other in members if other.difference * each.difference < 0]
+                functions[each.name] = replace(each, moved_with=others)
     return sorted(functions.values(), key=lambda f: (-abs(f.difference), -(f.new or 0.0), f.name))
 
 
@@ -114,7 +115,6 @@ class NetDifference:
 
 
 def largest_differences(functions: Sequence[FunctionDifference], count: int) -> list[NetDifference]:
-    """Return what accounts for most of a difference, the largest first."""
     groups = moved_groups(functions)
     moved = {function.name for group in groups for function in group}
     groups += [[function] for function in functions if function.name not in moved]
@@ -137,18 +137,6 @@ def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]
     return dict(costs)
 
 
-def _mark_moved(
-    functions: dict[str, FunctionDifference], calls: AbstractSet[tuple[str, str]], min_cost: float
-) -> None:
-    for group in moved_cost(functions, calls, min_cost):
-        ordered = sorted(group, key=lambda name: -abs(functions[name].difference))
-        for name in ordered:
-            others = [
-                o for o in ordered if functions[o].difference * functions[name].difference < 0
-            ]
-            functions[name] = replace(functions[name], moved_with=others)
-
-
 def moved_cost(
     functions: Mapping[str, FunctionDifference], calls: Iterable[tuple[str, str]], min_cost: float
 ) -> list[AbstractSet[str]]:
@@ -158,12 +146,15 @@ def moved_cost(
       min_cost: smallest difference to account for, in instructions per step.
     """
     neighbours: dict[str, set[str]] = defaultdict(set)
-    for caller, callee in calls:
+    for caller, name in calls:
+        callee = functions.get(name)
         # other callers cannot have taken over, or given up, instructions of a callee
         has_other_code = caller in functions and functions[caller].code in OTHER_CODE
-        if has_other_code and callee in functions and _changed_much(functions[callee]):
-            neighbours[caller].add(callee)
-            neighbours[callee].add(caller)
+        if callee is None or not has_other_code:
+            continue
+        if abs(callee.difference) >= MIN_CALLEE_CHANGE * max(callee.old or 0.0, callee.new or 0.0):
+            neighbours[caller].add(name)
+            neighbours[name].add(caller)
     groups: list[AbstractSet[str]] = []
     grouped: set[str] = set()
     for function in sorted(functions.values(), key=_largest_first):
@@ -175,11 +166,6 @@ def moved_cost(
             groups.append({function.name, *partners})
             grouped |= groups[-1]
     return groups
-
-
-def _changed_much(callee: FunctionDifference) -> bool:
-    largest = max(callee.old or 0.0, callee.new or 0.0)
-    return abs(callee.difference) >= MIN_CALLEE_CHANGE * largest
 
 
 def _largest_first(function: FunctionDifference) -> tuple[float, str]:

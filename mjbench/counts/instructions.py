@@ -84,7 +84,6 @@ class ModelCount(InstructionsRecord):
     followed: Followed | None = None
 
     def record(self) -> InstructionsRecord:
-        """Return what a run file and `mjbench profile --instructions --json` have of it."""
         values = {each.name: getattr(self, each.name) for each in fields(InstructionsRecord)}
         return InstructionsRecord(**values)
 
@@ -131,11 +130,7 @@ class InstructionCounter:
         work: Sequence[ModelSource | OperationRequest],
         limit_s: float = 600.0,
     ) -> Iterator[ModelCount]:
-        """Yield the instructions of models' steps, and of operations around the step.
-
-        Args:
-          limit_s: kill the process when it finishes nothing for this long.
-        """
+        """Yield what work takes; a process that finishes nothing for `limit_s` is killed."""
         requests = [
             each if isinstance(each, OperationRequest) else self._request(each) for each in work
         ]
@@ -146,19 +141,16 @@ class InstructionCounter:
         sizes = self._sizes
         of_file = NBATCH_OF_FILE, NSTEP_OF_FILE
         nbatch, nstep = (NBATCH, NSTEP) if sizes.starts.file is None else of_file
-        return ModelRequest(
-            source,
-            workload_file=self._workload_files.setdefault(source, unused),
-            sample=SampleRequest(
-                sizes.nbatch or nbatch,
-                sizes.nstep or whole_holds(nstep, sizes.hold),
-                sizes.hold,
-                sizes.seed,
-                sizes.starts,
-                MAX_SETTLING_NSTEP,
-                may_shorten=sizes.nstep is None,
-            ),
+        sample = SampleRequest(
+            sizes.nbatch or nbatch,
+            sizes.nstep or whole_holds(nstep, sizes.hold),
+            sizes.hold,
+            sizes.seed,
+            sizes.starts,
+            MAX_SETTLING_NSTEP,
+            may_shorten=sizes.nstep is None,
         )
+        return ModelRequest(source, self._workload_files.setdefault(source, unused), sample)
 
 
 def _count(
@@ -180,18 +172,23 @@ def _count_until_death(
     begin_s = time.monotonic()
     with _program(release, tasks, folder, limit_s) as connection:
         for number, task in enumerate(tasks):
+            answer: CountAnswer
+            is_over = False
             try:
-                answer: CountAnswer = connection.unpickled(connection.receive(limit_s))
+                answer = connection.unpickled(connection.receive(limit_s))
             except ChildError as error:
                 hung = error.ending == Status.TIMEOUT
-                detail = f"{error.cause}, killed" if hung else str(error)
-                failed = _failed(task, release, Failure(error.ending, detail))
-                yield replace(failed, seconds=time.monotonic() - begin_s)
-                return
-            dumps = [folder / f"callgrind.out.{dump}" for dump in _dumps(number)]
+                answer = Failure(error.ending, f"{error.cause}, killed" if hung else str(error))
+                is_over = True
+            # numbered from 1; each task's first one holds what came before its passes
+            first = counted_program.MARKERS * number + 2
+            passes = range(first, first + counted_program.MARKERS - 1)
+            dumps = [folder / f"callgrind.out.{dump}" for dump in passes]
             end_s = time.monotonic()
             yield replace(_task_count(release, task, answer, dumps), seconds=end_s - begin_s)
             begin_s = end_s
+            if is_over:
+                return
 
 
 @contextlib.contextmanager
@@ -218,7 +215,12 @@ def _program(
             limit_s,
             stdin=subprocess.DEVNULL,
             cwd=folder,
-            env=_environment(install, folder),
+            env=release_python.environment(install)
+            | {
+                "GLIBC_TUNABLES": TUNABLES,
+                "PYTHONHASHSEED": HASH_SEED,
+                "TMPDIR": str(folder),  # valgrind's own temporary files go with the folder
+            },
             preexec_fn=lambda: child.die_with_parent(parent),
         )
         try:
@@ -239,30 +241,18 @@ def _callgrind(folder: Path) -> list[str]:
     ]
 
 
-def _environment(install: Path | None, folder: Path) -> dict[str, str]:
-    return release_python.environment(install) | {
-        "GLIBC_TUNABLES": TUNABLES,
-        "PYTHONHASHSEED": HASH_SEED,
-        "TMPDIR": str(folder),  # valgrind's own temporary files are removed with the folder
-    }
-
-
-def _dumps(index: int) -> range:
-    """Return the numbers of the dumps that hold the passes of the task at `index`.
-
-    Dumps are numbered from 1. Each task's first one holds what came before its passes.
-    """
-    first = counted_program.MARKERS * index + 2
-    return range(first, first + counted_program.MARKERS - 1)
-
-
 def _task_count(
     release: installs.ReleaseSpec, task: TaskRequest, answer: CountAnswer, dumps: Sequence[Path]
 ) -> ModelCount:
+    empty = ModelCount(
+        model=task.source.name if task.source else "",
+        operation=task.operation if isinstance(task, OperationRequest) else "",
+        release=release.version,
+        build=release.key,
+    )
     if isinstance(answer, Failure):
-        return _failed(task, release, answer)
+        return replace(empty, status=answer.status, detail=answer.detail)
     profile, repeated = (callgrind.parse(child.text(dump)) for dump in dumps)
-    empty = _empty_count(task, release)
     if isinstance(answer, CountedOperation):
         return _operation_count(empty, answer.repeats, profile, repeated)
     return _model_count(empty, answer, profile, repeated)
@@ -312,17 +302,4 @@ def _model_count(
         calls={arc for arc in profile.arcs if executed.issuperset(arc)},
         healthy=counted.healthy,
         followed=counted.followed,
-    )
-
-
-def _failed(task: TaskRequest, release: installs.ReleaseSpec, failure: Failure) -> ModelCount:
-    return replace(_empty_count(task, release), status=failure.status, detail=failure.detail)
-
-
-def _empty_count(task: TaskRequest, release: installs.ReleaseSpec) -> ModelCount:
-    return ModelCount(
-        model=task.source.name if task.source else "",
-        operation=task.operation if isinstance(task, OperationRequest) else "",
-        release=release.version,
-        build=release.key,
     )

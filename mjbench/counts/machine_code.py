@@ -55,7 +55,6 @@ class Instruction:
         where the name is unknown.
       successor: number of the instruction in the same function that it branches to, not counting
         nops; None for other instructions.
-      source_line: that it passes to a function; None for other instructions.
     """
 
     shape: tuple[object, ...]
@@ -77,7 +76,6 @@ class Surroundings:
     """What a function's code refers to.
 
     Attributes:
-      name_at: returns the name of the function at an address; None where it is unknown.
       constant_at: returns that many bytes at an address; None where the program may change them,
         or where they depend on the address at which the library is loaded.
     """
@@ -108,11 +106,7 @@ def compare(
     candidate: Sequence[Instruction],
     renamed: Mapping[str, str] | None = None,
 ) -> CodeChange:
-    """Return how the code of a function changed: identical, offsets only, or changed.
-
-    Args:
-      renamed: functions that have another name in the candidate, by their name in the baseline.
-    """
+    """Return how code changed; `renamed` functions have another name in the candidate."""
     working = [[i for i in code if not i.is_nop] for code in (baseline, candidate)]
     pairs = list(zip(*working, strict=False))
     if len(working[0]) != len(working[1]) or any(_work_differs(old, new) for old, new in pairs):
@@ -121,8 +115,9 @@ def compare(
     if not _shifts(pairs, "addends") <= {0} | shifts:
         return CodeChange.CHANGED
     names = renamed or {}
-    if any(_calls_another(old.callee, new.callee, names) for old, new in pairs):
-        return CodeChange.CHANGED
+    for old, new in pairs:
+        if old.callee and new.callee and new.callee not in (old.callee, names.get(old.callee)):
+            return CodeChange.CHANGED
     has_same_layout = [i.size_bytes for i in baseline] == [i.size_bytes for i in candidate]
     has_same_references = all(
         (old.callee == new.callee or names.get(old.callee or "") == new.callee)
@@ -134,24 +129,15 @@ def compare(
     return CodeChange.OFFSETS
 
 
-def _calls_another(old: str | None, new: str | None, renamed: Mapping[str, str]) -> bool:
-    """Return whether two calls are known to be of different functions."""
-    return old is not None and new is not None and new not in (old, renamed.get(old))
-
-
 def similarity(baseline: Sequence[Instruction], candidate: Sequence[Instruction]) -> float:
     """Return the share of their code that two functions have in common, from 0 to 1.
 
     It is the Sørensen–Dice coefficient of the triples of consecutive mnemonics, so what the
     compiler assigned to which register does not matter.
     """
-    old, new = (_triples(code) for code in (baseline, candidate))
+    mnemonics = [[i.shape[0] for i in code if not i.is_nop] for code in (baseline, candidate)]
+    old, new = (Counter(zip(each, each[1:], each[2:], strict=False)) for each in mnemonics)
     return 2 * (old & new).total() / max(1, old.total() + new.total())
-
-
-def _triples(code: Sequence[Instruction]) -> Counter[tuple[object, ...]]:
-    mnemonics = [i.shape[0] for i in code if not i.is_nop]
-    return Counter(zip(mnemonics, mnemonics[1:], mnemonics[2:], strict=False))
 
 
 def _shifts(

@@ -30,12 +30,7 @@ _JUMP_THROUGH_SLOT = b"\xff\x25"
 
 @dataclass(frozen=True, order=True)
 class Symbol:
-    """A function in a symbol table.
-
-    Attributes:
-      name: as in the table; that of a C++ function is mangled.
-      address: of its first byte, as the file gives it.
-    """
+    """A function in a symbol table, by its mangled name."""
 
     name: str
     address: int
@@ -60,7 +55,6 @@ class SharedLibrary:
 
     Attributes:
       symbols: of all functions, by address; several may stand for one function.
-      constants: the sections of constant data.
       imported: names of functions of other libraries, by the address that code calls (in `.plt`).
     """
 

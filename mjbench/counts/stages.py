@@ -68,12 +68,10 @@ def _trunk(arcs: Iterable[tuple[str, str]]) -> set[str]:
     for caller, callee in arcs:
         callers[callee].add(caller)
     trunk = set(TRUNK)
-    while True:
-        between = {
-            name
-            for name, its_callers in callers.items()
-            if name not in trunk and stage_of(name) is None and its_callers <= trunk
-        }
-        if not between:
-            return trunk
+    while between := {
+        name
+        for name, its_callers in callers.items()
+        if name not in trunk and stage_of(name) is None and its_callers <= trunk
+    }:
         trunk |= between
+    return trunk

@@ -14,7 +14,7 @@ import os
 import shutil
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -97,7 +97,6 @@ def _called(model: str) -> str:
 
 
 def _why_nothing(captured: Captured) -> str:
-    """Return why there are no states, as far as that is known."""
     if captured.others:
         others = ", ".join(_called(other.name) for other in captured.others)
         return f"no step seen of what was to be captured, but of {others}"
@@ -204,7 +203,9 @@ class Capture(contextlib.ContextDecorator):
             if os.getpid() != block.pid:
                 return
             self.result = block.write()
-            block.check_model()
+            for recorded in block.recorder.models()[:1]:
+                if recorded.mjb_failure:
+                    raise MachineError(f"cannot save {block.model_file}: {recorded.mjb_failure}")
         except MjbenchError as failure:
             if error is None:
                 raise
@@ -224,7 +225,7 @@ class _Block:
     pid: int = dataclasses.field(default_factory=os.getpid)
 
     def write(self) -> Captured:
-        models, others = self.recorder.models(), self.recorder.other_nstep()
+        models, others = self.recorder.models(), self.recorder.other_nstep
         unseen = tuple(_modules_with_own_functions())
         windows = models[0].windows() if models else []
         segments = [segment for window in windows for segment in window.segments()]
@@ -253,11 +254,6 @@ class _Block:
             unseen=unseen,
         )
 
-    def check_model(self) -> None:
-        for recorded in self.recorder.models()[:1]:
-            if recorded.mjb_failure:
-                raise MachineError(f"cannot save {self.model_file}: {recorded.mjb_failure}")
-
 
 def _header(recorded: ModelRecorder, windows: Sequence[RecordedWindow]) -> CaptureHeader:
     changed = {field for window in windows for field in window.changed_inputs}
@@ -273,23 +269,25 @@ def _header(recorded: ModelRecorder, windows: Sequence[RecordedWindow]) -> Captu
     )
 
 
-def _others(nstep: dict[str, int], models: Iterable[ModelRecorder]) -> tuple[OtherModel, ...]:
+def _others(nstep: Mapping[str, int], models: Iterable[ModelRecorder]) -> tuple[OtherModel, ...]:
     """Return the models that are left out: those that were only counted, and others."""
-    others = [OtherModel(recorded.name, recorded.nstep) for recorded in models]
-    return (*others, *(OtherModel(name, count) for name, count in nstep.items()))
+    counts = [*((recorded.name, recorded.nstep) for recorded in models), *nstep.items()]
+    return tuple(OtherModel(name, count) for name, count in counts)
 
 
 def _modules_with_own_functions() -> list[str]:
     """Return the modules that bound a stepping function, by `from mujoco import mj_step`."""
     functions = [engine_functions.original(name) for name in engine_functions.STEPPING]
-    modules = [
+    return sorted(
         name
         for name, module in list(sys.modules.items())
         if name.split(".")[0] != "mujoco"
-        for value in list(getattr(module, "__dict__", {}).values())
-        if any(value is function for function in functions)
-    ]
-    return sorted(set(modules))
+        and any(
+            value is function
+            for value in list(getattr(module, "__dict__", {}).values())
+            for function in functions
+        )
+    )
 
 
 def _ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
@@ -300,10 +298,7 @@ def _ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
 
 
 def _writable(path: Path) -> Path:
-    """Return the absolute path of a file; raise a MachineError if it cannot be written.
-
-    It is absolute, because the program may change its folder.
-    """
+    """Return a file's path, absolute as the program may change its folder; else MachineError."""
     file = Path(os.path.realpath(path))
     with writing(file):
         if file.exists():

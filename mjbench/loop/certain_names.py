@@ -61,8 +61,7 @@ class CertainNames:
         steps = (call for call in calls if self.bindings.origin(dotted_name(call.func)) in _STEPS)
         if any(name in map(dotted_name, step.args[index : index + 1]) for step in steps):
             return True
-        owner = self.bindings.owner(name, loop)
-        nodes = self.bindings.bindings(name, owner) if owner is not None else ()
+        nodes = self.bindings.of(name, loop)
         return bool(nodes) and all(self._is_assigned(node, kind) for node in nodes)
 
     def _is_assigned(self, target: ast.AST, kind: str) -> bool:

@@ -13,7 +13,7 @@ A copy changes nothing but what a log shows if
 import ast
 
 from mjbench.loop.certain_names import DATA, CertainNames
-from mjbench.loop.script_syntax import dotted_name, is_call, name_nodes
+from mjbench.loop.script_syntax import dotted_name, is_call, is_periodic, name_nodes
 from mjbench.loop.stepping_script import Loop
 from mjbench.loop.stored_views import store_of, stored_views
 
@@ -40,9 +40,10 @@ class Copying:
         self._stored = stored_views(names.script)
 
     def refusal(self, view: ast.expr) -> str:
-        """Return why a view that a loop stores cannot be copied there; empty if it can."""
         body = self._stored.loop_around(view)
-        log = self._log(view)
+        above = self._script.above(view)
+        containers = ast.Tuple | ast.List | ast.Dict
+        log = self._stored_in(next(n for n in above if not isinstance(n, containers)))
         if body is None or log is None or not isinstance(body.node, Loop):
             return "only what is appended, or assigned to a key of a dict, of a name is copied"
         loop = body.node
@@ -53,14 +54,8 @@ class Copying:
             or self._variation(view, loop)
         )
 
-    def _log(self, view: ast.expr) -> ast.Name | None:
-        """Return the name in which a view is stored, itself or in a tuple, a list or a dict."""
-        above = self._parents[view]
-        while isinstance(above, ast.Tuple | ast.List | ast.Dict):
-            above = self._parents[above]
-        return self._stored_in(above)
-
     def _stored_in(self, node: ast.AST | None) -> ast.Name | None:
+        """Return the name in which a node stores something; None for other places."""
         store = store_of(node) if node is not None else None
         if node is None or store is None or not isinstance(store.place, ast.Name):
             return None
@@ -72,10 +67,8 @@ class Copying:
         child: ast.AST = view
         for node in self._script.above(view):
             if isinstance(child, ast.stmt):
-                is_periodic = isinstance(node, ast.If) and any(
-                    isinstance(n, ast.Mod) for n in ast.walk(node.test)
-                )
-                is_certain = is_periodic or node is loop or isinstance(node, ast.For | ast.With)
+                is_regular = isinstance(node, ast.If) and is_periodic(node.test)
+                is_certain = is_regular or node is loop or isinstance(node, ast.For | ast.With)
                 if not is_certain or child not in node.body:  # type: ignore[attr-defined]
                     return "not every step stores it"
             if node is loop:
@@ -99,21 +92,19 @@ class Copying:
 
     def _is_empty(self, value: ast.AST | None) -> bool:
         """Return whether an expression makes an empty list or dict, or a deque of several."""
-        if isinstance(value, ast.List):
-            return not value.elts
-        if isinstance(value, ast.Dict):
-            return not value.keys
-        if not isinstance(value, ast.Call) or value.args:
-            return False
-        name = dotted_name(value.func)
-        if name in ("list", "dict") and self._bindings.owner(name, value) is None:
-            return not value.keywords
-        lengths = [getattr(keyword.value, "value", None) for keyword in value.keywords]
-        is_long = all(isinstance(length, int) and length > 1 for length in lengths)
-        return self._bindings.origin(name) == "collections.deque" and is_long
+        match value:
+            case ast.List(elts=[]) | ast.Dict(keys=[]):
+                return True
+            case ast.Call(func=function, args=[], keywords=keywords):
+                name = dotted_name(function)
+                if name in ("list", "dict") and self._bindings.owner(name, value) is None:
+                    return not keywords
+                lengths = [getattr(keyword.value, "value", None) for keyword in keywords]
+                is_long = all(isinstance(length, int) and length > 1 for length in lengths)
+                return self._bindings.origin(name) == "collections.deque" and is_long
+        return False
 
     def _use(self, log: ast.Name, view: ast.expr, loop: Loop) -> str:
-        """Return where a log may be used for more than to store, or to read and copy."""
         scope = self._bindings.scope_of(loop)
         is_list_of_views = isinstance(self._parents[view], ast.Call)  # `log.append(data.qpos)`
         for node in name_nodes(scope):
@@ -124,41 +115,36 @@ class Copying:
             is_store = self._stored_in(self._parents.get(self._parents[node])) is node
             if is_store or self._shows(node):
                 continue
-            if not (is_list_of_views and self._reads(node) and self._is_after(node, loop)):
+            around = self._stored.loop_around(node)  # that it runs after, or in another episode
+            is_of_episode = around is None or around.node in self._script.above(loop)
+            is_after = is_of_episode and self._bindings.scope_of(node) is scope
+            if not (is_list_of_views and is_after and self._reads(node)):
                 place = self._names.program.line_of(node).place
                 return f"{place} may do more with {log.id} than read and copy it"
         return ""
 
-    def _is_after(self, node: ast.AST, loop: Loop) -> bool:
-        """Return whether a node runs when a loop has ended, and not in another one that steps."""
-        around = self._stored.loop_around(node)
-        is_of_episode = around is None or around.node in self._script.above(loop)
-        return is_of_episode and self._bindings.scope_of(node) is self._bindings.scope_of(loop)
-
     def _shows(self, log: ast.Name) -> bool:
         above = self._parents[log]
-        if isinstance(above, ast.FormattedValue):
-            return True
-        if isinstance(above, ast.Attribute):
-            call = self._parents[above]
-            return above.attr == "clear" and isinstance(call, ast.Call)
         if isinstance(above, ast.keyword):
             above = self._parents[above]
-        if not isinstance(above, ast.Call) or log is above.func:
-            return False
-        name = dotted_name(above.func)
-        is_built_in = name in _SHOWING and self._bindings.owner(name, above) is None
-        return is_built_in or self._bindings.origin(name) in _SAVING
+        match above:
+            case ast.FormattedValue():
+                return True
+            case ast.Attribute(attr=attribute):
+                return attribute == "clear" and isinstance(self._parents[above], ast.Call)
+            case ast.Call(func=function) if function is not log:
+                name = dotted_name(function)
+                is_built_in = name in _SHOWING and self._bindings.owner(name, above) is None
+                return is_built_in or self._bindings.origin(name) in _SAVING
+        return False
 
     def _reads(self, log: ast.Name) -> bool:
-        """Return whether NumPy makes a new array of all values of a log."""
-        call = self._parents[log]
-        if not isinstance(call, ast.Call) or call.args[:1] != [log]:
-            return False
-        has_others = any(keyword.arg != "axis" for keyword in call.keywords)  # such as `dtype`
-        is_of_numpy = self._bindings.origin(dotted_name(call.func)) in _READING
-        is_plain = all(isinstance(argument, ast.Constant) for argument in call.args[1:2])
-        return is_of_numpy and is_plain and len(call.args) < 3 and not has_others
+        match self._parents[log]:
+            case ast.Call(func=function, args=[first] | [first, ast.Constant()], keywords=keywords):
+                has_others = any(keyword.arg != "axis" for keyword in keywords)  # such as `dtype`
+                is_of_numpy = self._bindings.origin(dotted_name(function)) in _READING
+                return first is log and is_of_numpy and not has_others
+        return False
 
     def _variation(self, view: ast.AST, loop: Loop) -> str:
         """Return why a view may not be one of a single MjData of mujoco; empty if it is."""
@@ -184,16 +170,15 @@ class Copying:
         """Return the name of the MjData of a view, or else the name that the view begins with."""
         node: ast.AST = view
         while not isinstance(node, ast.Name):
-            if self._script.is_data(node):
-                return None
-            if isinstance(node, ast.Attribute | ast.Subscript):
-                node = node.value
-            elif not isinstance(node, ast.Call):
-                return None
-            elif is_call(node, "asarray"):
-                node = node.args[0]
-            elif isinstance(node.func, ast.Attribute):
-                node = node.func.value
-            else:
-                return None
+            match node:
+                case _ if self._script.is_data(node):
+                    return None
+                case ast.Attribute(value=inner) | ast.Subscript(value=inner):
+                    node = inner
+                case ast.Call(args=[inner, *_]) if is_call(node, "asarray"):
+                    node = inner
+                case ast.Call(func=ast.Attribute(value=inner)):
+                    node = inner
+                case _:
+                    return None
         return node

@@ -25,10 +25,6 @@ def replaced(wrappers: Wrappers) -> Iterator[None]:
 
     Blocks may overlap without nesting, in any threads: a call then passes through the wrappers of
     each that runs. When the last one ends, the functions are those of before the first.
-
-    Args:
-      wrappers: by the function's name, what makes the replacement from the function. Names that
-        this release of MuJoCo does not have are skipped.
     """
     _WRAPPERS.begin(wrappers)
     try:

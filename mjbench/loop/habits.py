@@ -25,19 +25,14 @@ class Habit:
     """One habit, as snippets of a loop.
 
     A run of the loop is an episode: it starts from the start state, whatever the habit does.
-    Snippets may use the names of `loop_names`, and those that `setup`
-    defines.
+    Snippets may use the names of `loop_names`, and those that `setup` defines.
 
     Attributes:
-      body: statement in the loop's body, after the step.
-      setup: statements that run once, before the first run of the loop.
       cheaper: name of the habit that does the same for less; empty if there is none.
       value: expression for what the habit computed, evaluated after the last step; `body` if
         empty.
       requires: whether this MuJoCo release, the model and the file it was loaded from have what
         the habit needs.
-      before_run: statements at the beginning of each run of the loop.
-      after_run: statements at the end of each run of the loop.
       instead_of_loop: statement that does all steps of a run; a loop with `body` if empty.
     """
 
@@ -80,13 +75,16 @@ CLOCK_OFF = Habit(
 _control_habit = functools.partial(
     Habit, value="data.ctrl", requires=lambda model, file: bool(model.nu)
 )
-_ROW = "row = np.empty(model.nq + model.nv)"
+_CONTROL = "control = np.array(data.ctrl)"
 _QPOS_QVEL = "qpos, qvel = data.qpos, data.qvel"
+_QPOS_QVEL_ROW = f"{_QPOS_QVEL}\nrow = np.empty(model.nq + model.nv)"
+_SLICES = "slices of an array"
 # The joints as elements of the model's spec, which is what `MjData.bind` takes.
 _BIND = (
     "robot = mujoco.MjSpec.from_file(file)\nmodel = robot.compile()\ndata = mujoco.MjData(model)\n"
     "joints = robot.joints"
 )
+
 HABITS = (
     BARE,
     Habit(
@@ -96,12 +94,7 @@ HABITS = (
         requires=lambda model, file: any(model.joint(i).name for i in range(model.njnt)),
     ),
     Habit("named access by id", "data.joint(joint_id).qpos", cheaper="hoisted accessor"),
-    Habit(
-        "hoisted accessor",
-        "joint.qpos",
-        "joint = data.joint(joint_id)",
-        cheaper="hoisted joint view",
-    ),
+    Habit("hoisted accessor", "joint.qpos", "joint = data.joint(joint_id)", "hoisted joint view"),
     Habit("hoisted view", "qpos[0]", "qpos = data.joint(joint_id).qpos"),
     Habit("hoisted joint view", "qpos", "qpos = data.joint(joint_id).qpos"),
     Habit("attribute qpos", "data.qpos", cheaper="hoisted qpos"),
@@ -126,43 +119,25 @@ HABITS = (
     ),
     Habit("allocate zeros", "np.zeros(model_nv)", "model_nv = model.nv", cheaper="zeros in place"),
     Habit("zeros in place", "row.fill(0.0)", "row = np.empty(model.nv)", value="row"),
-    Habit("concatenate", "np.concatenate((qpos, qvel))", _QPOS_QVEL, cheaper="slices of an array"),
-    Habit("hstack", "np.hstack((qpos, qvel))", _QPOS_QVEL, cheaper="slices of an array"),
+    Habit("concatenate", "np.concatenate((qpos, qvel))", _QPOS_QVEL, _SLICES),
+    Habit("hstack", "np.hstack((qpos, qvel))", _QPOS_QVEL, _SLICES),
     Habit(
-        "concatenate into array",
-        "np.concatenate((qpos, qvel), out=row)",
-        f"{_QPOS_QVEL}\n{_ROW}",
-        cheaper="slices of an array",
+        "concatenate into array", "np.concatenate((qpos, qvel), out=row)", _QPOS_QVEL_ROW, _SLICES
     ),
     Habit(
-        "slices of an array",
-        "row[:nq] = qpos; row[nq:] = qvel",
-        f"{_QPOS_QVEL}\n{_ROW}\nnq = model.nq",
-        value="row",
+        _SLICES, "row[:nq] = qpos; row[nq:] = qvel", f"{_QPOS_QVEL_ROW}\nnq = model.nq", value="row"
     ),
     _control_habit("control element", "data.ctrl[0] = 0.1"),
     _control_habit("control slice", "data.ctrl[:1] = control", "control = np.array(data.ctrl[:1])"),
-    _control_habit(
-        "control whole",
-        "data.ctrl[:] = control",
-        "control = np.array(data.ctrl)",
-        cheaper="control hoisted",
-    ),
-    _control_habit(
-        "control by assignment",
-        "data.ctrl = control",
-        "control = np.array(data.ctrl)",
-        cheaper="control hoisted",
-    ),
+    _control_habit("control whole", "data.ctrl[:] = control", _CONTROL, "control hoisted"),
+    _control_habit("control by assignment", "data.ctrl = control", _CONTROL, "control hoisted"),
     _control_habit(
         "control by accessor",
         "data.actuator(0).ctrl = control",
         "control = np.array(data.actuator(0).ctrl)",
-        cheaper="control hoisted",
+        "control hoisted",
     ),
-    _control_habit(
-        "control hoisted", "ctrl[:] = control", "ctrl = data.ctrl\ncontrol = np.array(data.ctrl)"
-    ),
+    _control_habit("control hoisted", "ctrl[:] = control", f"ctrl = data.ctrl\n{_CONTROL}"),
     Habit(
         "state get",
         "mujoco.mj_getState(model, data, state, spec)",
@@ -176,7 +151,7 @@ HABITS = (
         "mujoco.mj_getState(model, data, state, spec)",
         value="data.qpos",
     ),
-    Habit("dict lookup", "fields['qpos']", "fields = {'qpos': data.qpos}", cheaper="hoisted qpos"),
+    Habit("dict lookup", "fields['qpos']", "fields = {'qpos': data.qpos}", "hoisted qpos"),
     Habit(
         "callback from Python",
         "pass",
@@ -229,12 +204,7 @@ def loop_names(
 
 @dataclass(frozen=True)
 class CompiledLoop:
-    """A stepping loop with a habit in it.
-
-    Attributes:
-      run: resets to the start state, then steps nstep times.
-      value: returns what the habit computed in the last step.
-    """
+    """A stepping loop with a habit in it; `value` returns what that computed in the last step."""
 
     run: Callable[[], None]
     value: Callable[[], Any]

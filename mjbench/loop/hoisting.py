@@ -18,7 +18,7 @@ import builtins
 import keyword
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.loop.certain_names import DATA, MODEL, CertainNames
@@ -26,6 +26,7 @@ from mjbench.loop.script_syntax import COMPREHENSIONS, dotted_name, is_call
 from mjbench.loop.stepping_script import Loop
 
 _NAME_TO_ID, _ELEMENT_TYPES = "mujoco.mj_name2id", "mujoco.mjtObj."
+_NOT_PLAIN = "its arguments are not plain"
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,7 @@ class Hoisting:
         self._taken = {*tokens, *self._bindings.identifiers, *dir(builtins), *keyword.kwlist}
 
     def plan(self, calls: Sequence[ast.Call]) -> tuple[list[Hoist], dict[ast.AST, str]]:
-        """Return which named accesses can be hoisted, each out of which loop; why others cannot.
-
-        Args:
-          calls: accesses in loops that step, such as `data.joint("hip")`, in the script's order.
-        """
+        """Return which named accesses can be hoisted, each out of which loop; why others cannot."""
         refusals: dict[ast.AST, str] = {}
         alike: defaultdict[str, list[tuple[ast.Call, Loop]]] = defaultdict(list)
         for call in calls:
@@ -74,7 +71,8 @@ class Hoisting:
                 if self._always_runs(call, loop)
             }
             for call, loop in accesses:
-                around = [n for n in self._loops_up_from(loop) if n in moved_out_of]
+                above = self._script.above(loop, self._bindings.scope_of(loop))
+                around = [n for n in (loop, *above) if n in moved_out_of]
                 if around:  # also of a call that not every step reaches: the name is bound already
                     by_loop[around[-1]].append(call)
                 else:
@@ -84,16 +82,11 @@ class Hoisting:
                 hoists += [Hoist(name, loop, of_loop) for loop, of_loop in by_loop.items()]
         return hoists, refusals
 
-    def _loops_up_from(self, loop: Loop) -> Iterator[Loop]:
-        above = self._script.above(loop, self._bindings.scope_of(loop))
-        return (node for node in (loop, *above) if isinstance(node, Loop))
-
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
-        """Return why a call cannot be hoisted out of a loop; empty if it can."""
         if loop is None:
             return "it is in a function that the loop calls"
         lines = self._lines[call.lineno - 1 : call.end_lineno]
-        if len(lines) > 1 and any("#" in line for line in lines[:-1]):
+        if any("#" in line for line in lines[:-1]):
             return "a comment stands in it"
         for above in self._script.above(call, loop):
             if isinstance(above, ast.JoinedStr):
@@ -104,19 +97,18 @@ class Hoisting:
 
     def _variation(self, call: ast.Call, loop: Loop) -> str:
         """Return why a call may return something else in another iteration of a loop."""
-        scope = self._bindings.scope_of(loop)
-        if isinstance(scope, ast.ClassDef):
+        if isinstance(self._bindings.scope_of(loop), ast.ClassDef):
             return "a name bound in the body of a class becomes its attribute"
         if call.keywords or any(isinstance(argument, ast.Starred) for argument in call.args):
-            return "its arguments are not plain"
+            return _NOT_PLAIN
         if is_call(call, "mj_name2id"):
             return self._variation_of_id(call, loop)
         assert isinstance(call.func, ast.Attribute)  # the rule matches nothing else
         owner = call.func.value
         if not isinstance(owner, ast.Name):
-            return self._may_be_another(owner)
+            return _may_be_another(owner)
         if len(call.args) != 1:
-            return "its arguments are not plain"
+            return _NOT_PLAIN
         if not any(self._names.is_certainly(owner.id, kind, loop) for kind in (DATA, MODEL)):
             return f"{owner.id} is not certain to be an MjData or an MjModel of mujoco"
         return self._variation_of_names(owner.id, call.args[0], loop)
@@ -124,27 +116,24 @@ class Hoisting:
     def _variation_of_id(self, call: ast.Call, loop: Loop) -> str:
         if self._bindings.origin(dotted_name(call.func)) != _NAME_TO_ID:
             return "mj_name2id is not certain to be that of mujoco"
-        if len(call.args) != 3:
-            return "its arguments are not plain"
-        model, kind, name = call.args
-        if not isinstance(model, ast.Name):
-            return self._may_be_another(model)
-        is_plain = isinstance(kind, ast.Constant) and isinstance(kind.value, int)
-        if not (is_plain or self._bindings.origin(dotted_name(kind)).startswith(_ELEMENT_TYPES)):
-            return "its arguments are not plain"
-        return self._variation_of_names(model.id, name, loop)
-
-    def _may_be_another(self, owner: ast.expr) -> str:
-        shown = ast.unparse(owner)
-        return f"{shown} may be another object in the next step; bind it to a name first"
+        match call.args:
+            case [ast.Name(id=model), ast.Constant(value=int()), name]:
+                return self._variation_of_names(model, name, loop)
+            case [ast.Name(id=model), kind, name]:
+                is_type = self._bindings.origin(dotted_name(kind)).startswith(_ELEMENT_TYPES)
+                return self._variation_of_names(model, name, loop) if is_type else _NOT_PLAIN
+            case [model, _, _]:
+                return _may_be_another(model)
+        return _NOT_PLAIN
 
     def _variation_of_names(self, owner: str, element: ast.expr, loop: Loop) -> str:
         reason = self._names.rebinding(owner, loop)
-        if reason or (isinstance(element, ast.Constant) and isinstance(element.value, str | int)):
-            return reason
-        if isinstance(element, ast.Name):
-            return self._names.rebinding(element.id, loop)
-        return "its arguments are not plain"
+        match element:
+            case ast.Constant(value=str() | int()):
+                return reason
+            case ast.Name(id=name):
+                return reason or self._names.rebinding(name, loop)
+        return reason or _NOT_PLAIN
 
     def _widest_loop(self, call: ast.Call, loop: Loop) -> Loop:
         """Return the outermost loop that a call can leave.
@@ -182,6 +171,10 @@ class Hoisting:
         return name
 
 
+def _may_be_another(owner: ast.expr) -> str:
+    return f"{ast.unparse(owner)} may be another object in the next step; bind it to a name first"
+
+
 def _describing_name(call: ast.Call) -> str:
     """Return `hip_joint` for `data.joint("hip")`, `hip_id` for `mj_name2id(model, 3, "hip")`."""
     argument = call.args[-1]
@@ -200,10 +193,7 @@ def _describing_name(call: ast.Call) -> str:
 
 
 def _reaches(above: ast.AST, child: ast.AST) -> bool:
-    """Return whether executing a node always executes one of those directly below it.
-
-    A loop counts as one that runs at least once.
-    """
+    """Return whether executing a node always executes its child; a loop runs at least once."""
     if isinstance(child, ast.stmt):
         if not isinstance(above, ast.For | ast.While) or child not in above.body:
             return False  # even a `with` may catch what a wrong name raises
@@ -226,10 +216,7 @@ def _reaches(above: ast.AST, child: ast.AST) -> bool:
 
 
 def _may_end(statement: ast.AST, is_in_inner: bool = False) -> bool:
-    """Return whether a statement may end the iteration, or the loop, in whose body it is.
-
-    It may be in a loop inside that one.
-    """
+    """Return whether a statement in a loop, or in an inner one, may end its iteration, or it."""
     if isinstance(statement, ast.Return | ast.Raise):
         return True
     if isinstance(statement, ast.Continue | ast.Break):

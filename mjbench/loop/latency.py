@@ -78,7 +78,6 @@ class StepSamples:
     """The steps of one pace, one entry each.
 
     Attributes:
-      rate_hz: of paced steps; None for free-running ones.
       features: what happened in each step, by name: contacts, solver iterations, garbage
         collections, page faults, preemptions, and by how much it began late.
     """
@@ -242,23 +241,16 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamp
     samples: list[StepSamples] = []
     for pace in Pace:
         channel.doing(f"timing {pace} steps")
+        is_paced = pace == Pace.PACED
         count = nstep
-        if pace == Pace.PACED and request.nstep is None:
+        if is_paced and request.nstep is None:
             count = max(LEAST_NSTEP, min(nstep, int(request.budget_s * rate_hz)))
         total = count + WARM_UP_NSTEP
         channel.allow_silence(_PATIENCE * step_s * total + 2 * total / rate_hz)
-        period_ns = 1e9 / rate_hz if pace == Pace.PACED else 0.0
-        latency_ns, features = record_steps(sample.workload, count, period_ns)
+        measured = record_steps(sample.workload, count, 1e9 / rate_hz if is_paced else 0.0)
+        pace_hz, step_work = rate_hz if is_paced else None, sample.observation.work
         samples.append(
-            StepSamples(
-                pace,
-                rate_hz if pace == Pace.PACED else None,
-                timestep_s,
-                sample.observation.work,
-                latency_ns,
-                features,
-                sample.starts,
-            )
+            StepSamples(pace, pace_hz, timestep_s, step_work, *measured, starts=sample.starts)
         )
     return samples
 
@@ -270,10 +262,7 @@ def record_steps(
     clock: Callable[[], int] = time.perf_counter_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Step simulations in turn; return (nstep,) latencies in ns, and (nstep,) features by name.
-
-    `period_ns` is between two paced steps; 0 is for no pace.
-    """
+    """Return (nstep,) latencies in ns, and features by name; a period of 0 ns is for no pace."""
     model, data = workload.model, mujoco.MjData(workload.model)
     total = nstep + WARM_UP_NSTEP
     latency_ns, counters = np.zeros(total), np.zeros((total, len(_FEATURES)))

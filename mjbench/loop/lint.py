@@ -70,12 +70,16 @@ def findings_of(file: str, program: PythonProgram, codes: Collection[str]) -> li
 
 def finding_of(file: str, program: PythonProgram, rule: Rule, match: Match) -> Finding:
     line = program.line_of(match.node)
+    message = match.message or rule.message
+    if match.loop is not None:
+        place = program.line_of(match.loop).place
+        message += f"; the loop in {place} calls this in every iteration"
     return Finding(
         file=file,
         line=line.number,
         col=line.column(match.node.col_offset),
         code=rule.code,
-        message=(match.message or rule.message) + _caller(program, match),
+        message=message,
         ns_per_step=match.ns_per_step,
         cell=line.cell,
         callee=match.callee,
@@ -94,19 +98,10 @@ def matches(
             if not _is_suppressed(program.line_of(match.node).text, rule.code):
                 place = (match.node.lineno, match.node.col_offset, rule.code)
                 by_place[place] = rule, match
-    return [each for _, each in sorted(by_place.items(), key=lambda item: item[0])]
-
-
-def _caller(program: PythonProgram, match: Match) -> str:
-    """Return which loop runs a match in every iteration; nothing where it stands in the loop."""
-    if match.loop is None:
-        return ""
-    return f"; the loop in {program.line_of(match.loop).place} calls this in every iteration"
+    return [by_place[place] for place in sorted(by_place)]
 
 
 def _is_suppressed(line: str, code: str) -> bool:
     """Return whether a line has a `# noqa` comment without codes, or with this one."""
     noqa = re.search(r"#\s*noqa\b(?::\s*([\w, ]+))?", line, flags=re.IGNORECASE)
-    if noqa is None:
-        return False
-    return noqa[1] is None or code in re.split(r"[,\s]+", noqa[1].upper())
+    return noqa is not None and (noqa[1] is None or code in re.split(r"[,\s]+", noqa[1].upper()))

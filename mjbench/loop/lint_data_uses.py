@@ -7,35 +7,28 @@ package, is a use that is not known.
 
 import ast
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mjbench.loop.name_bindings import Scope
-from mjbench.loop.script_syntax import COPIES, is_call, last_name
+from mjbench.loop.script_syntax import (
+    COPIES,
+    creates_container,
+    is_bound,
+    is_call,
+    is_numpy_call,
+    last_name,
+)
 from mjbench.loop.stepping_script import (
     FIELDS,
+    PART_PREFIXES,
     STORING_METHODS,
     VIEW_METHODS,
     SteppingScript,
     index_gives_view,
 )
 
-# How the fields of MjData begin whose rest is the field of a named part.
-PART_PREFIXES = {
-    "body": "",
-    "joint": "",
-    "jnt": "",
-    "actuator": "",
-    "geom": "geom_",
-    "site": "site_",
-    "cam": "cam_",
-    "camera": "cam_",
-    "light": "light_",
-    "ten": "ten_",
-    "tendon": "ten_",
-}
 
-
-@dataclass(frozen=True)
+@dataclass
 class DataUses:
     """What a script does with an MjData.
 
@@ -45,9 +38,9 @@ class DataUses:
       outlives: whether a view of it is stored, named or returned, and so keeps its memory.
     """
 
-    fields: frozenset[str]
-    functions: frozenset[str]
-    outlives: bool
+    fields: set[str] = field(default_factory=set)
+    functions: set[str] = field(default_factory=set)
+    outlives: bool = False
 
 
 def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses | None:
@@ -71,9 +64,7 @@ class _Following:
     def __init__(self, script: SteppingScript, with_callers: bool):
         self._script = script
         self._with_callers = with_callers
-        self._fields: set[str] = set()
-        self._functions: set[str] = set()
-        self._outlives = False
+        self._uses = DataUses()
 
     def follow(self, scope: Scope, name: str) -> DataUses | None:
         waiting, followed = [(scope, name)], set()
@@ -85,7 +76,7 @@ class _Following:
                     waiting += self._from(*place)
         except _UnknownUseError:
             return None
-        return DataUses(frozenset(self._fields), frozenset(self._functions), self._outlives)
+        return self._uses
 
     def _from(self, scope: Scope, name: str) -> Iterator[tuple[Scope, str]]:
         """Count the uses of a name, and yield the other names of the same MjData."""
@@ -135,26 +126,23 @@ class _Following:
         yield owner, name.id
 
     def _of_use(self, node: ast.Name) -> Iterator[tuple[Scope, str]]:
-        parents = self._script.parents
-        parent = parents[node]
-        above = parents.get(parent)
+        parent = self._script.parents[node]
+        above = self._script.parents.get(parent)
         if isinstance(parent, ast.keyword) and isinstance(above, ast.Call):
             yield from self._given(node, above)
         elif isinstance(parent, ast.Call) and node in parent.args:
             yield from self._given(node, parent)
-        elif isinstance(parent, ast.Attribute):
-            if isinstance(above, ast.Call) and above.func is parent:
-                self._of_part(above, parent.attr)
-            else:
-                self._fields.add(parent.attr)
-                self._outlives |= _outlives(self._script, parent, is_row=False)
-        else:
+        elif not isinstance(parent, ast.Attribute):
             yield from self._place(_only_target(parent))
+        elif isinstance(above, ast.Call) and above.func is parent:
+            self._of_part(above, parent.attr)
+        else:
+            self._read(parent)
 
     def _given(self, node: ast.Name, call: ast.Call) -> Iterator[tuple[Scope, str]]:
         name = last_name(call.func)
         if name.startswith("mj_") or name in COPIES:
-            self._functions.add(name)
+            self._uses.functions.add(name)
             return
         receiving = list(self._script.functions.receiving(call, node))
         if not receiving or not all(parameters for _, parameters in receiving):
@@ -163,7 +151,7 @@ class _Following:
             yield from ((function, parameter) for parameter in parameters)
 
     def _of_part(self, call: ast.Call, accessor: str) -> None:
-        if accessor not in PART_PREFIXES:
+        if accessor not in PART_PREFIXES or accessor == "sensor":
             raise _UnknownUseError
         parent = self._script.parents.get(call)
         parts = [parent]
@@ -171,19 +159,20 @@ class _Following:
             target = _only_target(parent)
             owner = self._script.bindings.owner(target.id, target)
             parts = [self._script.parents[node] for node in self._reads(target.id, owner)]
-        for field in parts:
-            if not isinstance(field, ast.Attribute):
+        for part in parts:
+            if not isinstance(part, ast.Attribute):
                 raise _UnknownUseError
-            if field.attr not in ("id", "name"):
-                self._fields.add(PART_PREFIXES[accessor] + field.attr)
-                self._outlives |= _outlives(self._script, field, is_row=True)
+            if part.attr not in ("id", "name"):
+                self._read(part, PART_PREFIXES[accessor], is_row=True)
+
+    def _read(self, read: ast.Attribute, prefix: str = "", is_row: bool = False) -> None:
+        self._uses.fields.add(prefix + read.attr)
+        self._uses.outlives |= _outlives(self._script, read, is_row)
 
 
 def _only_target(statement: ast.AST | None) -> ast.Name:
-    """Return the one name to which a statement assigns; any other node is an unknown use."""
-    if isinstance(statement, ast.Assign) and len(statement.targets) == 1:
-        (target,) = statement.targets
-        if isinstance(target, ast.Name):
+    match statement:
+        case ast.Assign(targets=[ast.Name() as target]):
             return target
     raise _UnknownUseError
 
@@ -193,8 +182,7 @@ def _outlives(script: SteppingScript, field: ast.Attribute, is_row: bool) -> boo
     if not FIELDS.match(field.attr):
         return False
     node: ast.expr = field
-    while True:
-        parent = script.parents[node]
+    while isinstance(parent := script.parents[node], ast.Subscript | ast.Attribute):
         above = script.parents.get(parent)
         if isinstance(parent, ast.Subscript) and parent.value is node:
             if not index_gives_view(parent, is_row):
@@ -204,17 +192,19 @@ def _outlives(script: SteppingScript, field: ast.Attribute, is_row: bool) -> boo
             if not (isinstance(above, ast.Call) and parent.attr in VIEW_METHODS):
                 return False
             node = above
-        else:
+        else:  # it is an index
             break
-    if not isinstance(getattr(node, "ctx", ast.Load()), ast.Load):
+    if is_bound(node):
         return False
-    if isinstance(parent, ast.Assign):
-        return not all(
-            isinstance(target, ast.Subscript) and not script.is_container_name(target.value)
-            for target in parent.targets
-        )
-    if isinstance(parent, ast.Call):
-        is_method = isinstance(parent.func, ast.Attribute) and not script.is_numpy_call(parent)
-        return is_method and last_name(parent.func) in STORING_METHODS
+    match parent:
+        case ast.Assign(targets=targets):
+            return not all(
+                isinstance(target, ast.Subscript)
+                # an array copies what is put in
+                and not any(map(creates_container, script.assigned(target.value)))
+                for target in targets
+            )
+        case ast.Call(func=ast.Attribute() as function):
+            return not is_numpy_call(parent) and last_name(function) in STORING_METHODS
     containers = ast.Return | ast.Yield | ast.Tuple | ast.List | ast.Dict | ast.keyword
     return isinstance(parent, containers | ast.ListComp | ast.GeneratorExp | ast.DictComp)

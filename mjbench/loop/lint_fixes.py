@@ -10,13 +10,14 @@ import copy
 import difflib
 import re
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import one_line, printable, writing
+from mjbench.errors import InputError, one_line, printable, writing
 from mjbench.loop import lint
 from mjbench.loop.certain_names import CertainNames
 from mjbench.loop.copying import Copying
@@ -26,7 +27,7 @@ from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.notebook import NotebookPart
 from mjbench.loop.python_source import PythonProgram, read_program
-from mjbench.loop.script_files import UncheckedFile, each_checked
+from mjbench.loop.script_files import UncheckedFile
 from mjbench.loop.stepping_script import SteppingScript
 from mjbench.store import files as stored_files
 
@@ -36,29 +37,23 @@ _OF_IDENTIFIER = re.compile(rb"[\w\x80-\xff]")
 
 
 @dataclass(frozen=True)
-class SourceChanges:
-    """What to change in a script: expressions that get `.copy()`, and calls that become names."""
-
-    copied: Sequence[ast.expr]
-    hoists: Sequence[Hoist]
-
-    @property
-    def expressions(self) -> Sequence[ast.expr]:
-        return [*self.copied, *(call for hoist in self.hoists for call in hoist.calls)]
-
-
-@dataclass(frozen=True)
 class _Plan:
     """What breaks rules in a program, and what to change.
 
     Attributes:
+      copied: expressions that get `.copy()`.
       refusals: why a remedy is not certain to be safe, by the node that breaks a rule: in one
         sentence without its full stop.
     """
 
     matches: Sequence[tuple[Rule, Match]]
-    changes: SourceChanges
+    copied: Sequence[ast.expr]
+    hoists: Sequence[Hoist]
     refusals: Mapping[ast.AST, str]
+
+    @property
+    def changed(self) -> Sequence[ast.expr]:
+        return [*self.copied, *(call for hoist in self.hoists for call in hoist.calls)]
 
 
 @dataclass(frozen=True)
@@ -74,9 +69,7 @@ class LintedFile:
     """A file, what lint finds in it, and what can be changed in it.
 
     Attributes:
-      before: as it is stored.
       after: as it is with all changes; `before` itself where there are none.
-      fixed: number of findings that the changes remove.
       unfixed: those of them that have a remedy.
     """
 
@@ -114,8 +107,14 @@ def lint_all(
     files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES, fixes: bool = False
 ) -> Iterator[LintedFile | UncheckedFile]:
     """Yield what is found in each file; in place of one that cannot be checked, why."""
-    lint_file = fix if fixes else _check
-    return each_checked(files, lambda file: lint_file(file, choice.codes_for(file)))
+    for file in files:
+        if isinstance(file, UncheckedFile):
+            yield file
+            continue
+        try:
+            yield (fix if fixes else _check)(file, choice.codes_for(file))
+        except InputError as error:
+            yield UncheckedFile(file, str(error).removeprefix(f"{file}: "))
 
 
 def _check(file: str, codes: Collection[str]) -> LintedFile:
@@ -128,10 +127,10 @@ def fix(file: str, codes: Collection[str] = ALL_CODES) -> LintedFile:
     with lint.refusing_deep_nesting(file):
         before = after = read_program(file)
         plan = _plan(before, codes)
-        fixed = plan.changes.expressions
+        fixed = plan.changed
         if fixed:
             try:
-                after = changed(before, plan.changes)
+                after = _changed(before, plan)
             except (SyntaxError, ValueError, LookupError) as error:
                 failed: dict[ast.AST, str] = dict.fromkeys(fixed, one_line(error))
                 plan, fixed = replace(plan, refusals={**plan.refusals, **failed}), []
@@ -165,16 +164,11 @@ def _plan(program: PythonProgram, codes: Collection[str]) -> _Plan:
             assert isinstance(match.node, ast.Call)
             calls.append(match.node)
     hoists, not_hoisted = Hoisting(names).plan(calls)
-    return _Plan(matches, SourceChanges(copied, hoists), refusals | not_hoisted)
+    return _Plan(matches, copied, hoists, refusals | not_hoisted)
 
 
-@dataclass(frozen=True)
-class _Edit:
-    """Bytes of the text of a part that are replaced: from `start` to `end`, without `end`."""
-
-    start: int
-    end: int
-    text: bytes
+# Bytes of the text of a part that are replaced: from the first number to the second, without it.
+_Edit = tuple[int, int, bytes]
 
 
 class _PartText:
@@ -201,7 +195,7 @@ class _PartText:
             text = b" " + text
         if _OF_IDENTIFIER.match(after):
             text += b" "
-        return _Edit(start, end, text)
+        return start, end, text
 
     def binding(self, hoist: Hoist) -> _Edit:
         """Return the edit that binds a name on a line before the loop, which has its own lines."""
@@ -217,30 +211,31 @@ class _PartText:
         before_loop = self.data[max(line - 2, 0) : line]
         end = _LINE_END.search(self.data, loop) or _LINE_END.search(before_loop)
         line_end = end[0] if end else b"\n"
-        return _Edit(line, line, indent + hoist.name.encode() + b" = " + source + line_end)
+        return line, line, indent + hoist.name.encode() + b" = " + source + line_end
 
     def edited(self, edits: Sequence[_Edit]) -> str:
-        """Return the text after edits; those at the same place apply in their order."""
-        pieces, end = [], 0
-        for edit in sorted(edits, key=lambda edit: edit.start):
-            pieces += [self.data[end : edit.start], edit.text]
-            end = edit.end
-        return b"".join([*pieces, self.data[end:]]).decode()
+        pieces, behind = [], 0
+        for start, end, text in sorted(edits, key=lambda edit: edit[0]):
+            pieces += [self.data[behind:start], text]
+            behind = end
+        return b"".join([*pieces, self.data[behind:]]).decode()
 
 
 def lines_of(text: str) -> list[str]:
     return [line for line in _LINE.findall(text) if line]
 
 
-def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
+def _changed(program: PythonProgram, plan: _Plan) -> PythonProgram:
     """Return a program after changes.
 
     Raises:
       SyntaxError, ValueError, LookupError: they cannot be applied, or would change anything else.
     """
     try:
-        expected = ast.dump(_expected(program.tree, changes))
-        result = program.with_texts([_edited(program, part, changes) for part in program.parts])
+        copies: dict[int, Any] = {}
+        tree = copy.deepcopy(program.tree, copies)
+        expected = ast.dump(_Transformer(plan, copies).visit(tree))
+        result = program.with_texts([_edited(program, part, plan) for part in program.parts])
         actual = ast.dump(result.tree)
     except (RecursionError, MemoryError) as error:
         raise ValueError("it is nested too deeply, or too large") from error
@@ -249,31 +244,24 @@ def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
     return result
 
 
-def _edited(program: PythonProgram, part: NotebookPart, changes: SourceChanges) -> str:
+def _edited(program: PythonProgram, part: NotebookPart, plan: _Plan) -> str:
     text = _PartText(program, part)
-    in_part = [view for view in changes.copied if program.line_of(view).cell == part.cell]
-    edits = [_Edit(text.end(view), text.end(view), b".copy()") for view in in_part]
-    for hoist in changes.hoists:
+    in_part = [view for view in plan.copied if program.line_of(view).cell == part.cell]
+    edits = [(text.end(view), text.end(view), b".copy()") for view in in_part]
+    for hoist in plan.hoists:
         if program.line_of(hoist.loop).cell == part.cell:
             edits.append(text.binding(hoist))
             edits += [text.replacing(call, hoist.name) for call in hoist.calls]
     return text.edited(edits)
 
 
-def _expected(tree: ast.Module, changes: SourceChanges) -> ast.AST:
-    """Return what the changes make of a script's syntax, which itself stays as it is."""
-    copies: dict[int, Any] = {}
-    new = copy.deepcopy(tree, copies)
-    return _Transformer(changes, copies).visit(new)  # type: ignore[no-any-return]
-
-
 class _Transformer(ast.NodeTransformer):
-    def __init__(self, changes: SourceChanges, copies: Mapping[int, Any]):
-        self._copied = {copies[id(view)] for view in changes.copied}
-        self._names = {copies[id(c)]: hoist.name for hoist in changes.hoists for c in hoist.calls}
-        self._hoists: dict[ast.AST, list[Hoist]] = {}
-        for hoist in changes.hoists:
-            self._hoists.setdefault(copies[id(hoist.loop)], []).append(hoist)
+    def __init__(self, plan: _Plan, copies: Mapping[int, Any]):
+        self._copied = {copies[id(view)] for view in plan.copied}
+        self._names = {copies[id(c)]: hoist.name for hoist in plan.hoists for c in hoist.calls}
+        self._hoists: defaultdict[ast.AST, list[Hoist]] = defaultdict(list)
+        for hoist in plan.hoists:
+            self._hoists[copies[id(hoist.loop)]].append(hoist)
 
     def visit(self, node: ast.AST) -> Any:
         if node in self._names:

@@ -17,6 +17,7 @@ from mjbench.loop.stepping_script import SteppingScript
 
 _RECOMPUTES = ("mj_forward", "mj_step1", "mj_fwdPosition")
 _STEPS = {"mj_step", "mj_step1", "mj_step2"}
+_ENDS_OR_CALLS = ast.Call | ast.Yield | ast.YieldFrom | ast.Return | ast.Break | ast.Continue
 # Fields of the state and the inputs, which no such function changes.
 STATE = {
     *("qpos", "qvel", "act", "time", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos"),
@@ -70,56 +71,42 @@ def forward_after_step(script: SteppingScript) -> Iterator[Match]:
     it normalizes the quaternions in `qpos`, too, whose last bits differ if no call takes its place.
     """
     for call in script.calls:
-        name = last_name(call.func)
-        if name not in _RECOMPUTES or not _is_statement(script, call):
+        name, statement = last_name(call.func), script.parents[call]
+        if name not in _RECOMPUTES or not isinstance(statement, ast.Expr) or len(call.args) != 2:
             continue
         if any("set_mjcb" in each for each in script.bindings.identifiers):
             return  # mj_forward calls what the script installs
         data = call.args[1]
-        if not isinstance(data, ast.Name):
-            continue
-        uses = uses_of(script, data)
+        uses = uses_of(script, data) if isinstance(data, ast.Name) else None
         instead = _enough(uses)
         if uses is None or instead is None:
             continue
         loops = [each.loop for each in iterations(script, call)]
-        if _follows_step(script, call):
-            if any(map(script.steps_inside, loops)):
-                yield Match(
-                    call, None, _message(name, call, instead, follows_step=True), name, instead
-                )
-        elif loops and instead and name == "mj_forward" and uses.functions.isdisjoint(_STEPS):
-            yield Match(
-                call, None, _message(name, call, instead, follows_step=False), name, instead
-            )
+        follows_step = _follows_step(script, call, statement)
+        if follows_step:
+            is_useless = any(map(script.steps_inside, loops))
+        else:
+            has_steps = not uses.functions.isdisjoint(_STEPS)
+            is_useless = bool(loops and instead) and name == "mj_forward" and not has_steps
+        if is_useless:
+            message = _message(name, call, instead, follows_step)
+            yield Match(call, None, message, name, instead)
 
 
-def _is_statement(script: SteppingScript, call: ast.Call) -> bool:
-    return isinstance(script.parents.get(call), ast.Expr) and len(call.args) == 2
-
-
-def _follows_step(script: SteppingScript, call: ast.Call) -> bool:
-    statement = script.parents[call]
-    assert isinstance(statement, ast.Expr), "the call is a statement"
+def _follows_step(script: SteppingScript, call: ast.Call, statement: ast.Expr) -> bool:
     block = block_around(statement, script.parents.get(statement))
+    arguments = [*map(ast.dump, call.args)]
     for before in reversed(block[: block.index(statement)] if block else []):
         if isinstance(before, ast.For | ast.While) and not before.orelse:
             before = before.body[-1]  # the last of several steps
-        if _is_step_of(before, call):
+        step = before.value if isinstance(before, ast.Expr) else None
+        if is_call(step, "mj_step") and [*map(ast.dump, step.args[:2])] == arguments:
             return True
-        leaves = (ast.Call, ast.Yield, ast.YieldFrom, ast.Return, ast.Break, ast.Continue)
-        if names_in(before) & names_in(call.args[1]) or any(
-            isinstance(n, leaves) for n in ast.walk(before)
-        ):
+        if names_in(before) & names_in(call.args[1]):
+            return False
+        if any(isinstance(n, _ENDS_OR_CALLS) for n in ast.walk(before)):
             return False
     return False
-
-
-def _is_step_of(statement: ast.stmt, call: ast.Call) -> bool:
-    step = statement.value if isinstance(statement, ast.Expr) else None
-    return is_call(step, "mj_step") and [*map(ast.dump, step.args[:2])] == [
-        *map(ast.dump, call.args)
-    ]
 
 
 def _enough(uses: DataUses | None) -> tuple[str, ...] | None:
@@ -141,7 +128,7 @@ def enough_for(computed: Set[str], with_jacobians: bool = False) -> tuple[str, .
     return tuple(name for name in COMPUTED if name in needed)
 
 
-def _message(name: str, call: ast.Call, instead: tuple[str, ...], *, follows_step: bool) -> str:
+def _message(name: str, call: ast.Call, instead: tuple[str, ...], follows_step: bool) -> str:
     when, worth = (" after mj_step", "another") if follows_step else ("", "a")
     if not instead:
         return f"{name}{when} computes what nothing reads; delete it"

@@ -7,15 +7,24 @@ compute something, is a step of the same MjData, in every iteration.
 """
 
 import ast
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.loop.lint_data_uses import PART_PREFIXES
 from mjbench.loop.lint_forward import COMPUTED, STATE, enough_for
 from mjbench.loop.lint_rule import Match, rule
-from mjbench.loop.script_syntax import dotted_name, is_step, last_name, nodes_inside, peeled
+from mjbench.loop.script_syntax import (
+    dotted_name,
+    is_bound,
+    is_numpy_call,
+    is_step,
+    last_name,
+    nodes_inside,
+    peeled,
+)
 from mjbench.loop.stepping_script import (
     FIELDS,
+    PART_PREFIXES,
     STORING_METHODS,
     VIEW_METHODS,
     SteppingBody,
@@ -28,7 +37,6 @@ from mjbench.units import listed
 _INTEGRATED = ("qpos", "qvel", "act", "time")
 _OF_NO_MOMENT = STATE | {"qacc_warmstart", "plugin_state"}
 _COMPUTED_NUMBERS = {"contact", "ncon", "nefc"}
-_PREFIXES = PART_PREFIXES | {"sensor": "sensor"}
 # Methods that write a row; those of other objects, and built-in functions, that compute nothing.
 _WRITING_METHODS = {"log", "write", "writerow"}
 _HARMLESS = {
@@ -42,12 +50,6 @@ _HARMLESS_MODULES = ("numpy", "math", "random", "time")
 # How the functions of the engine begin that compute nothing in an MjData.
 _READING = ("mju_", "mj_jac", "mj_getState", "mj_id2name", "mj_name2id", "mj_contactForce")
 _BRANCHES = ast.If | ast.IfExp | ast.BoolOp | ast.ExceptHandler | ast.match_case
-
-
-@dataclass(frozen=True)
-class _Reading:
-    data: str
-    field: str
 
 
 @dataclass(frozen=True)
@@ -113,11 +115,11 @@ def rows_of_two_moments(script: SteppingScript) -> Iterator[Match]:
 
 def _sets_state(script: SteppingScript, body: SteppingBody) -> bool:
     """Return whether a body writes the state itself, which then is not that of a step."""
-    targets = (n for n in body.inner if not isinstance(getattr(n, "ctx", ast.Load()), ast.Load))
     return any(
-        reading.field in _INTEGRATED
-        for target in targets
-        for reading in _readings(script, peeled(target))
+        field in _INTEGRATED
+        for node in body.inner
+        if is_bound(node)
+        for _, field in _readings(script, peeled(node))
     )
 
 
@@ -135,19 +137,16 @@ def _logged(
         return
     for value in store.values:
         if not isinstance(value, ast.Lambda):
-            yield _assigned_row(script, value, body)
-
-
-def _assigned_row(script: SteppingScript, value: ast.expr, body: SteppingBody) -> ast.expr:
-    """Return what a body assigns to a name, where it does so once; else the value itself."""
-    row = script.resolved(value)
-    return row if row in body.inner and not script.is_view(row) else value
+            row = script.resolved(value)  # what the body assigns to a name
+            yield row if row in body.inner and not script.is_view(row) else value
 
 
 def _mixed(script: SteppingScript, row: ast.expr, body: SteppingBody) -> Iterator[Match]:
-    readings = dict.fromkeys(r for n in (row, *nodes_inside(row)) for r in _readings(script, n))
-    for data in dict.fromkeys(reading.data for reading in readings):
-        fields = [reading.field for reading in readings if reading.data == data]
+    fields_of: defaultdict[str, dict[str, None]] = defaultdict(dict)  # as sets that have an order
+    for node in (row, *nodes_inside(row)):
+        for data, field in _readings(script, node):
+            fields_of[data][field] = None
+    for data, fields in fields_of.items():
         state = [field for field in fields if field in _INTEGRATED]
         computed = {field for field in fields if is_computed(field)}
         last = _last_step(script, row, body, data) if state and computed else None
@@ -162,21 +161,19 @@ def is_computed(field: str) -> bool:
     return is_array or field in _COMPUTED_NUMBERS
 
 
-def _readings(script: SteppingScript, node: ast.AST) -> Iterator[_Reading]:
-    """Yield the field that a node itself reads; those of the views that a name stands for."""
+def _readings(script: SteppingScript, node: ast.AST) -> Iterator[tuple[str, str]]:
+    """Yield the MjData and the field that a node reads; those of the views that a name is."""
     if isinstance(node, ast.Name):
-        values = script.assigned(node)
-        for value in values if all(v is not None and script.is_view(v) for v in values) else ():
-            assert value is not None
+        for value in filter(None, script.assigned(node) if script.is_alias(node) else ()):
             yield from (r for n in ast.walk(value) for r in _readings(script, n) if n is not node)
     elif isinstance(node, ast.Attribute) and script.is_data(node.value):
-        yield _Reading(dotted_name(node.value), node.attr)
+        yield dotted_name(node.value), node.attr
     elif isinstance(node, ast.Attribute) and script.is_named_part(node.value):
         owner = node.value
         access = owner if isinstance(owner, ast.Call) else script.assigned(owner)[0]
         assert isinstance(access, ast.Call) and isinstance(access.func, ast.Attribute)
-        prefix = _PREFIXES.get(access.func.attr, "")
-        yield _Reading(dotted_name(access.func.value), prefix + node.attr)
+        prefix = PART_PREFIXES.get(access.func.attr, "")
+        yield dotted_name(access.func.value), prefix + node.attr
 
 
 def _last_step(
@@ -212,7 +209,7 @@ def _last_step(
 def _is_harmless(script: SteppingScript, call: ast.Call) -> bool:
     """Return whether a call certainly computes nothing in an MjData."""
     name = last_name(call.func) or (call.func.attr if isinstance(call.func, ast.Attribute) else "")
-    if script.is_numpy_call(call) or script.is_named_access(call) or name.startswith(_READING):
+    if is_numpy_call(call) or script.is_named_access(call) or name.startswith(_READING):
         return True
     origin = script.bindings.origin(dotted_name(call.func)).partition(".")[0]
     return origin in _HARMLESS_MODULES or (name in _HARMLESS and not script.functions.called(call))

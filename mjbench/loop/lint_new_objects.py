@@ -17,8 +17,11 @@ from mjbench.loop.script_syntax import (
 )
 from mjbench.loop.stepping_script import STORING_METHODS, SteppingScript
 
-_LOADERS = ("from_xml_path", "from_xml_string", "from_binary_path")
-_PHYSICS_LOADERS = ("from_mjcf_model", "from_xml_path", "from_xml_string")
+_LOADERS = {
+    "MjModel": ("from_xml_path", "from_xml_string", "from_binary_path"),
+    "Physics": ("from_mjcf_model", "from_xml_path", "from_xml_string"),
+}
+_RESETS = ("mj_resetData", "mj_resetDataKeyframe", "reset")
 _RENDERERS = {"mujoco.Renderer", "mujoco.renderer.Renderer"}
 
 
@@ -113,7 +116,10 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
     for call in script.calls:
         if _compiles(call, specs) and not _is_stored(script, call):
             each = _innermost(script, call, or_resets=True)
-            if each is not None and not (_varies(script, each) or _takes_data(script, each)):
+            if each is None or _varies(script, each):
+                continue
+            # what a function compiles that gets an MjData may follow from the state
+            if not each.functions or not any(map(script.is_data, ast.walk(each.inside))):
                 yield Match(call, callee=last_name(call.func))
 
 
@@ -216,24 +222,14 @@ def _innermost(
 ) -> Iteration | None:
     """Return the innermost loop that steps, of those in whose every iteration a node runs."""
     for each in iterations(script, node):
-        if script.steps_either_inside(each.loop) or (or_resets and _resets_inside(each.loop)):
+        resets = or_resets and any(is_call(n, *_RESETS) for n in nodes_inside(each.loop))
+        if resets or script.steps_either_inside(each.loop):
             return each
     return None
 
 
-def _resets_inside(loop: ast.AST) -> bool:
-    resets = ("mj_resetData", "mj_resetDataKeyframe", "reset")
-    return any(is_call(node, *resets) for node in nodes_inside(loop))
-
-
 def _varies(script: SteppingScript, each: Iteration) -> bool:
     return not names_in(each.inside).isdisjoint(each.varying_names(script))
-
-
-def _takes_data(script: SteppingScript, each: Iteration) -> bool:
-    """Return whether a function gets an MjData: what it compiles may follow from the state."""
-    is_call = bool(each.functions) and isinstance(each.inside, ast.Call)
-    return is_call and any(script.is_data(n) for n in ast.walk(each.inside))
 
 
 def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> bool:
@@ -248,17 +244,16 @@ def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> b
 
 
 def _is_dropped(script: SteppingScript, call: ast.Call) -> bool:
-    parent = script.parents[call]
-    if isinstance(parent, ast.Assign) and len(parent.targets) == 1:
-        target = parent.targets[0]
-        return isinstance(target, ast.Name) and _drops(uses_of(script, target, False))
-    if isinstance(parent, ast.Call) and call in parent.args:
-        given = [
-            uses_of_parameter(script, function, parameter)
-            for function, parameters in script.functions.receiving(parent, call)
-            for parameter in parameters
-        ]
-        return bool(given) and all(map(_drops, given))
+    match script.parents[call]:
+        case ast.Assign(targets=[ast.Name() as target]):
+            return _drops(uses_of(script, target, with_callers=False))
+        case ast.Call() as parent if call in parent.args:
+            given = [
+                uses_of_parameter(script, function, parameter)
+                for function, parameters in script.functions.receiving(parent, call)
+                for parameter in parameters
+            ]
+            return bool(given) and all(map(_drops, given))
     return False
 
 
@@ -267,12 +262,14 @@ def _drops(uses: DataUses | None) -> bool:
 
 
 def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
-    parent = script.parents[call]
-    if isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute):
-        return parent.func.attr in STORING_METHODS
-    if isinstance(parent, ast.Assign):
-        return any(isinstance(target, ast.Subscript) for target in parent.targets)
-    return isinstance(parent, ast.Tuple | ast.List | ast.Dict | ast.ListComp | ast.DictComp)
+    match script.parents[call]:
+        case ast.Call(func=ast.Attribute(attr=method)):
+            return method in STORING_METHODS
+        case ast.Assign(targets=targets):
+            return any(isinstance(target, ast.Subscript) for target in targets)
+        case ast.Tuple() | ast.List() | ast.Dict() | ast.ListComp() | ast.DictComp():
+            return True
+    return False
 
 
 def _spec_names(script: SteppingScript) -> set[str]:
@@ -286,11 +283,7 @@ def _spec_names(script: SteppingScript) -> set[str]:
 def _compiles(call: ast.Call, specs: set[str]) -> bool:
     owner, _, name = dotted_name(call.func).rpartition(".")
     kind = owner.rpartition(".")[2]
-    return (
-        (kind == "MjModel" and name in _LOADERS)
-        or (kind == "Physics" and name in _PHYSICS_LOADERS)
-        or (name in ("compile", "recompile") and owner in specs)
-    )
+    return name in _LOADERS.get(kind, ()) or (name in ("compile", "recompile") and owner in specs)
 
 
 def _is_jit(script: SteppingScript, function: ast.AST) -> bool:
@@ -299,22 +292,23 @@ def _is_jit(script: SteppingScript, function: ast.AST) -> bool:
 
 
 def _is_partial_jit(script: SteppingScript, decorator: ast.AST) -> bool:
-    if not isinstance(decorator, ast.Call):
-        return False
-    is_partial = last_name(decorator.func) == "partial" and bool(decorator.args)
-    return _is_jit(script, decorator.args[0] if is_partial else decorator.func)
+    match decorator:
+        case ast.Call(args=[function, *_]) if is_call(decorator, "partial"):
+            return _is_jit(script, function)
+        case ast.Call(func=function):
+            return _is_jit(script, function)
+    return False
 
 
 def _is_called(script: SteppingScript, call: ast.Call) -> bool:
     """Return whether the function that `jax.jit(…)` returns is called in the same iteration."""
-    parent = script.parents[call]
-    if isinstance(parent, ast.Call) and parent.func is call:
-        return True
-    around = next(script.loops_around(call), None)
-    if around is None or not isinstance(parent, ast.Assign) or len(parent.targets) > 1:
-        return False
-    target = parent.targets[0]
-    return isinstance(target, ast.Name) and _calls_name(around, target.id)
+    match script.parents[call]:
+        case ast.Call(func=function):
+            return function is call
+        case ast.Assign(targets=[ast.Name(id=name)]):
+            around = next(script.loops_around(call), None)
+            return around is not None and _calls_name(around, name)
+    return False
 
 
 def _calls_name(loop: ast.AST, name: str) -> bool:
@@ -340,9 +334,7 @@ def _if_constant(
 
 def _new_function(function: ast.AST, each: Iteration) -> ast.AST | None:
     """Return the function that an expression creates in the iteration; None for one from before."""
-    if isinstance(function, ast.Lambda | ast.FunctionDef):
-        return function
-    if isinstance(function, ast.Call) and last_name(function.func) == "partial":
+    if isinstance(function, ast.Lambda | ast.FunctionDef) or is_call(function, "partial"):
         return function
     if isinstance(function, ast.Name):
         defined = (n for n in ast.walk(each.loop) if isinstance(n, ast.FunctionDef))
@@ -373,7 +365,6 @@ def _is_number(script: SteppingScript, name: ast.Name) -> bool:
 
 
 def _has_threads(script: SteppingScript, call: ast.Call) -> bool:
-    """Return whether rollout gets a list of several MjData, one for each thread."""
     given = {keyword.arg: keyword.value for keyword in call.keywords}
     data = call.args[1] if len(call.args) > 1 else given.get("data")
     if isinstance(data, ast.Name):

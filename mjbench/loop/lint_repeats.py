@@ -16,6 +16,7 @@ from mjbench.loop.script_syntax import (
     bound_in,
     dotted_name,
     is_call,
+    is_periodic,
     is_step,
     last_name,
     names_in,
@@ -37,7 +38,6 @@ class Iteration:
 
     Attributes:
       inside: what stands in the loop itself: the part, or the call that leads to it.
-      functions: that the calls lead through, from the loop to the part.
     """
 
     loop: Repetition
@@ -64,8 +64,8 @@ class Iteration:
         return names
 
     def makes_model(self) -> bool:
-        new = _new_models(self.loop) & names_in(self.inside)
-        return bool(new) or any(map(_new_models, self.functions))
+        has_new = not _new_models(self.loop).isdisjoint(names_in(self.inside))
+        return has_new or any(map(_new_models, self.functions))
 
 
 def step_loop_of_helper(script: SteppingScript, node: ast.expr | ast.stmt) -> Iteration | None:
@@ -123,29 +123,26 @@ def _may_run_once(
     child: ast.AST = node
     while child is not limit:
         parent = script.parents[child]
-        if isinstance(parent, ast.ExceptHandler | ast.match_case):
-            return True
-        if isinstance(parent, ast.Try) and child in parent.orelse:
-            return True
-        if isinstance(parent, ast.With) and _expects_error(parent):
-            return True
-        is_branch = isinstance(parent, ast.If | ast.IfExp) and child is not parent.test
-        if is_branch and not _is_regular(parent, limit):
-            return True
-        if isinstance(parent, ast.BoolOp) and child is not parent.values[0]:
-            return True
-        if not isinstance(limit, ast.FunctionDef) and _leaves_after(child, parent):
+        match parent:
+            case ast.ExceptHandler() | ast.match_case():
+                return True
+            case ast.Try(orelse=block) if child in block:
+                return True
+            case ast.With() if _expects_error(parent):
+                return True
+            case ast.If(test=test) | ast.IfExp(test=test) if child is not test:
+                if not _is_regular(test, limit):
+                    return True
+            case ast.BoolOp(values=[first, *_]) if child is not first:
+                return True
+        block = block_around(child, parent)
+        rest = block[block.index(child) + 1 :] if isinstance(child, ast.stmt) and block else []
+        leaves = any(isinstance(n, ast.Return | ast.Break | ast.Raise) for n in rest)
+        if leaves and not isinstance(limit, ast.FunctionDef):
             return True
         child = parent
-    leaves = ast.Return if isinstance(limit, ast.FunctionDef) else ast.Continue
-    return any(isinstance(n, leaves) and n.lineno < node.lineno for n in nodes_inside(limit))
-
-
-def _leaves_after(child: ast.AST, parent: ast.AST) -> bool:
-    """Return whether a statement that follows a child in its block ends the loop around both."""
-    block = block_around(child, parent)
-    rest = block[block.index(child) + 1 :] if isinstance(child, ast.stmt) and block else []
-    return any(isinstance(node, ast.Return | ast.Break | ast.Raise) for node in rest)
+    passes_by = ast.Return if isinstance(limit, ast.FunctionDef) else ast.Continue
+    return any(isinstance(n, passes_by) and n.lineno < node.lineno for n in nodes_inside(limit))
 
 
 def _expects_error(node: ast.With) -> bool:
@@ -154,18 +151,12 @@ def _expects_error(node: ast.With) -> bool:
     return any("raises" in last_name(function).lower() for function in calls)
 
 
-def _is_regular(branch: ast.AST, limit: Repetition | ast.FunctionDef) -> bool:
+def _is_regular(condition: ast.expr, limit: Repetition | ast.FunctionDef) -> bool:
     """Return whether a condition holds in each nth iteration, or in all of them or in none."""
-    assert isinstance(branch, ast.If | ast.IfExp)
-    parts = list(ast.walk(branch.test))
-    if any(isinstance(part, ast.BinOp) and isinstance(part.op, ast.Mod) for part in parts):
-        return True
-    if isinstance(limit, ast.FunctionDef):
-        return False
-    is_plain = all(
-        isinstance(part, ast.Name | ast.Not | ast.UnaryOp | ast.expr_context) for part in parts
-    )
-    return is_plain and names_in(branch.test).isdisjoint(bound_in(limit))
+    plain = ast.Name | ast.Not | ast.UnaryOp | ast.expr_context
+    is_plain = all(isinstance(part, plain) for part in ast.walk(condition))
+    is_same = is_plain and names_in(condition).isdisjoint(bound_in(limit))
+    return is_periodic(condition) or (is_same and not isinstance(limit, ast.FunctionDef))
 
 
 def _flows(node: ast.AST) -> Iterator[tuple[set[str], ast.AST]]:
@@ -198,11 +189,11 @@ def creates_model(node: ast.AST, by_any_call: bool = False) -> bool:
 
 
 def _new_models(scope: Repetition | ast.FunctionDef) -> set[str]:
+    assigns = (node for node in ast.walk(scope) if isinstance(node, ast.Assign))
     return {
         name
-        for node in ast.walk(scope)
-        if isinstance(node, ast.Assign)
-        and creates_model(node.value, by_any_call=isinstance(node.targets[0], ast.Tuple))
+        for node in assigns
+        if creates_model(node.value, by_any_call=isinstance(node.targets[0], ast.Tuple))
         for target in node.targets
         for name in names_in(target)
     }

@@ -23,6 +23,7 @@ from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data, 
 from mjbench.loop.script_syntax import (
     dotted_name,
     is_call,
+    is_numpy_call,
     is_step,
     last_name,
     names_in,
@@ -125,7 +126,7 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
         call
         for call in script.calls
         if is_call(call, *ALLOCATIONS)
-        and script.is_numpy_call(call)
+        and is_numpy_call(call)
         and not any(keyword.arg == "out" for keyword in call.keywords)
     ]
     for call, loop in _in_steps(script, arrays, script.loops):
@@ -136,10 +137,7 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
 def _in_steps(
     script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingBody]
 ) -> Iterator[tuple[ast.Call, Repetition | None]]:
-    """Yield calls that run in every step of one of some loops.
-
-    With a call in a function comes the loop that calls the function; None with those of the loop.
-    """
+    """Yield calls that run in every step of a loop; with one in a function, its caller's loop."""
     inside = {loop.node: {*loop.inner} for loop in loops}
     for call in calls:
         loop = script.step_loop_around(call)

@@ -26,7 +26,6 @@ class LintSettings:
 
     Attributes:
       select: codes to check; none for all.
-      ignore: codes to leave out.
       per_file_ignores: codes to leave out by pattern, of names or of paths below `folder`.
     """
 
@@ -51,12 +50,13 @@ class RuleChoice:
 
     Attributes:
       select: codes of the command line, or how they begin; none to do as pyproject.toml says.
-      ignore: likewise.
     """
 
     select: tuple[str, ...] = ()
     ignore: tuple[str, ...] = ()
-    _by_folder: dict[Path, LintSettings] = field(default_factory=dict, init=False, compare=False)
+    _by_file: dict[Path | None, LintSettings] = field(
+        default_factory=dict, init=False, compare=False
+    )
 
     def codes_for(self, file: str) -> list[str]:
         """Return the codes of the rules to check in a file; InputError for a wrong setting."""
@@ -67,15 +67,11 @@ class RuleChoice:
         return sorted((_matching(select) if select else {*ALL_CODES}) - _matching(ignore))
 
     def _settings_of(self, folder: Path) -> LintSettings:
-        known = self._by_folder
-        if folder not in known:
-            is_root = folder.parent == folder
-            file = folder / "pyproject.toml"
-            if file.is_file():
-                known[folder] = read_settings(file)
-            else:
-                known[folder] = LintSettings() if is_root else self._settings_of(folder.parent)
-        return known[folder]
+        files = (each / "pyproject.toml" for each in (folder, *folder.parents))
+        file = next(filter(Path.is_file, files), None)
+        if file not in self._by_file:
+            self._by_file[file] = read_settings(file) if file is not None else LintSettings()
+        return self._by_file[file]
 
 
 # Those that pyproject.toml selects; without one, all.

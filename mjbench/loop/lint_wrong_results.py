@@ -12,7 +12,7 @@ import ast
 import re
 from collections.abc import Iterator
 
-from mjbench.loop.lint_repeats import iterations
+from mjbench.loop.lint_repeats import Repetition, iterations
 from mjbench.loop.lint_rule import Match, rule
 from mjbench.loop.script_syntax import (
     attributes_in,
@@ -26,7 +26,7 @@ from mjbench.loop.script_syntax import (
     parameters_of,
 )
 from mjbench.loop.stepping_script import FIELDS, SteppingScript
-from mjbench.loop.stored_views import Source, StoredViews, stored_views
+from mjbench.loop.stored_views import stored_views
 from mjbench.loop.view_writes import WRITING_FUNCTIONS, WRITING_METHODS
 
 _RK4_TEXT = re.compile(r"""integrator\s*=\s*["']RK4["']""")
@@ -72,14 +72,13 @@ def _is_runge_kutta(script: SteppingScript, model: str) -> bool:
     """Return whether all that a script shows of a model's integrator is RK4."""
     integrators = script.assigned_anywhere(f"{model}.opt.integrator")
     if integrators:
-        return all("mjINT_RK4" in dotted_name(_without_cast(v)) for v in integrators)
+        # without a cast such as `int(x)`
+        plain = (
+            v.args[0] if isinstance(v, ast.Call) and len(v.args) == 1 else v for v in integrators
+        )
+        return all("mjINT_RK4" in dotted_name(value) for value in plain)
     texts = [_text_of(script, value) for value in script.assigned_anywhere(model)]
     return bool(texts) and all(_RK4_TEXT.search(text) for text in texts)
-
-
-def _without_cast(node: ast.AST) -> ast.AST:
-    """Return what an expression such as `int(x)` or `x.value` is of."""
-    return node.args[0] if isinstance(node, ast.Call) and len(node.args) == 1 else node
 
 
 def _text_of(script: SteppingScript, model: ast.AST) -> str:
@@ -124,21 +123,18 @@ def shared_data(script: SteppingScript) -> Iterator[Match]:
         function = script.functions.named(work[0]) if work else None
         if function is None or _is_locked(function):
             continue
-        if not is_call(call, "map") and not _starts_several(script, call):
+        each = next(iterations(script, call), None)
+        loop = each.loop if each is not None else None
+        if not is_call(call, "map") and (loop is None or _waits(loop)):
             continue
-        if _steps_outer_data(script, function) or _steps_given_data(script, function, call, work):
+        if _steps_shared_data(script, function, loop, work):
             yield Match(call, callee=last_name(call.func))
 
 
 def _executor_names(script: SteppingScript) -> set[str]:
-    created = list(script.values.items())
-    created += [
-        (item.optional_vars, item.context_expr)
-        for node in script.nodes
-        if isinstance(node, ast.With)
-        for item in node.items
-        if item.optional_vars is not None
-    ]
+    created: list[tuple[ast.AST, ast.AST]] = list(script.values.items())
+    items = (item for n in script.nodes if isinstance(n, ast.With) for item in n.items)
+    created += [(i.optional_vars, i.context_expr) for i in items if i.optional_vars is not None]
     return {dotted_name(target) for target, value in created if _is_thread_pool(value)} - {""}
 
 
@@ -168,37 +164,28 @@ def _is_locked(function: ast.FunctionDef) -> bool:
     return has_context or not attributes_in(function).isdisjoint(("acquire", "wait", "get"))
 
 
-def _starts_several(script: SteppingScript, call: ast.Call) -> bool:
-    """Return whether a loop starts a thread while those that it started before may run."""
-    each = next(iterations(script, call), None)
-    return each is not None and attributes_in(each.loop).isdisjoint(("join", "result"))
+def _waits(loop: Repetition) -> bool:
+    """Return whether a loop waits for a thread that it started before it starts the next."""
+    return not attributes_in(loop).isdisjoint(("join", "result"))
 
 
-def _steps_outer_data(script: SteppingScript, function: ast.FunctionDef) -> bool:
-    return any(
-        isinstance(data, ast.Name) and script.bindings.owner(data.id, data) not in (function, None)
-        for data in _stepped(function)
-    )
-
-
-def _steps_given_data(
-    script: SteppingScript, function: ast.FunctionDef, call: ast.Call, work: list[ast.expr]
+def _steps_shared_data(
+    script: SteppingScript, function: ast.FunctionDef, loop: Repetition | None, work: list[ast.expr]
 ) -> bool:
-    """Return whether a function steps an argument that is the same in all iterations."""
+    """Return whether a function steps a variable from outside, or the same argument each time."""
     given = dict(zip(parameters_of(function), work[1:], strict=False))
-    innermost = next(iterations(script, call), None)
-    new = bound_in(innermost.loop) if innermost is not None else set()
-    arguments = (given.get(dotted_name(data)) for data in _stepped(function))
-    return any(
-        isinstance(argument, ast.Name) and argument.id not in new and script.is_data(argument)
-        for argument in arguments
-    )
-
-
-def _stepped(function: ast.FunctionDef) -> Iterator[ast.expr]:
+    new = bound_in(loop) if loop is not None else set()
     for node in nodes_inside(function):
-        if isinstance(node, ast.Call) and is_step(node) and len(node.args) > 1:
-            yield node.args[1]
+        if not is_step(node) or len(node.args) < 2:
+            continue
+        data = node.args[1]
+        owner = script.bindings.owner(data.id, data) if isinstance(data, ast.Name) else None
+        argument = given.get(dotted_name(data))
+        if owner not in (function, None):
+            return True
+        if isinstance(argument, ast.Name) and argument.id not in new and script.is_data(argument):
+            return True
+    return False
 
 
 @rule(
@@ -232,29 +219,36 @@ def written_views(script: SteppingScript) -> Iterator[Match]:
         if not isinstance(node, ast.expr | ast.stmt):
             continue
         for name in _written(node):
-            source = _source_of(script, stored, name)
+            bindings = script.bindings.of(name.id, name)
+            values = [b for b in bindings if not isinstance(script.parents[b], ast.AugAssign)]
+            source = stored.source_of_binding(values[0]) if len(values) == 1 else None
             if source is None or _sets_state(script, node):
                 continue
             for function, view in stored.returned(source):
-                if not _promises_view(function, view):
-                    yield Match(node, message=_written_message(name, function, view))
+                is_field = function.name in attributes_in(view)
+                if is_field or _PROMISES_VIEW.search(function.name):
+                    continue
+                getter = function.name if function.decorator_list else f"{function.name}()"
+                message = (
+                    f"this writes into {ast.unparse(view)} of the simulation, which {getter}"
+                    f" returns: write into a copy, {name.id} = {name.id}.copy()"
+                )
+                yield Match(node, message=message)
 
 
 def _written(node: ast.expr | ast.stmt) -> Iterator[ast.Name]:
     written: list[ast.expr] = []
-    if isinstance(node, ast.AugAssign):
-        written = [node.target]
-    elif isinstance(node, ast.Assign):
-        parts = [target for target in node.targets if isinstance(target, ast.Subscript)]
-        written = [part for part in parts if not _replaces_all(part, node.value)]
-    elif isinstance(node, ast.Call):
-        written = [keyword.value for keyword in node.keywords if keyword.arg == "out"]
-        function = node.func.attr if isinstance(node.func, ast.Attribute) else ""
-        if function in _FUNCTIONS_THAT_WRITE:
-            written += node.args[:1]
-        if function in _METHODS_THAT_WRITE:
-            assert isinstance(node.func, ast.Attribute)
-            written.append(node.func.value)
+    match node:
+        case ast.AugAssign(target=target):
+            written = [target]
+        case ast.Assign(targets=targets, value=value):
+            parts = [target for target in targets if isinstance(target, ast.Subscript)]
+            written = [part for part in parts if not _replaces_all(part, value)]
+        case ast.Call(func=function, args=arguments, keywords=keywords):
+            written = [keyword.value for keyword in keywords if keyword.arg == "out"]
+            if isinstance(function, ast.Attribute):
+                written += arguments[:1] if function.attr in _FUNCTIONS_THAT_WRITE else []
+                written += [function.value] if function.attr in _METHODS_THAT_WRITE else []
     for each in written:
         array = each.value if isinstance(each, ast.Subscript) else each
         if isinstance(array, ast.Name):
@@ -267,29 +261,9 @@ def _replaces_all(part: ast.Subscript, value: ast.expr) -> bool:
     return is_whole and names_in(part.value).isdisjoint(names_in(value))
 
 
-def _source_of(script: SteppingScript, stored: StoredViews, name: ast.Name) -> Source | None:
-    """Return where the one value of a name comes from; None where it has others."""
-    bindings = script.bindings.of_name(name)
-    values = [b for b in bindings if not isinstance(script.parents.get(b), ast.AugAssign)]
-    return stored.source_of_binding(values[0]) if len(values) == 1 else None
-
-
 def _sets_state(script: SteppingScript, node: ast.expr | ast.stmt) -> bool:
     """Return whether the function around a write, or the rest of it, sets a state on purpose."""
     scope = script.bindings.scope_of(node)
     calls = (n for n in ast.walk(scope) if isinstance(n, ast.Call) and n.lineno > node.lineno)
     names = {last_name(call.func) for call in calls} | {getattr(scope, "name", "")}
     return any(map(_SETS.match, names))
-
-
-def _promises_view(function: ast.FunctionDef, view: ast.expr) -> bool:
-    is_field = function.name in attributes_in(view)
-    return is_field or bool(_PROMISES_VIEW.search(function.name))
-
-
-def _written_message(name: ast.Name, function: ast.FunctionDef, view: ast.expr) -> str:
-    getter = function.name if function.decorator_list else f"{function.name}()"
-    return (
-        f"this writes into {ast.unparse(view)} of the simulation, which {getter} returns:"
-        f" write into a copy, {name.id} = {name.id}.copy()"
-    )

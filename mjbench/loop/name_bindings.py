@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from mjbench.loop.script_syntax import FUNCTIONS, ancestors, dotted_name, parameters_of
+from mjbench.loop.script_syntax import FUNCTIONS, ancestors, dotted_name, is_bound, parameters_of
 
 Scope = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
 # What may pass by what is in it, or end early; the values of an assignment included.
@@ -38,7 +38,6 @@ class NameBindings:
 
     Attributes:
       identifiers: all names in it, those of attributes and arguments included.
-      declared: those that a `global` or `nonlocal` statement mentions.
       reaches_names: whether it can read or bind names by their spelling, as `exec` does.
     """
 
@@ -73,10 +72,10 @@ class NameBindings:
     def bindings(self, name: str, scope: Scope) -> Sequence[ast.AST]:
         return self._bindings.get((scope, name), [])
 
-    def of_name(self, name: ast.Name) -> Sequence[ast.AST]:
-        """Return the nodes that bind what a name means where it stands."""
-        owner = self.owner(name.id, name)
-        return self.bindings(name.id, owner) if owner is not None else ()
+    def of(self, name: str, node: ast.AST) -> Sequence[ast.AST]:
+        """Return the nodes that bind what a name means where a node stands."""
+        owner = self.owner(name, node)
+        return self.bindings(name, owner) if owner is not None else ()
 
     def rebinding(self, name: str, loop: ast.For | ast.While) -> str:
         """Return why a name may change its value during a loop; empty where it cannot."""
@@ -111,7 +110,8 @@ class NameBindings:
                 return False
             values = [n.value for n in above if isinstance(n, ast.Assign | ast.AnnAssign)]
             values += [e for v in values if isinstance(v, ast.Tuple) for e in v.elts]
-            if any(isinstance(v, _BRANCHES) or _is_none(v) for v in values):
+            has_none = any(isinstance(v, ast.Constant) and v.value is None for v in values)
+            if has_none or any(isinstance(v, _BRANCHES) for v in values):
                 return False
         return True
 
@@ -134,7 +134,6 @@ class NameBindings:
         )
 
     def _imported(self, node: ast.AST) -> str:
-        """Return what a node imports, by its full name; empty if it binds by other means."""
         if not isinstance(node, ast.alias):
             return ""
         statement = self._parents[node]
@@ -166,13 +165,14 @@ class ScriptFunctions:
 
     def called(self, node: ast.AST) -> Sequence[ast.FunctionDef]:
         """Return the functions that a call, or a property, may mean; none if they are unknown."""
-        if isinstance(node, ast.Attribute):
-            return self._method(node, ["property"])
-        if not isinstance(node, ast.Call):
-            return []
-        if isinstance(node.func, ast.Name):
-            return self._named(node.func, may_be_loop_variable=True)
-        return self._method(node.func, []) if isinstance(node.func, ast.Attribute) else []
+        match node:
+            case ast.Attribute():
+                return self._method(node, ["property"])
+            case ast.Call(func=ast.Attribute() as method):
+                return self._method(method, [])
+            case ast.Call(func=ast.Name() as name):
+                return self._named(name, may_be_loop_variable=True)
+        return []
 
     def named(self, node: ast.AST) -> ast.FunctionDef | None:
         """Return the function that a name stands for, as in `Thread(target=work)`."""
@@ -219,8 +219,7 @@ class ScriptFunctions:
         if may_be_loop_variable and isinstance(loop, ast.For) and loop.target is binding:
             choices = loop.iter.elts if isinstance(loop.iter, ast.Tuple | ast.List) else []
             functions = [self.named(choice) for choice in choices]
-            known = [function for function in functions if function is not None]
-            return known if len(known) == len(functions) else ()
+            return [each for each in functions if each is not None] if all(functions) else ()
         return ()
 
     def _method(
@@ -229,8 +228,7 @@ class ScriptFunctions:
         owner = self._class_of(attribute.value)
         body = owner.body if owner is not None else []
         methods = [n for n in body if isinstance(n, FUNCTIONS) and n.name == attribute.attr]
-        named = [[dotted_name(d) for d in method.decorator_list] for method in methods]
-        if named != [decorators]:
+        if [[*map(dotted_name, method.decorator_list)] for method in methods] != [decorators]:
             return []
         return [method for method in methods if isinstance(method, ast.FunctionDef)]
 
@@ -240,51 +238,43 @@ class ScriptFunctions:
         if node.id == "self":
             above = ancestors(self._parents, node)
             return next((each for each in above if isinstance(each, ast.ClassDef)), None)
-        assigned = self._parents.get(self._binding(node) or node)
-        if not isinstance(assigned, ast.Assign) or not isinstance(assigned.value, ast.Call):
-            return None
-        created = assigned.value.func
-        owner = self._binding(created) if isinstance(created, ast.Name) else None
-        return owner if isinstance(owner, ast.ClassDef) else None
+        match self._parents.get(self._binding(node) or node):
+            case ast.Assign(value=ast.Call(func=ast.Name() as created)):
+                owner = self._binding(created)
+                return owner if isinstance(owner, ast.ClassDef) else None
+        return None
 
     def _binding(self, name: ast.Name) -> ast.AST | None:
-        bindings = self._bindings.of_name(name)
+        bindings = self._bindings.of(name.id, name)
         return bindings[0] if len(bindings) == 1 else None
 
 
 def _set_in_modules(tree: ast.Module) -> set[str]:
-    imported = {
-        alias.asname or alias.name.partition(".")[0]
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for alias in node.names
-    }
+    nodes = list(ast.walk(tree))
+    imported = {name for node in nodes if isinstance(node, ast.alias) for name in bound_by(node)}
     return {
         node.attr
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Attribute)
-        and not isinstance(node.ctx, ast.Load)
+        and is_bound(node)
         and isinstance(node.value, ast.Name)
         and node.value.id in imported
     }
 
 
-def _is_none(node: ast.AST | None) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
 def _identifiers(node: ast.AST) -> Iterator[str]:
-    for _, value in ast.iter_fields(node):
-        if isinstance(value, str) and not isinstance(node, ast.Constant):
-            yield from value.split(".")
-        elif isinstance(node, ast.Global | ast.Nonlocal):
-            yield from value
+    if isinstance(node, ast.Global | ast.Nonlocal):
+        yield from node.names
+    elif not isinstance(node, ast.Constant):
+        for _, value in ast.iter_fields(node):
+            if isinstance(value, str):
+                yield from value.split(".")
 
 
 def bound_by(node: ast.AST) -> tuple[str, ...]:
     """Return the names that a node binds or deletes, without those of the nodes below it."""
     if isinstance(node, ast.Name):
-        return () if isinstance(node.ctx, ast.Load) else (node.id,)
+        return (node.id,) if is_bound(node) else ()
     if isinstance(node, ast.alias):
         return (node.asname or node.name.partition(".")[0],)
     if isinstance(node, ast.arg):

@@ -35,7 +35,6 @@ class NotebookPart:
     """A code cell of a notebook, or a whole Python file.
 
     Attributes:
-      python: what is parsed: the same lines without the commands of IPython.
       cell: number in the notebook, from 1, where cells of text count; None for a Python file.
     """
 

@@ -18,7 +18,7 @@ import numpy as np
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import habits
-from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit, compile_loop, script
+from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, compile_loop, script
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.measuring import stats, timing
 from mjbench.simulation import models, work
@@ -97,7 +97,6 @@ class Launch:
     """From a child: what one launch measured.
 
     Attributes:
-      bare_ns: a step of it; the median over quads.
       added_ns: to each step by a habit, by its name; medians over quads.
     """
 
@@ -119,7 +118,6 @@ def measure(
 
     Args:
       limit_s: a launch is killed after this long without a message.
-      launches: processes that measure, one after the other, at most.
       budget_s: seconds after which no launch begins, once there are a few.
     """
     measured: list[Launch] = []
@@ -134,11 +132,21 @@ def measure(
         name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
     }
     mean_ns = {name: statistics.mean(values) for name, values in added_ns.items()}
-    costs = [
-        _cost(habits.BY_NAME[name], values, bare_ns, mean_ns)
-        for name, values in added_ns.items()
-        if name != ZERO_STEPS.name
-    ]
+    costs = []
+    for name, ns in mean_ns.items():
+        habit, half_width = habits.BY_NAME[name], stats.mean_half_width(added_ns[name], CONFIDENCE)
+        if habit is not ZERO_STEPS:
+            cost = HabitCost(
+                source=name,
+                ns=ns,
+                low=ns - half_width,
+                high=ns + half_width,
+                share=ns / bare_ns,
+                cheaper=habit.cheaper,
+                saved_ns=ns - mean_ns[habit.cheaper] if habit.cheaper in mean_ns else None,
+                code=script(habit),
+            )
+            costs.append(cost)
     return OverheadRow(
         model=source.name,
         bare_ns=bare_ns,
@@ -153,7 +161,6 @@ def measure(
 def launch(
     source: ModelSource, plan: StartPlan, seed: int, budget_s: float, channel: Channel
 ) -> Launch:
-    """Time every habit against the bare loop; runs in the child."""
     model, file = models.load(source), str(source.path)
     nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
     starts = LoopStarts(model, plan, nstep, seed)
@@ -181,21 +188,3 @@ def launch(
 
 def quads(budget_s: float, quad_s: float) -> int:
     return max(1, min(MOST_QUADS, int(budget_s / quad_s)))
-
-
-def _cost(
-    habit: Habit, added_ns: Sequence[float], bare_ns: float, mean_ns: Mapping[str, float]
-) -> HabitCost:
-    """Return a habit's cost from what it added in each launch; `mean_ns` has all habits' means."""
-    mean, half_width = statistics.mean(added_ns), stats.mean_half_width(added_ns, CONFIDENCE)
-    saved_ns = mean - mean_ns[habit.cheaper] if habit.cheaper in mean_ns else None
-    return HabitCost(
-        source=habit.name,
-        ns=mean,
-        low=mean - half_width,
-        high=mean + half_width,
-        share=mean / bare_ns,
-        cheaper=habit.cheaper,
-        saved_ns=saved_ns,
-        code=script(habit),
-    )

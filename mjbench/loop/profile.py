@@ -139,12 +139,10 @@ def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> Profil
     simulated_second = {
         "physics": steps.engine_ns * 1e-9 * nstep,
         "Python": 0.0 if steps.is_all_engine else steps.python_ns * 1e-9 * nstep,
-        **{
-            f"rendering ({frame.backend})": frame.seconds * FRAMES_PER_S
-            for frame in frames
-            if frame.seconds is not None
-        },
     }
+    for frame in frames:
+        if frame.seconds is not None:
+            simulated_second[f"rendering ({frame.backend})"] = frame.seconds * FRAMES_PER_S
     return ProfileRow(
         model,
         python_ns=steps.python_ns,
@@ -248,10 +246,7 @@ def _step_ns(
 
 
 def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
-    """Return the share of a step by stage: from the engine's timers, with sensors apart.
-
-    It is briefer than `step`, which has all parts that no timer is about.
-    """
+    """Return the share of a step by stage: from the engine's timers, with only sensors apart."""
     shares = timer_shares(model, block)
     if not model.nsensor:
         return shares

@@ -31,7 +31,6 @@ class SourceLine:
     Attributes:
       is_command: whether it is not Python, but a command of IPython or a part of one.
       number: from 1; of the file, or of the cell.
-      cell: of a notebook, from 1; None in a Python file.
     """
 
     text: str
@@ -55,7 +54,6 @@ class PythonProgram:
 
     Attributes:
       lines: the lines that the line numbers of `tree` count, from 1.
-      encoding: of a Python file; None for a notebook.
     """
 
     tree: ast.Module
@@ -97,7 +95,8 @@ def read_program(file: str) -> PythonProgram:
 
 def parse_python(data: bytes) -> PythonProgram:
     """Return the program in a Python file; SyntaxError, ValueError, LookupError if it is none."""
-    encoding = _encoding(data)
+    first_lines = _NEWLINE_BYTES.split(data, maxsplit=2)[:2]
+    encoding, _ = tokenize.detect_encoding(iter([line + b"\n" for line in first_lines]).__next__)
     text = data.decode(encoding)
     return _parse([NotebookPart(text, text)], data, encoding)
 
@@ -116,12 +115,6 @@ def _read(path: Path) -> bytes:
     if max(status.st_size, len(data)) > MAX_FILE_BYTES:
         raise ValueError(f"larger than {MAX_FILE_BYTES // 10**6} MB")
     return data
-
-
-def _encoding(data: bytes) -> str:
-    first_lines = _NEWLINE_BYTES.split(data, maxsplit=2)[:2]
-    encoding, _ = tokenize.detect_encoding(iter([line + b"\n" for line in first_lines]).__next__)
-    return encoding
 
 
 def _parse(parts: Sequence[NotebookPart], data: bytes, encoding: str | None) -> PythonProgram:

@@ -217,16 +217,14 @@ class _Log:
                 self.numbers.append((rows, functools.partial(getattr, data, name)))
 
     def recorded(self) -> dict[str, np.ndarray | Ragged]:
-        return {
-            name: _ragged(rows) if isinstance(rows, list) else rows
-            for name, rows in self._rows.items()
-        }
-
-
-def _ragged(steps: Sequence[np.ndarray]) -> Ragged:
-    """Return the rows of steps, of which the first array is none."""
-    counts = np.array([len(rows) for rows in steps[1:]], dtype=int)
-    return Ragged(np.concatenate(steps), counts)
+        fields: dict[str, np.ndarray | Ragged] = {}
+        for name, rows in self._rows.items():
+            if isinstance(rows, list):  # the first array has none
+                counts = np.array([len(of_step) for of_step in rows[1:]], dtype=int)
+                fields[name] = Ragged(np.concatenate(rows), counts)
+            else:
+                fields[name] = rows
+        return fields
 
 
 def _run(

@@ -2,15 +2,12 @@
 
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
-from mjbench.errors import InputError
 from mjbench.loop.python_source import NOTEBOOK_SUFFIX
 
-_Result = TypeVar("_Result")
 _SUFFIXES = (".py", NOTEBOOK_SUFFIX)
 _CHECKPOINTS = ".ipynb_checkpoints"  # copies that Jupyter saves
 
@@ -38,20 +35,6 @@ def script_files(names: Sequence[str]) -> list[str | UncheckedFile]:
     for name in names:
         files += _files_below(name) if stat.S_ISDIR(_mode(name)) else [name]
     return files
-
-
-def each_checked(
-    files: Iterable[str | UncheckedFile], check: Callable[[str], _Result]
-) -> Iterator[_Result | UncheckedFile]:
-    """Yield the result of each file in turn; in its place, why it has none."""
-    for file in files:
-        if isinstance(file, UncheckedFile):
-            yield file
-            continue
-        try:
-            yield check(file)
-        except InputError as error:
-            yield UncheckedFile(file, str(error).removeprefix(f"{file}: "))
 
 
 def regular_files(files: Sequence[str | UncheckedFile]) -> list[Path]:

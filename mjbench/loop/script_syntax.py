@@ -11,6 +11,7 @@ COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 COPIES = {"copy", "deepcopy"}
 # Inputs of a step, which programs write.
 _INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")
+_NUMPY = {"np", "numpy", "onp"}
 # Attributes of an array that are the array itself.
 WHOLE = {"T", "flat"}
 
@@ -38,8 +39,12 @@ def is_step(node: ast.AST) -> TypeGuard[ast.Call]:
     return is_call(node, "mj_step", "mj_step1", "mj_step2")
 
 
+def is_numpy_call(node: ast.Call) -> bool:
+    """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
+    return isinstance(node.func, ast.Attribute) and dotted_name(node.func.value) in _NUMPY
+
+
 def name_nodes(node: ast.AST) -> Iterator[ast.Name]:
-    """Yield the names that stand in a node, or that it is."""
     return (n for n in ast.walk(node) if isinstance(n, ast.Name))
 
 
@@ -47,22 +52,33 @@ def names_in(node: ast.AST) -> set[str]:
     return {name.id for name in name_nodes(node)}
 
 
+def is_bound(node: ast.AST) -> bool:
+    """Return whether a name, an attribute or an index is assigned to or deleted, not read."""
+    return isinstance(getattr(node, "ctx", None), ast.Store | ast.Del)
+
+
 def bound_in(node: ast.AST) -> set[str]:
     """Return the names to which a node assigns, or that it deletes."""
-    return {name.id for name in name_nodes(node) if not isinstance(name.ctx, ast.Load)}
+    return {name.id for name in name_nodes(node) if is_bound(name)}
+
+
+def is_periodic(condition: ast.AST) -> bool:
+    """Return whether a condition is one on a remainder, such as `i % 10 == 0`."""
+    return any(isinstance(node, ast.Mod) for node in ast.walk(condition))
 
 
 def peeled(node: ast.AST) -> ast.AST:
     """Return what is indexed, or whose methods are called, in an expression: `a` of `a[0][:].T`."""
     while True:
-        if isinstance(node, ast.Subscript | ast.Starred):
-            node = node.value
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            node = node.func.value
-        elif isinstance(node, ast.Attribute) and (not dotted_name(node) or node.attr in WHOLE):
-            node = node.value
-        else:
-            return node
+        match node:
+            case ast.Subscript(value=inner) | ast.Starred(value=inner):
+                node = inner
+            case ast.Call(func=ast.Attribute(value=inner)):
+                node = inner
+            case ast.Attribute(value=inner) if not dotted_name(node) or node.attr in WHOLE:
+                node = inner
+            case _:
+                return node
 
 
 def assignments(tree: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
@@ -80,10 +96,9 @@ def assignments(tree: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
 
 def ancestors(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> Iterator[ast.AST]:
     """Yield the nodes above a node, the innermost first."""
-    above = parents.get(node)
-    while above is not None:
+    while (above := parents.get(node)) is not None:
         yield above
-        above = parents.get(above)
+        node = above
 
 
 def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
@@ -117,15 +132,14 @@ def block_around(child: ast.AST, parent: ast.AST | None) -> list[ast.stmt]:
 
 def elements(value: ast.expr) -> Iterator[ast.expr]:
     """Yield the values in a tuple, a list or a dict that an expression creates, or itself."""
-    if isinstance(value, ast.Tuple | ast.List):
-        parts = value.elts
-    elif isinstance(value, ast.Dict):
-        parts = value.values
-    elif is_call(value, "dict"):
-        parts = [keyword.value for keyword in value.keywords]
-    else:
-        yield value
-        return
+    match value:
+        case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Dict(values=parts):
+            pass
+        case ast.Call(keywords=keywords) if is_call(value, "dict"):
+            parts = [keyword.value for keyword in keywords]
+        case _:
+            yield value
+            return
     for part in parts:
         yield from elements(part)
 

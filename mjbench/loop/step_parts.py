@@ -27,8 +27,8 @@ SENSORS = "sensors"
 # RK4 evaluates the dynamics so often in a step.
 _EVALUATIONS_OF_RK4 = 4
 
+# A function of the engine, or what brings an MjData to a start state.
 Function = Callable[[mujoco.MjModel, mujoco.MjData], None]
-Start = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 
 class SensorStage(enum.StrEnum):
@@ -64,11 +64,7 @@ class SensorCost:
 
 @dataclass(frozen=True)
 class StepPart:
-    """A part of a step that is timed apart.
-
-    Attributes:
-      within: the stage whose time it is a part of.
-    """
+    """A part of a step that is timed apart; its time is a part of that of the stage `within`."""
 
     name: str
     within: str
@@ -94,7 +90,7 @@ def with_parts(stages: Mapping[str, float], parts: Sequence[StepPart]) -> dict[s
 
 def parts(
     model: mujoco.MjModel,
-    start: Start,
+    start: Function,
     step_s: float,
     sensors: Sequence[SensorCost],
     budget_s: float = BUDGET_S,
@@ -118,13 +114,9 @@ def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:
     return [StepPart(SENSORS, OTHER, total)] if sensors else []
 
 
-def step_s(model: mujoco.MjModel, start: Start, budget_s: float = BUDGET_S) -> float:
-    (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)], budget_s)
+def step_s(model: mujoco.MjModel, start: Function, budget_s: float = BUDGET_S) -> float:
+    (seconds,) = medians(model, start, [(lambda: None, mujoco.mj_step)], budget_s)
     return seconds
-
-
-def _nothing() -> None:
-    pass
 
 
 def _functions(model: mujoco.MjModel) -> Iterator[tuple[str, str, int, Function]]:
@@ -161,12 +153,9 @@ def _needed_sensors(model: mujoco.MjModel) -> Iterator[Callable[[np.ndarray], Ca
 
 
 def sensor_costs(
-    model: mujoco.MjModel, start: Start, step_s: float, budget_s: float = BUDGET_S
+    model: mujoco.MjModel, start: Function, step_s: float, budget_s: float = BUDGET_S
 ) -> list[SensorCost]:
-    """Return what the sensors of each type and stage cost of a step, the largest first.
-
-    Their function is timed with each type, with all of the stage, and with none.
-    """
+    """Return what the sensors of each type and stage cost of a step, the largest first."""
     if not model.nsensor or not compat.flag_enabled(model, "sensor"):
         return []
     types, needs = np.array(model.sensor_type), np.array(model.sensor_needstage)
@@ -183,16 +172,12 @@ def sensor_costs(
             none_s, together_s, *alone_s = medians(
                 model, start, [(prepare, function) for prepare in prepares], budget_s
             )
-            seconds = _parts_of(together_s - none_s, [each_s - none_s for each_s in alone_s])
-            costs += [
-                SensorCost(
-                    str(mujoco.mjtSensor(kind).name).removeprefix("mjSENS_").lower(),
-                    stage,
-                    int(mask.sum()),
-                    min(1.0, each_s / step_s),
-                )
-                for kind, mask, each_s in zip(kinds, masks, seconds, strict=True)
-            ]
+            types_s = [max(0.0, each_s - none_s) for each_s in alone_s]
+            scale = max(0.0, together_s - none_s) / sum(types_s) if any(types_s) else 0.0
+            for kind, mask, type_s in zip(kinds, masks, types_s, strict=True):
+                name = compat.enum_name(mujoco.mjtSensor, kind, "mjSENS_")
+                share = min(1.0, scale * type_s / step_s)
+                costs.append(SensorCost(name, stage, int(mask.sum()), share))
     return sorted(costs, key=lambda cost: -cost.share)
 
 
@@ -206,15 +191,9 @@ def _afresh(function: Function) -> Function:
     return call
 
 
-def _parts_of(total: float, alone: Sequence[float]) -> list[float]:
-    values = [max(0.0, value) for value in alone]
-    scale = max(0.0, total) / sum(values) if any(values) else 0.0
-    return [scale * value for value in values]
-
-
 def medians(
     model: mujoco.MjModel,
-    start: Start,
+    start: Function,
     contenders: Sequence[tuple[Callable[[], None], Function]],
     budget_s: float = BUDGET_S,
 ) -> list[float]:

@@ -7,6 +7,7 @@ anew for each episode, or changes its masses, steps one model here.
 import collections
 import contextlib
 import functools
+import itertools
 import operator
 import random
 import tempfile
@@ -111,15 +112,14 @@ class RecordedWindow:
 
         A segment ends before a state that is not finite; the engine may be set to continue from it.
         """
-        ends = [*self._begins[1:], self._count]
-        pairs = zip(self._begins, ends, strict=True)
-        finite = [_until_not_finite(self._states[begin:end]) for begin, end in pairs]
-        return [segment for segment in finite if len(segment) > 1]
-
-
-def _until_not_finite(states: np.ndarray) -> np.ndarray:
-    is_bad = ~np.isfinite(states).all(axis=1)
-    return states[: int(is_bad.argmax())] if is_bad.any() else states
+        segments = []
+        for begin, end in itertools.pairwise([*self._begins, self._count]):
+            states = self._states[begin:end]
+            is_bad = ~np.isfinite(states).all(axis=1)
+            finite = states[: int(is_bad.argmax())] if is_bad.any() else states
+            if len(finite) > 1:
+                segments.append(finite)
+        return segments
 
 
 class WindowSample(Generic[_Window]):
@@ -145,7 +145,12 @@ class WindowSample(Generic[_Window]):
         """Take the window that was due and ended at a step, and decide when the next is due."""
         self._by_stratum[self.due // self.stride] = window
         while len(self._by_stratum) > self._most:
-            self._halve()
+            self.stride *= 2
+            merged: dict[int, _Window] = {}
+            for stratum, sampled in sorted(self._by_stratum.items()):
+                if stratum // 2 not in merged or self._rng.random() < 0.5:
+                    merged[stratum // 2] = sampled
+            self._by_stratum = merged
         stratum = max(self.due // self.stride + 1, end // self.stride)
         room = self.stride - self._nstep
         while (due := stratum * self.stride + self._rng.randint(0, room)) < end:
@@ -153,16 +158,7 @@ class WindowSample(Generic[_Window]):
         self.due = due
 
     def windows(self) -> list[_Window]:
-        """Return the sample, in the order of the run."""
         return [self._by_stratum[stratum] for stratum in sorted(self._by_stratum)]
-
-    def _halve(self) -> None:
-        self.stride *= 2
-        merged: dict[int, _Window] = {}
-        for stratum in sorted(self._by_stratum):
-            if stratum // 2 not in merged or self._rng.random() < 0.5:
-                merged[stratum // 2] = self._by_stratum[stratum]
-        self._by_stratum = merged
 
 
 class ModelRecorder:
@@ -170,7 +166,6 @@ class ModelRecorder:
 
     Attributes:
       mjb: file with the model before its first step; None unless it is wanted and can be saved.
-      mjb_failure: why it cannot be saved; empty otherwise.
       nstep: that the program took, of what is to be captured.
     """
 
@@ -238,7 +233,9 @@ class ModelRecorder:
             return None
         try:
             if self._window is not None:
-                if not self._is_over(self._window, data):
+                # it is gone, or full, or of no use
+                is_over = self._window.data in (None, data)
+                if not is_over and self.nstep - self._followed_at < _PATIENCE_NSTEP:
                     return None
                 self._end_window()
             if self.nstep < self._sample.due:
@@ -248,12 +245,6 @@ class ModelRecorder:
             return self._window
         finally:
             self._lock.release()
-
-    def _is_over(self, window: RecordedWindow, data: mujoco.MjData) -> bool:
-        """Return whether a window that does not follow `data` is over: full, or of no use."""
-        if window.data in (None, data):  # that is gone, or has no room for this step
-            return True
-        return self.nstep - self._followed_at >= _PATIENCE_NSTEP
 
     def _end_window(self) -> None:
         assert self._window is not None, "a window is open"
@@ -288,14 +279,6 @@ class StepRecorder:
         data: mujoco.MjData | None = None,
         with_mjb: bool = False,
     ):
-        """Prepare to record.
-
-        Args:
-          max_states: the most states to store of each model.
-          model: only this one is captured, and those with the same digest; None for all.
-          data: only this one is captured; None for all.
-          with_mjb: whether the compiled models are wanted as well.
-        """
         self._max_states, self._window_nstep = max_states, window_nstep
         self._digest = None if model is None else model_digest(model)
         self._data, self._with_mjb = data, with_mjb
@@ -303,7 +286,8 @@ class StepRecorder:
         # by the identity of the MjModel, as long as that lives; None for one that is not captured
         self._by_identity: dict[int, ModelRecorder | None] = {}
         self._references: dict[int, weakref.ref[mujoco.MjModel]] = {}
-        self._other_nstep: collections.Counter[str] = collections.Counter()
+        # steps that were not captured, by the name of their model
+        self.other_nstep: collections.Counter[str] = collections.Counter()
 
     def models(self) -> list[ModelRecorder]:
         """Return the models that were captured, the one that took most steps first."""
@@ -313,10 +297,6 @@ class StepRecorder:
     def close(self) -> None:
         for recorder in self._by_layout.values():
             recorder.close()
-
-    def other_nstep(self) -> dict[str, int]:
-        """Return the steps that were not captured, by the name of their model."""
-        return dict(self._other_nstep)
 
     def wrappers(self) -> Mapping[str, Callable[[EngineFunction], EngineFunction]]:
         """Return what makes the replacements, by function; mj_step1 takes no step of its own."""
@@ -343,7 +323,7 @@ class StepRecorder:
                 recorder = self._recorder_of(model)
             if recorder is None or (only_data is not None and data is not only_data):
                 result = function(*args, **keywords)
-                self._other_nstep[model_name(model)] += nstep
+                self.other_nstep[model_name(model)] += nstep
                 return result
             if recorder.is_unseen(nstep):
                 result = function(*args, **keywords)

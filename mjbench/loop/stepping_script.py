@@ -21,7 +21,6 @@ from mjbench.loop.script_syntax import (
     FUNCTIONS,
     ancestors,
     assignments,
-    creates_container,
     dotted_name,
     is_call,
     is_step,
@@ -38,12 +37,23 @@ _ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
 _LOADS_MODEL = re.compile(r"from_(binary_path|xml_path|xml_string)$")
 # Names of environments.
 _ENVIRONMENTS = {"env", "envs", "environment", "physics", "venv", "vec_env"}
-# Methods that return the part of an MjData or an MjModel that belongs to a named element.
-_DATA_ACCESSORS = {
-    *("actuator", "body", "cam", "camera", "geom", "jnt", "joint", "light", "sensor", "site"),
-    *("ten", "tendon"),
+# Methods that return the part of an MjData, or also of an MjModel, that belongs to a named element;
+# with how the fields of MjData begin whose rest is the field of such a part.
+PART_PREFIXES = {
+    "body": "",
+    "joint": "",
+    "jnt": "",
+    "actuator": "",
+    "geom": "geom_",
+    "site": "site_",
+    "cam": "cam_",
+    "camera": "cam_",
+    "light": "light_",
+    "ten": "ten_",
+    "tendon": "ten_",
+    "sensor": "sensor",
 }
-_MODEL_ACCESSORS = _DATA_ACCESSORS | {
+_MODEL_ACCESSORS = PART_PREFIXES.keys() | {
     *("eq", "equality", "exclude", "hfield", "key", "keyframe", "mat", "material", "mesh"),
     *("numeric", "pair", "skin", "tex", "text", "texture", "tuple"),
 }
@@ -54,7 +64,6 @@ VIEW_METHODS = {"view", "transpose", "squeeze", "swapaxes", "ravel", "reshape"}
 _RESHAPING = {"ravel", "reshape"}
 # Methods of a container that store an argument.
 STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
-_NUMPY = {"np", "numpy", "onp"}
 # Array fields of MjData (mjdata.h); nothing else is taken for a view.
 FIELDS = re.compile(
     r"(qpos|qvel|act|ctrl|qacc|act_dot|sensordata|userdata|mocap_pos|mocap_quat|eq_active"
@@ -74,17 +83,14 @@ Loop = ast.For | ast.While
 
 @dataclass(frozen=True, eq=False)
 class SteppingBody:
-    """A loop that steps, or a method that does, such as `step` of an environment.
-
-    Somebody calls such a method in a loop.
-
-    Attributes:
-      inner: the expressions and statements inside it, without those of functions that are
-        defined there.
-    """
+    """A loop that steps, or a method that does, such as an environment's `step`."""
 
     node: Loop | ast.FunctionDef | ast.AsyncFunctionDef
-    inner: Sequence[ast.expr | ast.stmt]
+
+    @cached_property
+    def inner(self) -> Sequence[ast.expr | ast.stmt]:
+        """The expressions and statements inside it, without those of functions defined there."""
+        return nodes_inside(self.node)
 
     @property
     def is_method(self) -> bool:
@@ -95,11 +101,9 @@ class SteppingScript:
     """The syntax of a script, and what follows from it.
 
     Attributes:
-      calls: of functions and methods, everywhere in it.
       values: that are assigned, by their targets.
       environment_loops: those of the others that step an environment.
       episode_loops: those of `loops`, all `for`, that have another one inside.
-      comprehensions: list comprehensions that step either.
     """
 
     def __init__(self, tree: ast.Module):
@@ -109,36 +113,28 @@ class SteppingScript:
         self.parents: Mapping[ast.AST, ast.AST] = {
             child: node for node in self.nodes for child in ast.iter_child_nodes(node)
         }
-        self._stepping_functions = {
-            node.name
-            for node in self.nodes
-            if isinstance(node, FUNCTIONS) and any(is_step(n) for n in ast.walk(node))
-        }
         self.values = dict(assignments(tree))
+        self._values_of_names: defaultdict[str, list[ast.AST]] = defaultdict(list)
+        for target, value in self.values.items():
+            self._values_of_names[dotted_name(target)].append(value)
+        self._stepping_functions = self._names_of_functions(is_step)
         self._environment_names = self._assigned_names(_creates_environment)
-        self._environment_functions = {
-            node.name
-            for node in self.nodes
-            if isinstance(node, FUNCTIONS) and any(map(self._steps_environment, ast.walk(node)))
-        }
+        self._environment_functions = self._names_of_functions(self._steps_environment)
         arguments = [call.args for call in self.calls if is_step(call)]
         created = self._assigned_names(lambda call: is_call(call, "MjData"))
         self._data_names = created | ({dotted_name(a[1]) for a in arguments if len(a) > 1} - {""})
         loaded = self._assigned_names(lambda c: bool(_LOADS_MODEL.match(last_name(c.func))))
         self._model_names = loaded | ({dotted_name(a[0]) for a in arguments if a} - {""})
-        self._values_of_names: defaultdict[str, list[ast.AST]] = defaultdict(list)
-        for target, value in self.values.items():
-            self._values_of_names[dotted_name(target)].append(value)
         steps = (n for n in self.nodes if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self.loops_around(node), None) for node in steps}
-        loops = [node for node in self.nodes if isinstance(node, Loop)]
-        stepping = {loop for loop in loops if self.steps_inside(loop)}
-        self.loops = [_body(loop) for loop in loops if loop in stepping]
+        loops = [SteppingBody(node) for node in self.nodes if isinstance(node, Loop)]
+        self.loops = [loop for loop in loops if self.steps_inside(loop.node)]
+        stepping = {loop.node for loop in self.loops}
         self.environment_loops = [
-            _body(loop)
+            loop
             for loop in loops
-            if loop not in stepping and self.steps_environment_inside(loop)
+            if loop.node not in stepping and self.steps_environment_inside(loop.node)
         ]
         self.episode_loops = [
             loop
@@ -146,7 +142,7 @@ class SteppingScript:
             if isinstance(loop.node, ast.For) and stepping.intersection(loop.inner)
         ]
         self.methods = [
-            _body(node)
+            SteppingBody(node)
             for node in self.nodes
             if isinstance(node, FUNCTIONS)
             and isinstance(self.parents.get(node), ast.ClassDef)
@@ -162,6 +158,10 @@ class SteppingScript:
         values = self.values.items()
         named = {dotted_name(t) for t, v in values if isinstance(v, ast.Call) and is_value(v)}
         return named - {""}
+
+    def _names_of_functions(self, has: Callable[[ast.AST], bool]) -> set[str]:
+        functions = (node for node in self.nodes if isinstance(node, FUNCTIONS))
+        return {function.name for function in functions if any(map(has, ast.walk(function)))}
 
     @cached_property
     def bindings(self) -> NameBindings:
@@ -196,25 +196,24 @@ class SteppingScript:
         return indirect
 
     def is_view(self, node: ast.AST) -> bool:
-        """Return whether an expression is a view of MuJoCo's memory."""
-        if isinstance(node, ast.Attribute):
-            if node.attr == "T":
-                return self.is_view(node.value)
-            if self.is_named_part(node.value):
-                return node.attr not in _NUMBERS_AND_NAMES
-            return self.is_data(node.value) and bool(FIELDS.match(node.attr))
-        if isinstance(node, ast.Subscript):
-            is_row = isinstance(node.value, ast.Attribute) and self.is_named_part(node.value.value)
-            return self.is_view(node.value) and index_gives_view(node, is_row)
-        if isinstance(node, ast.Call):
-            if node.keywords:  # `dtype` or `order` may make a copy
+        match node:
+            case ast.Attribute(value=array, attr="T"):
+                return self.is_view(array)
+            case ast.Attribute(value=owner, attr=field):
+                if self.is_named_part(owner):
+                    return field not in _NUMBERS_AND_NAMES
+                return self.is_data(owner) and bool(FIELDS.match(field))
+            case ast.Subscript(value=array):
+                is_row = isinstance(array, ast.Attribute) and self.is_named_part(array.value)
+                return self.is_view(array) and index_gives_view(node, is_row)
+            case ast.Call(keywords=[_, *_]):  # `dtype` or `order` may make a copy
                 return False
-            if isinstance(node.func, ast.Attribute) and node.func.attr in VIEW_METHODS:
-                array = node.func.value
+            case ast.Call(func=ast.Attribute(value=array, attr=method)) if method in VIEW_METHODS:
                 is_whole = isinstance(array, ast.Attribute) and array.attr != "T"
-                return self.is_view(array) and (is_whole or node.func.attr not in _RESHAPING)
-            is_asarray = self.bindings.origin(dotted_name(node.func)) == "numpy.asarray"
-            return is_asarray and len(node.args) == 1 and self.is_view(node.args[0])
+                return self.is_view(array) and (is_whole or method not in _RESHAPING)
+            case ast.Call(func=function, args=[array]):
+                is_asarray = self.bindings.origin(dotted_name(function)) == "numpy.asarray"
+                return is_asarray and self.is_view(array)
         return False
 
     def assigned(self, node: ast.AST) -> list[ast.AST | None]:
@@ -226,12 +225,14 @@ class SteppingScript:
             return list(self.assigned_anywhere(dotted_name(node)))
         if node.id in self.bindings.declared:
             return [None]
-        return [self.values.get(target) for target in self.bindings.of_name(node)]
+        return [self.values.get(target) for target in self.bindings.of(node.id, node)]
 
     def resolved(self, node: ast.expr) -> ast.expr:
         """Return what a name was assigned, where that happens once; any other expression itself."""
-        assigned = self.assigned(node) if isinstance(node, ast.Name) else []
-        return assigned[0] if len(assigned) == 1 and isinstance(assigned[0], ast.expr) else node
+        match self.assigned(node) if isinstance(node, ast.Name) else []:
+            case [ast.expr() as value]:
+                return value
+        return node
 
     def assigned_anywhere(self, name: str) -> Sequence[ast.AST]:
         return self._values_of_names.get(name, []) if name else []
@@ -246,26 +247,24 @@ class SteppingScript:
 
     def is_named_access(self, node: ast.AST) -> bool:
         """Return whether a node is `data.joint(…)`, `model.body(…)` or the like."""
-        return self.is_access_to_data(node) or (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Attribute)
-            and node.func.attr in _MODEL_ACCESSORS
-            and dotted_name(node.func.value) in self._model_names
-        )
+        match node:
+            case ast.Call(func=ast.Attribute(value=owner, attr=accessor)):
+                is_of_model = (
+                    accessor in _MODEL_ACCESSORS and dotted_name(owner) in self._model_names
+                )
+                return (is_of_model and accessor in _MODEL_ACCESSORS) or self.is_access_to_data(
+                    node
+                )
+        return False
 
     def step_loop_around(self, node: ast.AST) -> Loop | None:
         return next((n for n in self.loops_around(node) if n in self._step_loops), None)
 
-    def is_numpy_call(self, node: ast.Call) -> bool:
-        """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
-        return isinstance(node.func, ast.Attribute) and dotted_name(node.func.value) in _NUMPY
-
     def is_conditional(self, node: ast.AST) -> bool:
         """Return whether a node is under an `if` of its loop that steps, or of its function."""
-        for above in self.above(node, self.step_loop_around(node)):
-            if isinstance(above, ast.If | FUNCTIONS):
-                return isinstance(above, ast.If)
-        return False
+        above = self.above(node, self.step_loop_around(node))
+        nearest = next((each for each in above if isinstance(each, ast.If | FUNCTIONS)), None)
+        return isinstance(nearest, ast.If)
 
     def steps_inside(self, node: ast.AST) -> bool:
         return any(isinstance(n, ast.Call) and self._steps(n) for n in nodes_inside(node))
@@ -280,11 +279,9 @@ class SteppingScript:
         return self.steps_inside(node) or self.steps_environment_inside(node)
 
     def steps_environment_inside(self, node: ast.AST) -> bool:
-        return any(
-            self._steps_environment(n)
-            or (isinstance(n, ast.Call) and last_name(n.func) in self._environment_functions)
-            for n in nodes_inside(node)
-        )
+        calls = [n for n in nodes_inside(node) if isinstance(n, ast.Call)]
+        functions = self._environment_functions
+        return any(self._steps_environment(c) or last_name(c.func) in functions for c in calls)
 
     def _steps_environment(self, node: ast.AST) -> bool:
         if not isinstance(node, ast.Call):
@@ -302,21 +299,22 @@ class SteppingScript:
         return name in self._data_names or name.rpartition(".")[2] in ("data", "mjdata")
 
     def is_access_to_data(self, node: ast.AST) -> bool:
-        return (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Attribute)
-            and node.func.attr in _DATA_ACCESSORS
-            and self.is_data(node.func.value)
-        )
+        match node:
+            case ast.Call(func=ast.Attribute(value=owner, attr=accessor)):
+                return accessor in PART_PREFIXES and self.is_data(owner)
+        return False
 
     def is_named_part(self, node: ast.AST) -> bool:
-        values = self.assigned(node)
-        is_name = bool(values) and all(v is not None and self.is_access_to_data(v) for v in values)
-        return is_name or self.is_access_to_data(node)
+        return self._is_always(node, self.is_access_to_data) or self.is_access_to_data(node)
 
-    def is_container_name(self, node: ast.AST) -> bool:
-        """Return whether a name was assigned a list or a dict; an array copies what is put in."""
-        return any(map(creates_container, self.assigned(node)))
+    def is_alias(self, node: ast.AST) -> bool:
+        """Return whether a name always stands for a view."""
+        return isinstance(node, ast.Name) and self._is_always(node, self.is_view)
+
+    def _is_always(self, node: ast.AST, test: Callable[[ast.AST], bool]) -> bool:
+        """Return whether a test holds for all that is ever assigned to a name or an attribute."""
+        values = self.assigned(node)
+        return bool(values) and all(value is not None and test(value) for value in values)
 
     def above(self, node: ast.AST, until: ast.AST | None = None) -> Iterator[ast.AST]:
         """Yield the nodes above a node, the innermost first, without `until` and those above."""
@@ -332,10 +330,6 @@ class SteppingScript:
                 if not (is_iterable or child in parent.orelse):  # these are evaluated once
                     yield parent
             child = parent
-
-
-def _body(node: Loop | ast.FunctionDef | ast.AsyncFunctionDef) -> SteppingBody:
-    return SteppingBody(node, nodes_inside(node))
 
 
 def _creates_environment(call: ast.Call) -> bool:
@@ -360,6 +354,5 @@ def index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
 
 def _is_integer(node: ast.AST) -> bool:
     """Return whether an expression is a number such as 2 or -1."""
-    if isinstance(node, ast.UnaryOp):
-        node = node.operand
+    node = node.operand if isinstance(node, ast.UnaryOp) else node
     return isinstance(node, ast.Constant) and type(node.value) is int

@@ -30,8 +30,11 @@ from mjbench.loop.script_syntax import (
     creates_container,
     dotted_name,
     elements,
+    is_bound,
     is_call,
     is_input,
+    is_numpy_call,
+    is_periodic,
     is_step,
     last_name,
     name_nodes,
@@ -56,11 +59,7 @@ _RETURNED = (
 
 @dataclass(frozen=True)
 class Store:
-    """Where a statement or a call stores something.
-
-    Attributes:
-      key: under which it is stored in `place`; None for one more entry, and for an attribute.
-    """
+    """Where something is stored; `key` is None for one more entry, and for an attribute."""
 
     place: ast.expr
     key: ast.expr | None
@@ -73,7 +72,6 @@ class Source:
 
     Attributes:
       call: the attribute, where the function is a property.
-      yields: whether the value is what the function yields, not what it returns.
       index: of the part, in a tuple or a dict that the function creates; None for all of it.
     """
 
@@ -96,7 +94,7 @@ class StoredViews:
             for function in script.nodes
             if isinstance(function, FUNCTIONS) and function.name != "__init__"
             for node in ast.walk(function)
-            if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load)
+            if isinstance(node, ast.Attribute) and is_bound(node)
         }
 
     @cached_property
@@ -176,8 +174,8 @@ class StoredViews:
             if isinstance(node, ast.If) and child is not node.test:
                 parts = list(ast.walk(node.test))
                 is_single = any(isinstance(n, ast.Eq | ast.Is) for n in parts)
-                is_periodic = any(isinstance(n, ast.Mod) for n in parts)
-                if (is_single and not is_periodic) or place in map(dotted_name, parts):
+                is_once = is_single and not is_periodic(node.test)
+                if is_once or place in map(dotted_name, parts):
                     return False
             last = block_around(child, node)[-1:] if not body.is_method else []
             if any(isinstance(each, ast.Break | ast.Return | ast.Raise) for each in last):
@@ -187,27 +185,27 @@ class StoredViews:
     def _views_in(self, value: ast.expr) -> Iterator[ast.expr]:
         """Yield the view that an expression is, or those in the tuple, list or dict it creates."""
         for part in elements(value):
-            if self._script.is_view(part) or self._is_alias(part):
+            if self._script.is_view(part) or self._script.is_alias(part):
                 yield part
-
-    def _is_alias(self, node: ast.expr) -> bool:
-        values = self._script.assigned(node) if isinstance(node, ast.Name) else []
-        return bool(values) and all(v is not None and self._script.is_view(v) for v in values)
 
     def _is_of_the_one_data(self, view: ast.expr, inner: Sequence[ast.AST]) -> bool:
         """Return whether a view is the same memory of the MjData that steps, in each iteration."""
-        again = _bound(inner)
+        again, varying = _bound(inner), _renewed(inner)
         steps = (node for node in inner if is_step(node) and len(node.args) > 1)
         stepped = {dotted_name(step.args[1]) for step in steps}
         for expression in self._behind(view):
             data = next((n for n in ast.walk(expression) if self._script.is_data(n)), None)
-            if is_input(view) or is_input(expression) or data is None or self._is_renewed(data):
+            if data is None or is_input(view) or is_input(expression):
+                return False
+            # another function may make the name stand for another MjData
+            if isinstance(data, ast.Name) and data.id in self._script.bindings.declared:
+                return False
+            if isinstance(data, ast.Attribute) and data.attr in self._renewed_attributes:
                 return False
             if stepped and dotted_name(data) not in stepped:
                 return False
             if again.intersection(map(dotted_name, ast.walk(data))):
                 return False
-            varying = _renewed(inner)
             if any(n.id in varying and not self._is_resolved(n) for n in name_nodes(expression)):
                 return False
         return True
@@ -226,20 +224,10 @@ class StoredViews:
         """Return whether it is known which view, or which part of an MjData, a name stands for."""
         if not isinstance(node, ast.Name | ast.Attribute) or self._script.is_data(node):
             return False
-        is_alias = isinstance(node, ast.Name) and self._is_alias(node)
-        return is_alias or self._script.is_named_part(node)
-
-    def _is_renewed(self, node: ast.AST) -> bool:
-        """Return whether another function may make a name stand for another MjData."""
-        if isinstance(node, ast.Name):
-            return node.id in self._script.bindings.declared
-        return last_name(node) in self._renewed_attributes
+        return self._script.is_alias(node) or self._script.is_named_part(node)
 
     def _of_helpers(self, value: ast.expr, renewed: Collection[str]) -> Iterator[ast.expr]:
-        """Yield the views in a value that functions of the script return, or yield, to be stored.
-
-        Those of calls that get a name which stands for something else in each iteration are not.
-        """
+        """Yield the views in a value that calls return or yield, of what is the same each time."""
         for part in elements(value):
             for source in self._sources(part):
                 given = {dotted_name(node) for node in ast.walk(source.call)}
@@ -260,26 +248,24 @@ class StoredViews:
     def _results(self, function: ast.FunctionDef, yields: bool) -> Iterator[ast.expr]:
         inside = nodes_inside(function)
         is_generator = any(isinstance(n, ast.Yield | ast.YieldFrom) for n in inside)
-        kind = ast.Yield if yields else ast.Return
-        if is_generator is yields:
-            for node in inside:
-                if isinstance(node, kind) and node.value is not None:
-                    yield self._script.resolved(node.value)
+        for node in inside if is_generator is yields else ():
+            if isinstance(node, ast.Yield if yields else ast.Return) and node.value is not None:
+                yield self._script.resolved(node.value)
 
     def _sources(self, value: ast.expr) -> list[Source]:
         """Return the calls that a value comes from; none if it may come from elsewhere."""
-        if is_call(value, "list") and len(value.args) == 1:
-            (inner,) = value.args
-            return [Source(inner, yields=True)] if isinstance(inner, ast.Call) else []
-        if isinstance(value, ast.Call | ast.Attribute):
-            return [Source(value)]
-        if isinstance(value, ast.Subscript) and isinstance(value.value, ast.Call):
-            key = value.slice.value if isinstance(value.slice, ast.Constant) else None
-            return [Source(value.value, index=key)] if key is not None else []
-        bindings = self._script.bindings.of_name(value) if isinstance(value, ast.Name) else ()
-        sources = list(map(self.source_of_binding, bindings))
-        known = [source for source in sources if source is not None]
-        return known if len(known) == len(sources) else []
+        match value:
+            case ast.Call(args=[inner]) if is_call(value, "list"):
+                return [Source(inner, yields=True)] if isinstance(inner, ast.Call) else []
+            case ast.Call() | ast.Attribute():
+                return [Source(value)]
+            case ast.Subscript(value=ast.Call() as call, slice=ast.Constant(value=key)):
+                return [Source(call, index=key)] if key is not None else []
+            case ast.Name():
+                bindings = self._script.bindings.of(value.id, value)
+                sources = [*map(self.source_of_binding, bindings)]
+                return [each for each in sources if each is not None] if all(sources) else []
+        return []
 
     def source_of_binding(self, binding: ast.AST) -> Source | None:
         """Return where what a name is bound to comes from; None where that is not a plain call."""
@@ -287,12 +273,14 @@ class StoredViews:
         if isinstance(parent, ast.Tuple):
             index = parent.elts.index(binding)  # type: ignore[arg-type]
             target, parent = parent, self._script.parents[parent]
-        if isinstance(parent, ast.Assign):
-            value = parent.value
-            is_known = isinstance(value, ast.Call) or self._script.functions.called(value)
-            return Source(value, index=index) if is_known else None
-        if isinstance(parent, ast.For | ast.comprehension) and parent.target is target:
-            return _source_of_iteration(parent.iter, index)
+        match parent:
+            case ast.Assign(value=value):
+                is_known = isinstance(value, ast.Call) or self._script.functions.called(value)
+                return Source(value, index=index) if is_known else None
+            case ast.For(iter=iterable) | ast.comprehension(iter=iterable) if (
+                parent.target is target
+            ):
+                return _source_of_iteration(iterable, index)
         return None
 
     def _is_local(self, view: ast.expr, function: ast.FunctionDef) -> bool:
@@ -305,7 +293,6 @@ class StoredViews:
         )
 
     def _uses(self, function: ast.FunctionDef) -> Iterator[ast.expr]:
-        """Yield the calls of a function; of a property, the attributes that are called so."""
         if function.decorator_list:
             attributes = (node for node in self._script.nodes if isinstance(node, ast.Attribute))
             return (attribute for attribute in attributes if attribute.attr == function.name)
@@ -322,18 +309,18 @@ class StoredViews:
             node, parent = parent, parents[parent]
             if isinstance(parent, ast.Call) and parent.func is node:
                 node, parent = parent, parents[parent]
-        if not isinstance(getattr(node, "ctx", None), ast.Load | None):
+        if is_bound(node):
             return True
-        if isinstance(parent, ast.Call):
-            return last_name(parent.func) in WRITING_FUNCTIONS
-        if isinstance(parent, ast.keyword):
-            return parent.arg == "out"
-        targets: list[ast.expr] = []
-        if isinstance(parent, ast.Assign):
-            targets = parent.targets
-        elif isinstance(parent, ast.For | ast.comprehension):
-            targets = [parent.target]
-        return any(map(self._is_written, targets))
+        match parent:
+            case ast.Call(func=function):
+                return last_name(function) in WRITING_FUNCTIONS
+            case ast.keyword(arg=name):
+                return name == "out"
+            case ast.Assign(targets=targets):
+                return any(map(self._is_written, targets))
+            case ast.For(target=target) | ast.comprehension(target=target):
+                return self._is_written(target)
+        return False
 
     def _is_written(self, target: ast.expr) -> bool:
         if isinstance(target, ast.Subscript):  # it holds the value as an entry
@@ -349,26 +336,20 @@ def stored_views(script: SteppingScript) -> StoredViews:
 
 def store_of(node: ast.AST) -> Store | None:
     """Return where a statement or a call stores something; None for several places, or none."""
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-        is_of_numpy = dotted_name(node.func.value) in ("np", "numpy", "onp")
-        if node.func.attr in _STORING_METHODS and not is_of_numpy:
-            return Store(node.func.value, None, node.args)
-    if isinstance(node, ast.Assign) and len(node.targets) == 1:
-        (target,) = node.targets
-        if isinstance(target, ast.Attribute):
-            return Store(target, None, [node.value])
-        if isinstance(target, ast.Subscript) and not isinstance(target.slice, ast.Slice):
-            return Store(target.value, target.slice, [node.value])
+    match node:
+        case ast.Call(func=ast.Attribute(value=place, attr=method), args=values):
+            is_store = method in _STORING_METHODS and not is_numpy_call(node)
+            return Store(place, None, values) if is_store else None
+        case ast.Assign(targets=[ast.Attribute() as target], value=value):
+            return Store(target, None, [value])
+        case ast.Assign(targets=[ast.Subscript(value=place, slice=key)], value=value):
+            return None if isinstance(key, ast.Slice) else Store(place, key, [value])
     return None
 
 
 def _bound(inner: Sequence[ast.AST]) -> set[str]:
-    bound = (
-        dotted_name(node)
-        for node in inner
-        if isinstance(node, ast.Name | ast.Attribute) and not isinstance(node.ctx, ast.Load)
-    )
-    return {*bound} - {""}
+    nodes = (n for n in inner if isinstance(n, ast.Name | ast.Attribute) and is_bound(n))
+    return {*map(dotted_name, nodes)} - {""}
 
 
 def _renewed(inner: Sequence[ast.AST]) -> set[str]:
@@ -378,16 +359,16 @@ def _renewed(inner: Sequence[ast.AST]) -> set[str]:
 
 
 def _source_of_iteration(iterable: ast.expr, index: int | None) -> Source | None:
-    if not isinstance(iterable, ast.Call):
-        return None
-    method = iterable.func.attr if isinstance(iterable.func, ast.Attribute) else ""
-    inner = iterable.func.value if isinstance(iterable.func, ast.Attribute) else None
-    if isinstance(inner, ast.Call):  # a key is no view, a value may be
-        takes_value = (method, index) in (("items", 1), ("values", None))
-        return Source(inner) if takes_value else None
-    if last_name(iterable.func) == "enumerate" and index == 1 and iterable.args:
-        return _source_of_iteration(iterable.args[0], None)
-    return Source(iterable, yields=True, index=index)
+    match iterable:
+        case ast.Call(func=ast.Attribute(value=ast.Call() as inner, attr=method)):
+            # a key is no view, a value may be
+            takes_value = (method, index) in (("items", 1), ("values", None))
+            return Source(inner) if takes_value else None
+        case ast.Call(args=[inner, *_]) if is_call(iterable, "enumerate") and index == 1:
+            return _source_of_iteration(inner, None)
+        case ast.Call():
+            return Source(iterable, yields=True, index=index)
+    return None
 
 
 def _part(result: ast.expr, index: object) -> ast.expr | None:

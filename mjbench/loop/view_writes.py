@@ -8,7 +8,15 @@ import ast
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.loop.name_bindings import bound_by
-from mjbench.loop.script_syntax import FUNCTIONS, WHOLE, dotted_name, is_input, last_name, peeled
+from mjbench.loop.script_syntax import (
+    FUNCTIONS,
+    WHOLE,
+    dotted_name,
+    is_bound,
+    is_input,
+    last_name,
+    peeled,
+)
 
 # Methods of an array that write to it, and functions that write to an argument.
 WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
@@ -34,7 +42,8 @@ class WritesThrough:
     """
 
     def __init__(self, nodes: Sequence[ast.AST]):
-        indexed = {name for node in nodes for name in _indexed(node)}
+        indexes = [node for node in nodes if isinstance(node, ast.Subscript) and is_bound(node)]
+        indexed = {dotted_name(peeled(node.value)) for node in indexes}  # as by `a[0] = x`
         self._names = {name for node in nodes for name in _written(node)} - {""}
         functions = {node.name: node for node in nodes if isinstance(node, FUNCTIONS)}
         aliases = [pair for node in nodes for pair in _aliases(node, functions)]
@@ -57,17 +66,11 @@ class WritesThrough:
         return attribute in self._attributes
 
 
-def _indexed(node: ast.AST) -> Iterator[str]:
-    """Yield the name that a node assigns to an index of, as `a[0] = x` does."""
-    if isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
-        yield dotted_name(peeled(node.value))
-
-
 def _written(node: ast.AST) -> Iterator[str]:
     if isinstance(node, ast.AugAssign):
         if not isinstance(node.value, ast.List | ast.ListComp):  # `log += [x]`
             yield dotted_name(peeled(node.target))
-    elif isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
+    elif isinstance(node, ast.Subscript) and is_bound(node):
         is_whole = isinstance(node.value, ast.Attribute) and node.value.attr in WHOLE
         if is_whole or isinstance(node.value, ast.Subscript | ast.Call):
             yield dotted_name(peeled(node.value))
@@ -92,17 +95,13 @@ def _held(value: ast.AST) -> Iterator[str]:
         node = waiting.pop()
         if isinstance(node, ast.Call) and last_name(node.func) in _COPYING:
             continue
-        if isinstance(node, ast.BinOp | ast.Compare | ast.Constant) and not _joins_lists(node):
-            continue
+        terms = (node.left, node.right) if isinstance(node, ast.BinOp) else ()
+        joins_lists = any(isinstance(term, ast.List | ast.ListComp) for term in terms)
+        if isinstance(node, ast.BinOp | ast.Compare | ast.Constant) and not joins_lists:
+            continue  # a sum of arrays, say, which is new memory
         if isinstance(node, ast.Name | ast.Attribute):
             yield dotted_name(node)
         waiting += ast.iter_child_nodes(node)
-
-
-def _joins_lists(node: ast.AST) -> bool:
-    """Return whether an expression is a sum with a list, not one of arrays, which is new memory."""
-    terms = (node.left, node.right) if isinstance(node, ast.BinOp) else ()
-    return any(isinstance(term, ast.List | ast.ListComp) for term in terms)
 
 
 def _aliases(node: ast.AST, functions: Mapping[str, _Function]) -> Iterator[tuple[str, str]]:
@@ -117,7 +116,7 @@ def _binding(
 ) -> tuple[Sequence[ast.AST], Sequence[ast.AST]]:
     match node:
         case ast.Assign():
-            return [t for t in node.targets if not _is_part_of_state(t)], [node.value]
+            return [t for t in node.targets if not _copies_to_state(t)], [node.value]
         case ast.AnnAssign(value=ast.expr() as value) | ast.NamedExpr(value=value):
             return [node.target], [value]
         case ast.For() | ast.comprehension():
@@ -147,10 +146,12 @@ def _binding(
     return [], []
 
 
-def _is_part_of_state(target: ast.AST) -> bool:
-    """Return whether a target is an entry or a slice of an array of MjData, which copies values."""
-    base = target.value if isinstance(target, ast.Subscript) else None
-    return isinstance(base, ast.Attribute) and (base.attr in _STATE or is_input(base))
+def _copies_to_state(target: ast.AST) -> bool:
+    """Return whether an assignment to a target writes values into an array of MjData."""
+    match target:
+        case ast.Subscript(value=ast.Attribute(attr=field) as array):
+            return field in _STATE or is_input(array)
+    return False
 
 
 def _stored(target: ast.AST) -> Iterator[str]:

@@ -15,7 +15,7 @@ from mjbench.errors import Failure, MachineError, UnavailableError, writing
 from mjbench.status import Status
 from mjbench.web import rounding_check
 from mjbench.web.c_reference import CReference
-from mjbench.web.node_process import Instantiated, NodeError, NodeProcess, NodeProgram, StepsInFiles
+from mjbench.web.node_process import Instantiated, NodeError, NodeProcess, NodeProgram, Steps
 from mjbench.web.npm_package import Build, NpmPackage
 from mjbench.web.records import StartUp
 from mjbench.web.rounding_check import RoundingCheck
@@ -72,21 +72,20 @@ class BuildRun:
         return self._processes[0]
 
     def load(self) -> None:
-        """Start the process, and compile the model in it."""
         self._loaded = self._load(self._reference.files)
 
     def check(self) -> RoundingCheck:
         """Step the workload, and single steps along it; return how far the build is from C."""
-        traced = self._reference.traced
+        run, steps = self._reference.traced.run, self._reference.traced.steps
         self._states = self._run(self.process)
-        steps = traced.steps
-        after = self._record(self.process, steps.state, steps.control[:, None], 1, [1])[0]
+        single_steps = self._steps(steps.state, steps.control[:, None], hold=1)
+        after = self._record(self.process, single_steps, [1], steps.state.shape)
         of_same_model = None
-        if rounding_check.first_difference(self._states, traced.run) is not None:
+        if rounding_check.first_difference(self._states, run) is not None:
             self._load((str(self._reference.model_file),))
             of_same_model = self._run(self._processes[-1])
             self._processes.pop().end()
-        return rounding_check.check(traced.run, steps, self._states, after, of_same_model)
+        return rounding_check.check(run, steps, self._states, after, of_same_model)
 
     def prepare(self) -> None:
         run, block = self._reference.traced.run, self._reference.block
@@ -110,9 +109,9 @@ class BuildRun:
         instantiated, compile_ms = self._loaded
         blocks_ns, block = warm_up(self.process.time_block, least_s), self._reference.block
         return StartUp(
-            import_ms=instantiated.import_ms,
-            instantiate_ms=instantiated.instantiate_ms,
-            compile_ms=compile_ms,
+            instantiated.import_ms,
+            instantiated.instantiate_ms,
+            compile_ms,
             first_ns=blocks_ns[0] / (block.nbatch * block.nstep),
             warm_up_s=seconds_before_steady(blocks_ns),
             heap_bytes=instantiated.heap_bytes,
@@ -139,50 +138,41 @@ class BuildRun:
     def _run(self, process: NodeProcess) -> np.ndarray:
         """Return (nstep + 1, nbatch, nstate) states of the workload."""
         run = self._reference.traced.run
-        every_step = range(len(run.states))
-        return self._record(process, run.states[0], run.control, run.hold, every_step)
+        steps = self._steps(run.states[0], run.control, run.hold)
+        return self._record(process, steps, range(len(run.states)), run.states.shape)
 
     def _record(
-        self,
-        process: NodeProcess,
-        starts: np.ndarray,
-        control: np.ndarray,
-        hold: int,
-        points: Sequence[int],
+        self, process: NodeProcess, steps: Steps, points: Sequence[int], shape: tuple[int, ...]
     ) -> np.ndarray:
-        """Step in a process, and return (npoint, nbatch, nstate) states."""
+        """Step in a process, and return the states after some numbers of steps, of a shape."""
         file = self._folder / "states.f64"
-        process.record(self._steps(starts, control, hold), points, file)
-        states = _read(file, (len(points), *starts.shape))
+        process.record(steps, points, file)
+        states = _read(file, shape)
         file.unlink()
         return states
 
-    def _steps(self, starts: np.ndarray, control: np.ndarray, hold: int) -> StepsInFiles:
-        arrays = {"starts_file": starts, "control_file": control}
-        files = {name: self._folder / f"{name}.f64" for name in arrays}
-        for name, array in arrays.items():
-            with writing(files[name]):
-                files[name].write_bytes(np.ascontiguousarray(array, dtype=float).tobytes())
-        return StepsInFiles(
-            **{name: str(file) for name, file in files.items()},
-            nbatch=len(starts),
-            ncontrol=control.shape[1],
-            hold=hold,
-            has_reset=self._reference.traced.run.has_reset,
-        )
+    def _steps(self, starts: np.ndarray, control: np.ndarray, hold: int) -> Steps:
+        files = {}
+        for name, array in (("starts_file", starts), ("control_file", control)):
+            file = self._folder / f"{name}.f64"
+            with writing(file):
+                file.write_bytes(np.ascontiguousarray(array, dtype=float).tobytes())
+            files[name] = str(file)
+        return {
+            **files,
+            "nbatch": len(starts),
+            "ncontrol": control.shape[1],
+            "hold": hold,
+            "has_reset": self._reference.traced.run.has_reset,
+        }
 
 
 def warm_up(
     time_block: Callable[[], int], least_s: float, clock: Callable[[], float] = time.perf_counter
 ) -> list[int]:
-    """Run blocks until they are steady: until they get no faster, or for ten seconds.
-
-    Return their nanoseconds.
+    """Run blocks until they get no faster, or for ten seconds; return their nanoseconds.
 
     V8 compiles WebAssembly quickly first, and functions that run often again, meanwhile.
-
-    Args:
-      time_block: runs a block, and returns its nanoseconds.
     """
     begin, blocks = clock(), [time_block()]
     while True:

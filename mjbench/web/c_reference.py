@@ -44,10 +44,7 @@ class CReference:
     """A model, its workload, and what C does with that.
 
     Attributes:
-      files: that the model is compiled from, its own first.
-      model_file: holds what C compiled.
       block_file: holds the workload of a timed block, final states included.
-      digest: of all start states and controls.
       compile_ms: to compile the model, with loading its files.
     """
 
@@ -60,14 +57,6 @@ class CReference:
     starts: Starts
     block: RunSize
     compile_ms: float
-
-    @property
-    def nbatch(self) -> int:
-        return int(self.traced.run.states.shape[1])
-
-    @property
-    def nstep(self) -> int:
-        return len(self.traced.run.states) - 1
 
 
 def prepare(
@@ -129,7 +118,6 @@ def _first(workload: PortableWorkload, run: ReferenceRun, block: RunSize) -> Por
 
 
 def _sample(process: WorkerProcess, sizes: Sizes) -> tuple[SampleRequest, float]:
-    """Return the workload to draw, and about how many seconds a step of it takes."""
     nstart = sizes.nbatch or NBATCH
     now = process.call(Worker.measure_step_cost, sizes.starts, nstart, sizes.hold)
     step_s = step_costs.step_cost_s(now.digest, lambda: process.call(Worker.measure_settled_cost))
@@ -158,9 +146,6 @@ def timed_paths(
     """Yield a process for each path of C, which `time_block` steps the first simulations of.
 
     They step without the timer of MuJoCo's Python package, which the builds do not have either.
-
-    Args:
-      core: that they run on; None for any.
     """
     processes: list[WorkerProcess] = []
     try:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from mjbench.comparison.plan import Variant
 from mjbench.errors import Failure, MjbenchError, failure_of
@@ -77,7 +78,21 @@ class _Measurement:
 
     def record(self, ending: Failure) -> WebRecord:
         plan, reference = self._plan, self._reference
-        record = WebRecord(
+        measured: dict[str, Any] = {}
+        if reference is not None:
+            nrow, nbatch, _ = reference.traced.run.states.shape
+            measured = {
+                "nbatch": nbatch,
+                "nstep": nrow - 1,
+                "block_nbatch": reference.block.nbatch,
+                "block_nstep": reference.block.nstep,
+                "workload_digest": reference.digest,
+                "starts": reference.starts,
+                "work": reference.work,
+                "c_compile_ms": reference.compile_ms,
+                "paths": self._paths,
+            }
+        return WebRecord(
             model=self._source.name,
             release=plan.release.version,
             node=plan.engine.node.version,
@@ -85,20 +100,7 @@ class _Measurement:
             detail=ending.detail,
             hold=plan.sizes.hold,
             seed=plan.sizes.seed,
-        )
-        if reference is None:
-            return record
-        return replace(
-            record,
-            nbatch=reference.nbatch,
-            nstep=reference.nstep,
-            block_nbatch=reference.block.nbatch,
-            block_nstep=reference.block.nstep,
-            workload_digest=reference.digest,
-            starts=reference.starts,
-            work=reference.work,
-            c_compile_ms=reference.compile_ms,
-            paths=self._paths,
+            **measured,
         )
 
     def run(self, folder: Path, closing: contextlib.ExitStack) -> None:
@@ -142,8 +144,8 @@ class _Measurement:
                 run.process.confine([core])
         with cores.pinned(core):
             rows = rounds(blocks, self._plan.budget_s, self._drop, range(len(processes)))
-        for i in [*self._runs]:
-            self._check_timed(i, self._runs[i])
+        for i, run in self._runs.items():
+            self._check_timed(i, run)
         for i, path in enumerate(self._paths):
             if path.status == Status.OK and i in blocks:
                 self._paths[i] = replace(path, block_ns=[row[i] for row in rows if i in row])
@@ -162,11 +164,10 @@ class _Measurement:
             run.check_blocks()
             memory = run.process.memory()
         except MjbenchError as error:
-            self._paths[position] = _failed(path, error)
-            return
-        self._paths[position] = replace(
-            path, heap_bytes=memory.heap_bytes, rss_bytes=memory.rss_bytes
-        )
+            path = _failed(path, error)
+        else:
+            path = replace(path, heap_bytes=memory.heap_bytes, rss_bytes=memory.rss_bytes)
+        self._paths[position] = path
 
 
 def rounds(
@@ -185,10 +186,7 @@ def rounds(
     it is required.
 
     Args:
-      blocks: each runs one, and returns its nanoseconds.
       budget_s: seconds for all rounds; no two begin that would exceed them.
-      on_failure: called with the key of a block that failed, and its error.
-      required: keys of blocks that are never left out for their length.
     """
     rng, going_on = rng or random.Random(), dict(blocks)
     rows: list[Mapping[int, int]] = []

@@ -12,8 +12,9 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -25,6 +26,8 @@ from mjbench.paired import cores
 from mjbench.status import Status
 
 _T = TypeVar("_T")
+# What runner.mjs steps: files with start states and controls, as float64, and their sizes.
+Steps = Mapping[str, object]
 _RUNNER = Path(__file__).with_name("runner.mjs")
 # The command that is looked for, unless the user names another.
 COMMAND = "node"
@@ -58,22 +61,6 @@ class Instantiated:
 
 
 @dataclass(frozen=True)
-class StepsInFiles:
-    """A workload: start states and controls, in files as float64, row by row.
-
-    Attributes:
-      has_reset: whether the state leaves something out, which a reset sets.
-    """
-
-    starts_file: str
-    control_file: str
-    nbatch: int
-    ncontrol: int
-    hold: int
-    has_reset: bool
-
-
-@dataclass(frozen=True)
 class Memory:
     """Memory of a Node process; the resident one is of the whole process."""
 
@@ -101,13 +88,17 @@ class NodeProcess:
         """Start the process; the folder is an empty one, for what it prints."""
         self.name, self.limit_s = name, limit_s
         self._failure: Failure | None = None
+        # elsewhere the end of its connection ends it
+        die_with_parent = (
+            partial(child.die_with_parent, os.getpid()) if sys.platform == "linux" else None
+        )
         self._answers = child_connection.start(
             lambda descriptor: [str(node.file), str(_RUNNER), str(descriptor)],
             folder / "output.txt",
             limit_s,
             stdin=subprocess.DEVNULL,
             cwd=folder,
-            preexec_fn=_die_with(os.getpid()) if sys.platform == "linux" else None,
+            preexec_fn=die_with_parent,
         )
 
     @property
@@ -125,12 +116,12 @@ class NodeProcess:
         arguments = {"files": pairs, "model": model, "engine_threads": engine_threads}
         return self._call(float, "load", "loading the model", **arguments)
 
-    def record(self, steps: StepsInFiles, points: Sequence[int], states_file: Path) -> None:
-        arguments = {**asdict(steps), "points": list(points), "states_file": str(states_file)}
+    def record(self, steps: Steps, points: Sequence[int], states_file: Path) -> None:
+        arguments = {**steps, "points": list(points), "states_file": str(states_file)}
         self._call(type(None), "record", "stepping the model", **arguments)
 
-    def prepare(self, steps: StepsInFiles) -> None:
-        self._call(type(None), "prepare", "preparing a run", **asdict(steps))
+    def prepare(self, steps: Steps) -> None:
+        self._call(type(None), "prepare", "preparing a run", **steps)
 
     def time_block(self) -> int:
         ns = self._call(int, "block", "running a block")
@@ -178,18 +169,12 @@ class NodeProcess:
             raise self._answers.invalid(content, activity) from None
 
 
-def _die_with(parent: int) -> Callable[[], None]:
-    """Return what a child calls before it becomes Node; elsewhere its connection's end ends it."""
-    return lambda: child.die_with_parent(parent)
-
-
 def _oldest_node() -> int:
     wanted = json.loads(_PIN.read_text(encoding="utf-8"))["engines"]["node"]
     return int(wanted.removeprefix(">="))
 
 
 def find_node(command: str = COMMAND, limit_s: float = _VERSION_LIMIT_S) -> NodeProgram:
-    """Return the Node of a command, which may be a path."""
     file = shutil.which(command)
     if file is None:
         if command == COMMAND:

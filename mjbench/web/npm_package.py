@@ -35,10 +35,6 @@ class Build(StrEnum):
     """The build with threads, `@mujoco/mujoco/mt`."""
 
 
-# The folder of each build within the package.
-_FOLDERS: Mapping[Build, str] = {Build.WASM: ".", Build.WASM_MT: "mt"}
-
-
 @dataclass(frozen=True)
 class NpmPackage:
     """The installed package of one release.
@@ -51,7 +47,7 @@ class NpmPackage:
     version: str
 
     def script(self, build: Build) -> Path:
-        return self.folder / _FOLDERS[build] / "mujoco.js"
+        return self.folder / ("mt" if build is Build.WASM_MT else "") / "mujoco.js"
 
 
 def pinned_version() -> str:
@@ -59,7 +55,6 @@ def pinned_version() -> str:
 
 
 def cache_folder() -> Path:
-    """Return the folder in which npm is to install packages, each in a folder by its version."""
     return installs.cache_folder() / "npm"
 
 
@@ -78,7 +73,6 @@ def find(version: str | None = None, folder: Path | None = None) -> NpmPackage:
 
     Args:
       version: of the release; None for the pinned one, or for whichever `folder` has.
-      folder: into which npm installed it, or the package itself; None for the cache folder.
     """
     if folder is not None:
         package = _in_folder(folder)

@@ -148,18 +148,15 @@ class WebRecord:
 
     @cached_property
     def path_results(self) -> Sequence[WebPath]:
-        return [
-            WebPath(**vars(path), step_ns=self._step_ns(path), ratio=self._ratio(path))
-            for path in self.paths
-        ]
-
-    def _step_ns(self, path: WebPathRecord) -> float | None:
-        steps = (self.block_nbatch or 1) * (self.block_nstep or 1)
-        return statistics.median(path.block_ns) / steps if path.block_ns else None
-
-    def _ratio(self, path: WebPathRecord) -> Estimate | None:
-        c_ns = next((each.block_ns for each in self.paths if each.path == C_PATH), ())
-        return stats.speedup_in_common(path.block_ns, c_ns) if path.block_ns and c_ns else None
+        nstep = (self.block_nbatch or 1) * (self.block_nstep or 1)
+        c_ns = next((path.block_ns for path in self.paths if path.path == C_PATH), ())
+        results = []
+        for path in self.paths:
+            ns = path.block_ns
+            step_ns = statistics.median(ns) / nstep if ns else None
+            ratio = stats.speedup_in_common(ns, c_ns) if ns and c_ns else None
+            results.append(WebPath(**vars(path), step_ns=step_ns, ratio=ratio))
+        return results
 
     def statuses(self) -> Iterator[Status]:
         yield self.status

@@ -145,22 +145,14 @@ def points(nstep: int) -> list[int]:
 
 def first_difference(states: np.ndarray, run: ReferenceRun) -> FirstDifference | None:
     """Return the first entry that differs in any bit: the earliest, of the lowest simulation."""
-    entry = agreement.first_differing_step(
-        np.ascontiguousarray(states.swapaxes(0, 1)),
-        np.ascontiguousarray(run.states.swapaxes(0, 1)),
-        run.columns,
-    )
+    got, expected = (np.ascontiguousarray(a.swapaxes(0, 1)) for a in (states, run.states))
+    entry = agreement.first_differing_step(got, expected, run.columns)
     if entry is None:
         return None
     assert entry.step is not None, "steps were compared"
     difference = float(np.nan_to_num(abs(entry.got - entry.expected), nan=np.inf, posinf=np.inf))
-    return FirstDifference(
-        entry.step - 1,  # counted from 1, and row 0 is the start
-        entry.field,
-        entry.index,
-        entry.simulation,
-        min(difference, 1e12),
-    )
+    step = entry.step - 1  # counted from 1, and row 0 is the start
+    return FirstDifference(step, entry.field, entry.index, entry.simulation, min(difference, 1e12))
 
 
 def failures(check: RoundingCheck) -> list[str]:
@@ -192,11 +184,6 @@ def failures(check: RoundingCheck) -> list[str]:
 def _errors(errors: np.ndarray, steps: ReferenceSteps, which: np.ndarray) -> StepErrors:
     if not which.any():
         return StepErrors(0, 0.0, 0.0, 0.0, 0.0)
-    error, shadow = errors[which], steps.shadow[which]
-    return StepErrors(
-        int(which.sum()),
-        float(error.max()),
-        float(shadow.max()),
-        float(np.median(error)),
-        float(np.median(shadow)),
-    )
+    both = errors[which], steps.shadow[which]
+    largest, medians = (map(float, map(of, both)) for of in (np.max, np.median))
+    return StepErrors(int(which.sum()), *largest, *medians)
