@@ -12,8 +12,7 @@ from mjbench.cli.shared import (
     COUNT,
     SIZES_OF_STARTS,
     STORING,
-    RenamedOption,
-    Seconds,
+    budget,
     models_argument,
     with_options,
 )
@@ -43,22 +42,17 @@ if TYPE_CHECKING:
     show_default=True,
     help="Launches for each of the four placements; an interval needs at least 9.",
 )
-@click.option(
-    "--budget",
-    "--time-limit",
-    "time_limit",
-    cls=RenamedOption,
-    type=Seconds(),
-    default="180s",
-    show_default=True,
-    help="Time for each model, once it is loaded; after it, no launch begins.",
+@budget(
+    180,
+    "Time for each model, once it is loaded; after it, no launch begins.",
+    earlier_name="--time-limit",
 )
 @with_options(SIZES_OF_STARTS, STORING)
 def doctor_placement(
     sources: "list[ModelSource]",
     release_name: str,
     launches: int,
-    time_limit: float,
+    budget_s: float,
     sizes: "Sizes",
     output: OutputOptions,
 ) -> None:
@@ -83,7 +77,7 @@ def doctor_placement(
 
     release = parse_release(release_name)
     targets = [Target(release, source) for source in sources]
-    plan = SpreadPlan(launches, time_limit, sizes)
+    plan = SpreadPlan(launches, budget_s, sizes)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         with WorkerPool() as pool:

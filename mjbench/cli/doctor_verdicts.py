@@ -9,7 +9,7 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STORING, TRIAL_PLAN, Shares, with_options
+from mjbench.cli.shared import COUNT, SHARES, STORING, TRIAL_PLAN, with_options
 from mjbench.errors import Failure
 from mjbench.simulation import engine_library
 
@@ -34,7 +34,7 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 )
 @click.option(
     "--slowdowns",
-    type=Shares(),
+    type=SHARES,
     help="Slowdowns to inject: by how much longer each block of the candidate lasts; 0 compares"
     " identical targets  [default: 0,0.5,1,2,5; none with --inside-step or --between-builds]",
 )

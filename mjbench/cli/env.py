@@ -12,14 +12,15 @@ from mjbench.cli.shared import (
     LIMIT,
     SEED_NUMBER,
     STORING,
-    Count,
-    Numbers,
+    THREAD_COUNTS,
+    THREADS,
     RenamedOption,
     budget,
+    count,
     with_options,
 )
 from mjbench.errors import Failure, MjbenchError, failure_of
-from mjbench.limits import THREADS, Bounds
+from mjbench.limits import Bounds
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ MAX_NSTEP = 100_000
     "--steps",
     "nstep",
     cls=RenamedOption,
-    type=Count(Bounds(1, MAX_NSTEP)),
+    type=count(Bounds(1, MAX_NSTEP)),
     help="Steps of the environment to record and repeat in every round"
     "  [default: as many as take 0.1 s, from 50 to 1000]",
 )
@@ -49,15 +50,13 @@ MAX_NSTEP = 100_000
     show_default=True,
     help="Seed of actions and of the first reset; each further episode has the next.",
 )
-@click.option(
-    "--threads", type=Numbers(THREADS), help="Thread counts  [default: 1 and usable cores]"
-)
+@THREADS
 @click.option(
     "--nbatch",
     "--num-envs",
     "nenv",
     cls=RenamedOption,
-    type=Numbers(THREADS),
+    type=THREAD_COUNTS,
     help="Numbers of environments in vectorised forms  [default: 1, 2, 4, … usable cores]",
 )
 @budget(

@@ -14,7 +14,7 @@ from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
-from mjbench.cli.shared import JSON, PAGE, RESUME, WAIT, as_one, with_options
+from mjbench.cli.shared import FILE, JSON, PAGE, RESUME, WAIT, as_one, results_option, with_options
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
 
+_RESULTS_FOLDER = Path("results/history")
 _DEFAULT = click.core.ParameterSource.DEFAULT
 # Of each model and pair of releases, as many functions are stored, and those that exchanged cost
 # with them.
@@ -36,24 +37,20 @@ _TOP = 12
 
 @cli.group(invoke_without_command=True)
 @click.option("--since", metavar="VERSION", help="List only changes from VERSION on.")
-@click.option(
-    "--results",
-    default="results/history",
-    show_default=True,
-    metavar="DIR",
-    type=click.Path(path_type=Path),
-    help="Folder with the run files of `history measure` and `history explain`, or run sets.",
+@results_option(
+    _RESULTS_FOLDER,
+    "Folder with the run files of `history measure` and `history explain`, or run sets.",
 )
 @click.option(
     "--causes",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Causes that no measurement names  [default: benchmarks/causes.toml of the checkout]",
 )
 @click.option(
     "--plots",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Draw a plot of each model there, as SVG, and show them on the page.",
 )
 @click.option(
@@ -192,14 +189,7 @@ def _releases(names: Sequence[str], since: str | None, history: Path | None) -> 
     return [installs.parse_release(version) for version in versions[first:]]
 
 
-_RESULTS = click.option(
-    "--results",
-    default="results/history",
-    show_default=True,
-    metavar="DIR",
-    type=click.Path(path_type=Path),
-    help="Folder for the run file.",
-)
+_RESULTS = results_option(_RESULTS_FOLDER, "Folder for the run file.")
 _SELECTION = as_one(
     "selection",
     _select,

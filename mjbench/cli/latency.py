@@ -8,15 +8,15 @@ from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
+    HERTZ,
     HOLD,
     LIMIT,
     SEED,
     STARTS,
     STORING,
-    Hertz,
-    Seconds,
     budget,
     models_argument,
+    seconds,
     with_options,
 )
 
@@ -30,13 +30,11 @@ if TYPE_CHECKING:
 @click.option(
     "--deadline",
     "deadline_s",
-    type=Seconds(),
+    type=seconds(),
     help="Time by which a step should end  [default: the time between two paced steps;"
     " free-running, the model's timestep]",
 )
-@click.option(
-    "--rate", "rate_hz", type=Hertz(), help="Paced steps per second  [default: real time]"
-)
+@click.option("--rate", "rate_hz", type=HERTZ, help="Paced steps per second  [default: real time]")
 @click.option(
     "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what the budget allows]"
 )

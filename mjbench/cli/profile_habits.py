@@ -6,14 +6,7 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import (
-    LIMIT,
-    LOOP_STARTS,
-    STORING,
-    budget,
-    models_argument,
-    with_options,
-)
+from mjbench.cli.shared import LIMIT, LOOP_STARTS, STORING, budget, models_argument, with_options
 
 if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource

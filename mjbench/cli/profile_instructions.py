@@ -7,7 +7,7 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, COUNTS_OUTPUT, SIZES, Seconds, models_argument, with_options
+from mjbench.cli.shared import COUNT, COUNTS_OUTPUT, SIZES, models_argument, seconds, with_options
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.option(
     "--time-limit",
     "limit_s",
-    type=Seconds(),
+    type=seconds(),
     default="600s",
     show_default=True,
     help="Kill a release's process that finishes no model for this long.",

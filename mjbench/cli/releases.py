@@ -8,7 +8,7 @@ import click
 from mjbench.api import interrupts
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, Count
+from mjbench.cli.shared import FILE, JSON, count
 from mjbench.errors import InputError, MachineError
 from mjbench.limits import Bounds
 from mjbench.status import ExitCode
@@ -18,7 +18,7 @@ _DAY_S = 86_400.0
 HISTORY = click.option(
     "--history",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Git bundle with one commit per release"
     "  [default: benchmarks/releases.bundle of the checkout]",
 )
@@ -131,7 +131,7 @@ def list_installs(json_file: str | None) -> None:
 @releases.command("prune", short_help="remove installs not used for some time")
 @click.option(
     "--days",
-    type=Count(Bounds(0, 36_500)),
+    type=count(Bounds(0, 36_500)),
     default=30,
     show_default=True,
     help="Keep what was used within so many days.",

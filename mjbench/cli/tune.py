@@ -13,13 +13,13 @@ from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import (
     COUNT,
     LIMIT,
+    NAMES,
     SEED,
     STARTS,
     STORING,
-    Names,
-    Share,
     budget,
     models_argument,
+    share,
     with_options,
 )
 from mjbench.errors import InputError
@@ -57,14 +57,14 @@ NBATCH = 64
 )
 @click.option(
     "--skip",
-    type=Names(),
+    type=NAMES,
     metavar="NAME,…",
     help="Settings to leave alone, by their names in the table of settings, such as"
     " excludes,timestep",
 )
 @click.option(
     "--max-error",
-    type=Share(below=10.0),
+    type=share(below=10.0),
     help="Largest error to recommend, in percent of how far the model moves, in nine runs of ten:"
     " 1% of a motion of 1 m is 1 cm  [default: the error that your present settings have]",
 )

@@ -11,9 +11,9 @@ from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
+    NAMES,
     STORING,
     VERDICT_PLAN,
-    Names,
     metric_option,
     mode,
     with_options,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 @click.option(
     "--paths",
     "path_names",
-    type=Names(),
+    type=NAMES,
     help="Ways of stepping, each compared between the releases  [default: python_loop]",
 )
 @metric_option(*Metric)

@@ -8,7 +8,7 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, SIZES, STORING, budget, models_argument, with_options
+from mjbench.cli.shared import FILE, LIMIT, SIZES, STORING, budget, models_argument, with_options
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     "--package",
     "package_folder",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Folder in which npm installed @mujoco/mujoco  [default: one in the cache folder]",
 )
 @click.option(
