@@ -42,10 +42,8 @@ def bisect(
       mjbench bisect 3.2.7 3.4.0 robot.xml
       mjbench bisect rev=v1.0 rev=HEAD bench.py::step
     """
-    from mjbench.report.kinds import BISECT
-
     of = _of_revisions if _are_revisions((baseline, candidate), target) else _of_releases
-    measure_and_print(of(baseline, candidate, target, plan), output, summary=BISECT.sections).exit()
+    measure_and_print(of(baseline, candidate, target, plan), output, at_end=True).exit()
 
 
 def _are_revisions(sides: Sequence[str], target: str) -> bool:

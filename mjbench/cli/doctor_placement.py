@@ -45,14 +45,14 @@ if TYPE_CHECKING:
 @budget(
     180,
     "Time for each model, once it is loaded; after it, no launch begins.",
-    earlier_name="--time-limit",
+    is_renamed=True,
 )
 @with_options(SIZES_OF_STARTS, STORING)
 def doctor_placement(
     sources: "list[ModelSource]",
     release_name: str,
     launches: int,
-    budget_s: float,
+    time_limit: float,
     sizes: "Sizes",
     output: OutputOptions,
 ) -> None:
@@ -73,11 +73,10 @@ def doctor_placement(
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases.installs import parse_release
-    from mjbench.report.kinds import PLACEMENT
 
     release = parse_release(release_name)
     targets = [Target(release, source) for source in sources]
-    plan = SpreadPlan(launches, budget_s, sizes)
+    plan = SpreadPlan(launches, time_limit, sizes)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         with WorkerPool() as pool:
@@ -99,4 +98,4 @@ def doctor_placement(
         placement_spread.finished,
         pinning_notes(),
     )
-    measure_and_print(measurement, output, summary=PLACEMENT.sections).exit()
+    measure_and_print(measurement, output, at_end=True).exit()

@@ -83,7 +83,6 @@ def doctor_verdicts(
     from mjbench.paired import selfcheck_cases
     from mjbench.paired.selfcheck_records import trial_records
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.kinds import SELFCHECK
     from mjbench.report.selfcheck import describe_case
 
     if slowdowns is None:
@@ -123,7 +122,7 @@ def doctor_verdicts(
         trial_records,
         pinning_notes(),
     )
-    measure_and_print(measurement, output, summary=SELFCHECK.sections).exit()
+    measure_and_print(measurement, output, at_end=True).exit()
 
 
 def _cases(

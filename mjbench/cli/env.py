@@ -95,7 +95,6 @@ def env(
     from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import resolve
     from mjbench.host import machine
-    from mjbench.report.kinds import ENVIRONMENT
 
     if no_vector and nenv:
         raise click.UsageError("give --nbatch or --no-vector, not both")
@@ -111,7 +110,7 @@ def env(
     items = functools.partial(in_turn, sources, measure, attribute="environment")
     arguments = {"environments": list(names), "plan": plan}
     measurement = Measurement("env", arguments, [], items, finished)
-    run = measure_and_print(measurement, output, each=ENVIRONMENT.sections)
+    run = measure_and_print(measurement, output)
     records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())
 

@@ -119,8 +119,7 @@ def measure_verdicts(
     measurement: "Measurement", confidence: float, fail_on: FailOn, output: OutputOptions
 ) -> None:
     from mjbench.paired.records import VerdictRecord
-    from mjbench.report.kinds import VERDICT
 
-    run = measure_and_print(measurement, output, summary=VERDICT.sections)
+    run = measure_and_print(measurement, output, at_end=True)
     rows = [record.row() for record in run.session.run().of_type(VerdictRecord)]
     run.exit_with(fail_on.exit_code(rows, confidence))

@@ -143,7 +143,7 @@ def _select(
     names: Sequence[str],
     since: str | None,
     models: Sequence[str],
-    history: Path | None,
+    history: Path,
     steps: bool,
     operations: bool | None,
 ) -> _Selection:
@@ -166,7 +166,7 @@ def _select(
     )
 
 
-def _releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
+def _releases(names: Sequence[str], since: str | None, history: Path) -> list["ReleaseSpec"]:
     from mjbench.releases import bundle, installs
     from mjbench.releases.release import OLDEST, version_key
 
@@ -174,15 +174,14 @@ def _releases(names: Sequence[str], since: str | None, history: Path | None) -> 
         raise InputError("give RELEASEs or --since, not both")
     if names:
         return [installs.parse_release(name) for name in names]
-    path = history or bundle.default_path()
     versions = [
         release.version
-        for release in bundle.read(path)
+        for release in bundle.read(history)
         if version_key(release.version) >= OLDEST  # the history begins one release earlier, for asv
     ]
     if since is not None and since not in versions:
         raise InputError(
-            f"{path} has no release {since}; it has {len(versions)},"
+            f"{history} has no release {since}; it has {len(versions)},"
             f" from {versions[0]} to {versions[-1]}"
         )
     first = versions.index(since) if since else 0
@@ -234,7 +233,6 @@ def measure(selection: _Selection, output: OutputOptions) -> None:
     """
     from mjbench.api.session import Measurement, input_files, pinning_notes
     from mjbench.releases import release_ratios
-    from mjbench.report.kinds import HISTORY
     from mjbench.simulation.starts import DEFAULT_STARTS
 
     measurement = Measurement(
@@ -245,7 +243,7 @@ def measure(selection: _Selection, output: OutputOptions) -> None:
         release_ratios.finished,
         pinning_notes(),
     )
-    measure_and_print(measurement, output, summary=HISTORY.sections).exit()
+    measure_and_print(measurement, output, at_end=True).exit()
 
 
 def _measure_releases(

@@ -64,10 +64,9 @@ def latency(
     """
     from mjbench.api.latency import measurement
     from mjbench.loop.latency import LatencyRequest
-    from mjbench.report.kinds import LATENCY
 
     requests = [
         LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget_s) for source in sources
     ]
     measured = measurement(requests, deadline_s, time_limit)
-    measure_and_print(measured, output, each=LATENCY.sections).exit()
+    measure_and_print(measured, output).exit()

@@ -45,8 +45,5 @@ def profile(
       mjbench profile robot.mjb --states states.npz
     """
     from mjbench.api.profile import measurement
-    from mjbench.report.kinds import PROFILE
 
-    measure_and_print(
-        measurement(sources, starts, time_limit, budget_s), output, each=PROFILE.sections
-    ).exit()
+    measure_and_print(measurement(sources, starts, time_limit, budget_s), output).exit()

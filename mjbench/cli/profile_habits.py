@@ -40,7 +40,6 @@ def profile_habits(
     """
     from mjbench.api.session import of_each_model
     from mjbench.loop import overhead as loop_overhead
-    from mjbench.report.kinds import OVERHEAD
 
     def rows(source: "ModelSource") -> list[loop_overhead.OverheadRow]:
         return [loop_overhead.measure(source, time_limit, starts=starts, budget_s=budget_s)]
@@ -48,4 +47,4 @@ def profile_habits(
     measurement = of_each_model(
         "overhead", sources, starts, loop_overhead.OverheadRow, rows, {"budget_s": budget_s}
     )
-    measure_and_print(measurement, output, each=OVERHEAD.sections, code=code).exit()
+    measure_and_print(measurement, output, code=code).exit()

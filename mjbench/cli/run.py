@@ -128,7 +128,6 @@ def run(
     from mjbench.program.profiling import Sampling
     from mjbench.program.records import ProgramRow
     from mjbench.report import flame
-    from mjbench.report.kinds import PROGRAM
 
     if flame_graph is not None:
         flame.check(flame_graph)
@@ -167,7 +166,7 @@ def run(
     }
     files = [Path(program[0])] if program and Path(program[0]).is_file() else []
     measurement = Measurement("run", arguments, files, items)
-    context = measure_and_print(measurement, output, each=PROGRAM.sections, to_stderr=True)
+    context = measure_and_print(measurement, output, to_stderr=True)
     codes = [
         ExitCode.OK if row.was_ended else row.exit_code
         for row in context.session.run().of_type(ProgramRow)

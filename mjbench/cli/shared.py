@@ -240,18 +240,18 @@ def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., 
 
 
 def budget(
-    default_s: float, text: str, zero: bool = False, earlier_name: str = ""
+    default_s: float, text: str, zero: bool = False, is_renamed: bool = False
 ) -> Callable[..., Any]:
     """Return the option --budget of a command, which gets `budget_s`.
 
     Args:
       text: what the time is for, for the help.
       zero: whether it may be 0, for as little as possible.
-      earlier_name: that the option had; it works, and no help has it.
+      is_renamed: whether it was --time-limit; the command then gets `time_limit`.
     """
     return click.option(
-        *("--budget", "budget_s", *filter(None, [earlier_name])),
-        cls=RenamedOption if earlier_name else click.Option,
+        *(("--budget", "--time-limit", "time_limit") if is_renamed else ("--budget", "budget_s")),
+        cls=RenamedOption if is_renamed else click.Option,
         type=seconds(zero),
         default=f"{default_s:g}s",
         show_default=True,
@@ -290,13 +290,13 @@ def _verdict_plan(
     min_effect: float,
     confidence: float,
     precision: float,
-    budget_s: float,
+    time_limit: float,
     as_shipped: bool,
     sizes: "Sizes",
 ) -> "VerdictPlan":
     from mjbench.paired.verdict import VerdictPlan
 
-    return VerdictPlan(min_effect, confidence, precision, budget_s, sizes, as_shipped)
+    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
 
 
 def metric_option(*metrics: Metric) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -401,7 +401,7 @@ _JUDGING = (
         outcomes.TIME_LIMIT_S,
         "Time for each verdict, once the models are loaded; after it, an uncertain one is"
         " `inconclusive`.",
-        earlier_name="--time-limit",
+        is_renamed=True,
     ),
     click.option(
         "--as-shipped",

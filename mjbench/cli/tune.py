@@ -118,7 +118,6 @@ def tune(
     """
     from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.kinds import TUNE
     from mjbench.tuning import knobs, variants
     from mjbench.tuning.records import Effect
     from mjbench.tuning.search_base import PARTS, SearchPlan
@@ -153,7 +152,7 @@ def tune(
 
     arguments = {"models": [source.name for source in sources], "plan": plan}
     measurement = Measurement("tune", arguments, files, items, finished)
-    run = measure_and_print(measurement, output, each=TUNE.sections)
+    run = measure_and_print(measurement, output)
     if target is not None and not run.is_stopped:
         _write(run, sources[0], Path(target), time_limit)
     run.exit()

@@ -71,7 +71,6 @@ def web(
     from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
-    from mjbench.report.kinds import WEB
     from mjbench.web import measure as builds
     from mjbench.web.records import WebRecord
 
@@ -97,7 +96,7 @@ def web(
     }
     files = input_files(sources, [], sizes.starts)
     measurement = Measurement("web", arguments, files, items, finished)
-    run = measure_and_print(measurement, output, each=WEB.sections)
+    run = measure_and_print(measurement, output)
     records = run.session.run().of_type(WebRecord)
     run.exit(status for record in records for status in record.statuses())
 
