@@ -10,6 +10,7 @@ from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
 from mjbench.errors import InputError
+from mjbench.simulation import models
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
@@ -59,7 +60,6 @@ def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan")
     from mjbench.api.bisect import release_bisection
     from mjbench.releases import bundle, catalogue
     from mjbench.releases.installs import parse_release
-    from mjbench.simulation import models
 
     source = models.resolve(model)
     ends = parse_release(baseline), parse_release(candidate)

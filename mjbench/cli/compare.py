@@ -25,9 +25,9 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import InputError
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
 
@@ -87,7 +87,7 @@ if TYPE_CHECKING:
 @CODE
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)
 def compare(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     path_names: list[str] | None,
     threads: list[int] | None,
     chunk: list[int] | None,

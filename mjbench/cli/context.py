@@ -223,8 +223,6 @@ def measure_and_print(
       at_end: where neither is given, whether the sections of the kind are of all items, rather
         than of each.
       code: whether snippets are printed, too; None for a command without that option.
-      to_stderr: see `RunContext`.
-      has_results: see `progress`.
     """
     from mjbench.api.session import Session
     from mjbench.cli.progress import progress

@@ -16,12 +16,12 @@ from mjbench.cli.shared import (
     models_argument,
     with_options,
 )
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
     from mjbench.measuring.progress import Progress
     from mjbench.paired.run_sizes import Sizes
-    from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
 
 
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 )
 @with_options(SIZES_OF_STARTS, STORING)
 def doctor_placement(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     release_name: str,
     launches: int,
     time_limit: float,
@@ -81,7 +81,7 @@ def doctor_placement(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         with WorkerPool() as pool:
 
-            def measure(source: "ModelSource", on_progress: "Progress") -> Item:
+            def measure(source: ModelSource, on_progress: "Progress") -> Item:
                 def on_launch(count: int) -> None:
                     on_progress(source.name, count / plan.most_launches)
 

@@ -11,7 +11,7 @@ from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import COUNT, SHARES, STORING, TRIAL_PLAN, with_options
 from mjbench.errors import Failure
-from mjbench.simulation import engine_library
+from mjbench.simulation import engine_library, models
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
@@ -130,7 +130,6 @@ def _cases(
 ) -> list["Case"]:
     from mjbench.paired import selfcheck_cases
     from mjbench.releases.release import NO_CHANGE_PAIRS
-    from mjbench.simulation import models
 
     few = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
     cases = [selfcheck_cases.slowed(source, share) for source in few for share in slowdowns]

@@ -16,6 +16,8 @@ from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
 from mjbench.cli.shared import FILE, JSON, PAGE, RESUME, WAIT, as_one, results_option, with_options
 from mjbench.errors import InputError
+from mjbench.simulation import models as model_sources
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Item, Observer
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
     from mjbench.paired.operations import Operation
     from mjbench.paired.release_tasks import ReleaseTask
     from mjbench.releases.installs import ReleaseSpec
-    from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
 
 _RESULTS_FOLDER = Path("results/history")
@@ -127,7 +128,7 @@ class _Selection:
 
     reference: "ReleaseSpec"
     releases: Sequence["ReleaseSpec"]
-    sources: Sequence["ModelSource"]
+    sources: Sequence[ModelSource]
     operations: Sequence["Operation"]
 
     def arguments(self) -> dict[str, object]:
@@ -150,7 +151,6 @@ def _select(
     """Return what the options and arguments of a subcommand select; see `_releases`."""
     from mjbench.paired.operations import registry
     from mjbench.releases import installs, release_ratios
-    from mjbench.simulation import models as model_sources
 
     if not steps and models:
         raise click.UsageError("--model is for steps; leave it out with --no-steps")
@@ -279,14 +279,19 @@ def _measure_releases(
 
 def _tasks(selection: _Selection, release: "ReleaseSpec") -> list["ReleaseTask"]:
     from mjbench.paired.release_tasks import OperationTask, StepTask
-    from mjbench.simulation import models
 
     releases = selection.reference, release
-    tasks: list[ReleaseTask] = [StepTask(releases, source) for source in selection.sources]
-    for operation in selection.operations:
-        model = models.resolve(operation.model) if operation.model else None
-        tasks.append(OperationTask(releases, operation, model))
-    return tasks
+    return [
+        *(StepTask(releases, source) for source in selection.sources),
+        *(
+            OperationTask(releases, operation, _model_of(operation))
+            for operation in selection.operations
+        ),
+    ]
+
+
+def _model_of(operation: "Operation") -> ModelSource | None:
+    return model_sources.resolve(operation.model) if operation.model else None
 
 
 @history.command("explain", short_help="count instructions of each release")
@@ -369,13 +374,9 @@ def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -
 
 def _requests(selection: _Selection) -> list["OperationRequest"]:
     from mjbench.counts.counted_program import OperationRequest
-    from mjbench.simulation import models
 
     return [
-        OperationRequest(
-            operation.name, models.resolve(operation.model) if operation.model else None
-        )
-        for operation in selection.operations
+        OperationRequest(operation.name, _model_of(operation)) for operation in selection.operations
     ]
 
 

@@ -19,9 +19,9 @@ from mjbench.cli.shared import (
     seconds,
     with_options,
 )
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 @budget(10, "Time for the steps of each pace, if there are more than 1,000.")
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)
 def latency(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     deadline_s: float | None,
     rate_hz: float | None,
     nstep: int | None,

@@ -25,11 +25,11 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import MjbenchError
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Item, Observer
     from mjbench.comparison.planning_run import PlanningRequest
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
     from mjbench.store.runs import Record
 
@@ -82,7 +82,7 @@ if TYPE_CHECKING:
 @budget(60, "Time for the plans of each model and size; after it, the closed loop ends.")
 @with_options(SEED, PLANNING_STARTS, LIMIT, STORING)
 def plan(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     algorithm: str,
     samples: list[int],
     knots: list[int],

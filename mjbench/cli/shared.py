@@ -16,11 +16,12 @@ from mjbench.limits import TIME_LIMIT_S, Bounds
 from mjbench.paired import outcomes
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Metric
+from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.verdict import VerdictPlan
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
 _Value = TypeVar("_Value")
@@ -225,9 +226,7 @@ def models_argument(*default: str) -> Callable[[Callable[..., None]], Callable[.
         comparisons have; what looks closely at one model has the cart-pole.
     """
 
-    def sources(names: tuple[str, ...]) -> "list[ModelSource]":
-        from mjbench.simulation import models
-
+    def sources(names: tuple[str, ...]) -> list[ModelSource]:
         return [models.resolve(name) for name in names or default or models.shipped()]
 
     argument = click.argument("names", nargs=-1, metavar="[MODEL]…")

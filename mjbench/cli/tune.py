@@ -23,11 +23,11 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import InputError
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
     from mjbench.measuring.progress import Progress
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
     from mjbench.store.runs import Record
 
@@ -85,7 +85,7 @@ NBATCH = 64
 )
 @with_options(SEED, STARTS, LIMIT, STORING)
 def tune(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     engine: str,
     nbatch: int | None,
     only: str | None,
@@ -142,7 +142,7 @@ def tune(
             variants.copy_in_child(sources[0], None, Path(target), time_limit)
         with WorkerPool() as pool:
 
-            def tuned(source: "ModelSource", on_progress: "Progress") -> Item:
+            def tuned(source: ModelSource, on_progress: "Progress") -> Item:
                 def advance(done: int, text: str, share: float) -> None:
                     on_progress(text, (done + share) / PARTS)
 
@@ -169,7 +169,7 @@ def _check_engine(
         raise InputError("--skip works with --engine c")
 
 
-def _write(run: RunContext, source: "ModelSource", target: Path, limit_s: float) -> None:
+def _write(run: RunContext, source: ModelSource, target: Path, limit_s: float) -> None:
     from mjbench.tuning import variants
     from mjbench.tuning.records import TuneRecord
     from mjbench.tuning.settings import edits_of

@@ -9,12 +9,12 @@ import click
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import FILE, LIMIT, SIZES, STORING, budget, models_argument, with_options
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
     from mjbench.paired.run_sizes import Sizes
     from mjbench.releases.installs import ReleaseSpec
-    from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
     from mjbench.web.build_run import Engine
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 @budget(5, "Time to spend on timing each model.", zero=True)
 @with_options(SIZES, LIMIT, STORING)
 def web(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     release: str | None,
     package_folder: Path | None,
     node_command: str,
@@ -82,7 +82,7 @@ def web(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         with WorkerPool(time_limit) as pool:
 
-            def measure(source: "ModelSource", _: object) -> Item:
+            def measure(source: ModelSource, _: object) -> Item:
                 return Item([builds.measure(pool, source, plan)])
 
             yield from in_turn(sources, measure, earlier, observer)
