@@ -124,8 +124,6 @@ def _link(plots: Path | None, output: Path | None) -> str:
 
 @dataclass(frozen=True)
 class _Selection:
-    """What a subcommand works on."""
-
     reference: "ReleaseSpec"
     releases: Sequence["ReleaseSpec"]
     sources: Sequence[ModelSource]
@@ -360,7 +358,6 @@ def _explain_releases(
 
 
 def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -> set[str]:
-    """Return the releases of which some change is not known yet."""
     selected = [source.name for source in selection.sources]
     selected += [operation.name for operation in selection.operations]
     versions = [release.version for release in selection.releases]

@@ -76,7 +76,6 @@ def _document(output: Path, merged: "Merged") -> "MergeDocument":
 
 
 def _summary(merged: "MergeDocument") -> str:
-    """Return what a set holds now, what was added and what was skipped, in one line."""
     from mjbench.units import count_of
 
     skipped = [

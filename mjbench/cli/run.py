@@ -177,7 +177,6 @@ def run(
 def _confirm_remedies(
     program: "Program", row: "ProgramRow", observer: "Observer"
 ) -> "Iterator[Item]":
-    """Yield the row, with what the remedies of its first loop save."""
     from mjbench.api.session import Item
     from mjbench.host import machine
     from mjbench.program import confirm, remedies

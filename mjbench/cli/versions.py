@@ -111,7 +111,6 @@ def versions(
 def _releases(
     old: str | None, news: Sequence[str], release_names: Sequence[str]
 ) -> list["ReleaseSpec"]:
-    """Return the old release, then the new ones, from the options and from the arguments."""
     from mjbench.releases.installs import parse_release
 
     names = [old, *release_names] if old else list(release_names)

@@ -179,7 +179,6 @@ def _too_little_time(rounds: int, question: SpeedQuestion) -> str:
 
 
 def _judge(here: Interval, question: SpeedQuestion) -> SpeedCheck:
-    """Return what rounds show."""
     between = _margin(question.confidence)
     half_width = math.hypot(here.half_width, between)
     low, high = here.mean - half_width, here.mean + half_width
@@ -213,7 +212,7 @@ def _calls_per_block(function: Function, setup: Function, clock: Clock) -> int:
 
     def block_s(count: int) -> float:
         setup()
-        return _block_s(function, count, clock)
+        return timing.block_s(timing.Contender(_block(function, count)), clock)
 
     return calls.calls_per_block(block_s)
 
@@ -233,10 +232,6 @@ class _Round:
         """Return the median seconds of the baseline's blocks (A), or of the candidate's (B)."""
         is_of = np.array([[each == letter for each in order] for order in self.orders])
         return float(np.median(self.seconds[is_of]))
-
-
-def _block_s(function: Function, count: int, clock: Clock) -> float:
-    return timing.block_s(timing.Contender(_block(function, count)), clock)
 
 
 def _block(function: Function, count: int) -> Callable[[], None]:
