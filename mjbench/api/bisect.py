@@ -30,7 +30,6 @@ _Search = Callable[[Callable[[str], None], Sequence[Record]], Iterator[BisectMea
 
 
 def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of a search for the commits that changed a function's time."""
     plan = replace(plan, as_shipped=True)
     (function,) = comparison.functions
     return _measurement(
@@ -48,7 +47,6 @@ def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Mea
 def release_bisection(
     releases: ReleaseRange, source: ModelSource, plan: VerdictPlan
 ) -> Measurement:
-    """Return the measurement of a search for the releases that changed a model's steps."""
     measurement = _measurement(
         lambda *observers: release_bisect.search(releases, source, plan, *observers),
         VersionKind.RELEASE,

@@ -200,8 +200,6 @@ def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
 
 @dataclass
 class _Parts:
-    """The parts of one check-up, and all that they measured so far."""
-
     source: CheckedSource
     plan: CheckupPlan
     observer: Observer

@@ -54,7 +54,6 @@ def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Meas
 
 
 def environment_verdicts(comparison: EnvironmentComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of verdicts on functions in environments."""
     specs = comparison.baseline, *comparison.candidates
     return _measurement(
         "versions",
@@ -70,7 +69,6 @@ def environment_verdicts(comparison: EnvironmentComparison, plan: VerdictPlan) -
 
 
 def compiled_verdicts(comparison: CompiledComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of verdicts on models that paths step which compile."""
     comparison = compiled_sides.with_engines(comparison)
     names, sources = comparison.path_names, comparison.sources
     return _measurement(
@@ -137,7 +135,6 @@ def _measurement(
 def _decide(
     pool: WorkerPool, targets: FunctionTargets, plan: VerdictPlan, on_progress: Progress
 ) -> VerdictRecord:
-    """Return the verdict on one function."""
     name = " ".join(filter(None, (targets[1].function, targets[1].path)))
     on_progress(name, 0.0)
 

@@ -10,6 +10,7 @@ from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
 from mjbench.errors import InputError
+from mjbench.simulation import models
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
@@ -42,10 +43,8 @@ def bisect(
       mjbench bisect 3.2.7 3.4.0 robot.xml
       mjbench bisect rev=v1.0 rev=HEAD bench.py::step
     """
-    from mjbench.report.kinds import BISECT
-
     of = _of_revisions if _are_revisions((baseline, candidate), target) else _of_releases
-    measure_and_print(of(baseline, candidate, target, plan), output, summary=BISECT.sections).exit()
+    measure_and_print(of(baseline, candidate, target, plan), output, at_end=True).exit()
 
 
 def _are_revisions(sides: Sequence[str], target: str) -> bool:
@@ -61,7 +60,6 @@ def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan")
     from mjbench.api.bisect import release_bisection
     from mjbench.releases import bundle, catalogue
     from mjbench.releases.installs import parse_release
-    from mjbench.simulation import models
 
     source = models.resolve(model)
     ends = parse_release(baseline), parse_release(candidate)

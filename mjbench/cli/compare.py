@@ -10,24 +10,24 @@ from mjbench.cli.shared import (
     CODE,
     COUNT,
     HOLD,
+    LARGE_COUNT,
     LIMIT,
+    NAMES,
     SEED,
     STARTS,
     STORING,
-    LargeCount,
-    Names,
-    Numbers,
-    Seconds,
+    THREADS,
     check_sizes,
     models_argument,
+    numbers,
     own_path_folder,
+    seconds,
     with_options,
 )
 from mjbench.errors import InputError
-from mjbench.limits import THREADS
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
 
@@ -36,14 +36,12 @@ if TYPE_CHECKING:
 @click.option(
     "--paths",
     "path_names",
-    type=Names(),
+    type=NAMES,
     help="Compare these (see `mjbench paths`) and python_loop, which is always added; `c` stands"
     " for all C paths but ray, `usual` for those and, where installed, MJX  [default: c]",
 )
-@click.option(
-    "--threads", type=Numbers(THREADS), help="Thread counts  [default: 1 and usable cores]"
-)
-@click.option("--chunk", type=Numbers(), help="Simulations that a thread takes at a time.")
+@THREADS
+@click.option("--chunk", type=numbers(), help="Simulations that a thread takes at a time.")
 @click.option(
     "--option",
     "option_words",
@@ -53,7 +51,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--nbatch",
-    type=Numbers(),
+    type=numbers(),
     help="Simulations; several values are measured one after the other  [default: up to 64]",
 )
 @click.option(
@@ -67,7 +65,7 @@ if TYPE_CHECKING:
 @click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 100]")
 @click.option(
     "--budget",
-    type=Seconds(),
+    type=seconds(),
     help="Time for each model, agreement included; what compiles comes on top  [default: 23s]",
 )
 @click.option(
@@ -75,7 +73,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--total-steps",
-    type=LargeCount(),
+    type=LARGE_COUNT,
     help="Steps that you will take in all simulations together, such as 1e9: a path that compiles"
     " is advised only if that pays within them  [default: those of one block]",
 )
@@ -89,7 +87,7 @@ if TYPE_CHECKING:
 @CODE
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)
 def compare(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     path_names: list[str] | None,
     threads: list[int] | None,
     chunk: list[int] | None,

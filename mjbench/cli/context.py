@@ -210,6 +210,7 @@ def measure_and_print(
     *,
     each: "Sections | None" = None,
     summary: "Sections | None" = None,
+    at_end: bool = False,
     code: bool | None = None,
     to_stderr: bool = False,
     has_results: bool = True,
@@ -219,14 +220,16 @@ def measure_and_print(
     Args:
       each: what an item comes to; None to print nothing before the end.
       summary: what all items come to, printed at the end; None for nothing.
+      at_end: where neither is given, whether the sections of the kind are of all items, rather
+        than of each.
       code: whether snippets are printed, too; None for a command without that option.
-      to_stderr: see `RunContext`.
-      has_results: see `progress`.
     """
     from mjbench.api.session import Session
     from mjbench.cli.progress import progress
     from mjbench.report import kinds
 
+    if each is None and summary is None:
+        each, summary = (None, _sections) if at_end else (_sections, None)
     for note in measurement.notes:
         report_line(note)
     session = Session(
@@ -250,6 +253,12 @@ def measure_and_print(
             stored = session.run()
             run.write(kinds.kind_of(stored).document(stored))
     return run
+
+
+def _sections(run: "Run") -> "Iterable[Section]":
+    from mjbench.report import kinds
+
+    return kinds.kind_of(run).sections(run)
 
 
 def _measure_items(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON, budget, mode
+from mjbench.simulation import models
 from mjbench.status import ExitCode
 
 # Seconds after which a backend that renders nothing does not work.
@@ -75,7 +76,6 @@ def _mujoco_conditions() -> "Iterator[Condition]":
 def _rendering() -> "Condition":
     from mjbench.host.conditions import Condition, Grade
     from mjbench.loop import rendering
-    from mjbench.simulation import models
 
     source = models.resolve("cartpole")
     frames = [rendering.measure(source, name, _FRAME_LIMIT_S) for name in rendering.BACKENDS]

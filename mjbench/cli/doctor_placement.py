@@ -12,17 +12,16 @@ from mjbench.cli.shared import (
     COUNT,
     SIZES_OF_STARTS,
     STORING,
-    RenamedOption,
-    Seconds,
+    budget,
     models_argument,
     with_options,
 )
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
     from mjbench.measuring.progress import Progress
     from mjbench.paired.run_sizes import Sizes
-    from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
 
 
@@ -43,19 +42,14 @@ if TYPE_CHECKING:
     show_default=True,
     help="Launches for each of the four placements; an interval needs at least 9.",
 )
-@click.option(
-    "--budget",
-    "--time-limit",
-    "time_limit",
-    cls=RenamedOption,
-    type=Seconds(),
-    default="180s",
-    show_default=True,
-    help="Time for each model, once it is loaded; after it, no launch begins.",
+@budget(
+    180,
+    "Time for each model, once it is loaded; after it, no launch begins.",
+    is_renamed=True,
 )
 @with_options(SIZES_OF_STARTS, STORING)
 def doctor_placement(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     release_name: str,
     launches: int,
     time_limit: float,
@@ -79,7 +73,6 @@ def doctor_placement(
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases.installs import parse_release
-    from mjbench.report.kinds import PLACEMENT
 
     release = parse_release(release_name)
     targets = [Target(release, source) for source in sources]
@@ -88,7 +81,7 @@ def doctor_placement(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         with WorkerPool() as pool:
 
-            def measure(source: "ModelSource", on_progress: "Progress") -> Item:
+            def measure(source: ModelSource, on_progress: "Progress") -> Item:
                 def on_launch(count: int) -> None:
                     on_progress(source.name, count / plan.most_launches)
 
@@ -105,4 +98,4 @@ def doctor_placement(
         placement_spread.finished,
         pinning_notes(),
     )
-    measure_and_print(measurement, output, summary=PLACEMENT.sections).exit()
+    measure_and_print(measurement, output, at_end=True).exit()

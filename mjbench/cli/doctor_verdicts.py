@@ -9,9 +9,9 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STORING, TRIAL_PLAN, Shares, with_options
+from mjbench.cli.shared import COUNT, SHARES, STORING, TRIAL_PLAN, with_options
 from mjbench.errors import Failure
-from mjbench.simulation import engine_library
+from mjbench.simulation import engine_library, models
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
@@ -34,7 +34,7 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 )
 @click.option(
     "--slowdowns",
-    type=Shares(),
+    type=SHARES,
     help="Slowdowns to inject: by how much longer each block of the candidate lasts; 0 compares"
     " identical targets  [default: 0,0.5,1,2,5; none with --inside-step or --between-builds]",
 )
@@ -82,7 +82,6 @@ def doctor_verdicts(
     from mjbench.paired import selfcheck
     from mjbench.paired.selfcheck_records import trial_records
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.kinds import SELFCHECK
     from mjbench.report.selfcheck import describe_case
 
     if slowdowns is None:
@@ -122,7 +121,7 @@ def doctor_verdicts(
         trial_records,
         pinning_notes(),
     )
-    measure_and_print(measurement, output, summary=SELFCHECK.sections).exit()
+    measure_and_print(measurement, output, at_end=True).exit()
 
 
 def _cases(
@@ -130,7 +129,6 @@ def _cases(
 ) -> list["Case"]:
     from mjbench.paired import selfcheck
     from mjbench.releases.release import NO_CHANGE_PAIRS
-    from mjbench.simulation import models
 
     few = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
     cases = [selfcheck.slowed(source, share) for source in few for share in slowdowns]

@@ -12,14 +12,15 @@ from mjbench.cli.shared import (
     LIMIT,
     SEED_NUMBER,
     STORING,
-    Count,
-    Numbers,
+    THREAD_COUNTS,
+    THREADS,
     RenamedOption,
     budget,
+    count,
     with_options,
 )
 from mjbench.errors import Failure, MjbenchError, failure_of
-from mjbench.limits import THREADS, Bounds
+from mjbench.limits import Bounds
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ MAX_NSTEP = 100_000
     "--steps",
     "nstep",
     cls=RenamedOption,
-    type=Count(Bounds(1, MAX_NSTEP)),
+    type=count(Bounds(1, MAX_NSTEP)),
     help="Steps of the environment to record and repeat in every round"
     "  [default: as many as take 0.1 s, from 50 to 1000]",
 )
@@ -49,15 +50,13 @@ MAX_NSTEP = 100_000
     show_default=True,
     help="Seed of actions and of the first reset; each further episode has the next.",
 )
-@click.option(
-    "--threads", type=Numbers(THREADS), help="Thread counts  [default: 1 and usable cores]"
-)
+@THREADS
 @click.option(
     "--nbatch",
     "--num-envs",
     "nenv",
     cls=RenamedOption,
-    type=Numbers(THREADS),
+    type=THREAD_COUNTS,
     help="Numbers of environments in vectorised forms  [default: 1, 2, 4, … usable cores]",
 )
 @budget(
@@ -96,7 +95,6 @@ def env(
     from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import resolve
     from mjbench.host import machine
-    from mjbench.report.kinds import ENVIRONMENT
 
     if no_vector and nenv:
         raise click.UsageError("give --nbatch or --no-vector, not both")
@@ -112,7 +110,7 @@ def env(
     items = functools.partial(in_turn, sources, measure, attribute="environment")
     arguments = {"environments": list(names), "plan": plan}
     measurement = Measurement("env", arguments, [], items, finished)
-    run = measure_and_print(measurement, output, each=ENVIRONMENT.sections)
+    run = measure_and_print(measurement, output)
     records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())
 

@@ -27,17 +27,14 @@ class GateFinding(StrEnum):
     INCONCLUSIVE = Verdict.INCONCLUSIVE
 
 
-class _Findings(Text[list[GateFinding]]):
-    """Comma-separated findings."""
+def _findings(text: str) -> list[GateFinding]:
+    words = [word for word in text.split(",") if word.strip()]
+    if not words:
+        raise ValueError
+    return parsed(",".join(words), lambda word: GateFinding(word.strip()))
 
-    name = "FINDING,…"
-    expected = f"one of {', '.join(GateFinding)}, or several with commas"
 
-    def _parse(self, text: str) -> list[GateFinding]:
-        words = [word for word in text.split(",") if word.strip()]
-        if not words:
-            raise ValueError
-        return parsed(",".join(words), lambda word: GateFinding(word.strip()))
+_FINDINGS = Text("FINDING,…", f"one of {', '.join(GateFinding)}, or several with commas", _findings)
 
 
 @dataclass(frozen=True)
@@ -104,7 +101,7 @@ FAIL_ON = as_one(
     click.option(
         "--fail-on",
         "findings",
-        type=_Findings(),
+        type=_FINDINGS,
         default=[],
         help=f"Exit 1 for one of these: {', '.join(GateFinding)}. Exit 3 when it cannot be decided:"
         " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
@@ -122,8 +119,7 @@ def measure_verdicts(
     measurement: "Measurement", confidence: float, fail_on: FailOn, output: OutputOptions
 ) -> None:
     from mjbench.paired.records import VerdictRecord
-    from mjbench.report.kinds import VERDICT
 
-    run = measure_and_print(measurement, output, summary=VERDICT.sections)
+    run = measure_and_print(measurement, output, at_end=True)
     rows = [record.row() for record in run.session.run().of_type(VerdictRecord)]
     run.exit_with(fail_on.exit_code(rows, confidence))

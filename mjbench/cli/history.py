@@ -14,8 +14,10 @@ from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
-from mjbench.cli.shared import JSON, PAGE, RESUME, WAIT, as_one, with_options
+from mjbench.cli.shared import FILE, JSON, PAGE, RESUME, WAIT, as_one, results_option, with_options
 from mjbench.errors import InputError
+from mjbench.simulation import models as model_sources
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Item, Observer
@@ -25,9 +27,9 @@ if TYPE_CHECKING:
     from mjbench.paired.operations import Operation
     from mjbench.paired.release_tasks import ReleaseTask
     from mjbench.releases.installs import ReleaseSpec
-    from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
 
+_RESULTS_FOLDER = Path("results/history")
 _DEFAULT = click.core.ParameterSource.DEFAULT
 # Of each model and pair of releases, as many functions are stored, and those that exchanged cost
 # with them.
@@ -36,24 +38,20 @@ _TOP = 12
 
 @cli.group(invoke_without_command=True)
 @click.option("--since", metavar="VERSION", help="List only changes from VERSION on.")
-@click.option(
-    "--results",
-    default="results/history",
-    show_default=True,
-    metavar="DIR",
-    type=click.Path(path_type=Path),
-    help="Folder with the run files of `history measure` and `history explain`, or run sets.",
+@results_option(
+    _RESULTS_FOLDER,
+    "Folder with the run files of `history measure` and `history explain`, or run sets.",
 )
 @click.option(
     "--causes",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Causes that no measurement names  [default: benchmarks/causes.toml of the checkout]",
 )
 @click.option(
     "--plots",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Draw a plot of each model there, as SVG, and show them on the page.",
 )
 @click.option(
@@ -126,11 +124,9 @@ def _link(plots: Path | None, output: Path | None) -> str:
 
 @dataclass(frozen=True)
 class _Selection:
-    """What a subcommand works on."""
-
     reference: "ReleaseSpec"
     releases: Sequence["ReleaseSpec"]
-    sources: Sequence["ModelSource"]
+    sources: Sequence[ModelSource]
     operations: Sequence["Operation"]
 
     def arguments(self) -> dict[str, object]:
@@ -146,14 +142,13 @@ def _select(
     names: Sequence[str],
     since: str | None,
     models: Sequence[str],
-    history: Path | None,
+    history: Path,
     steps: bool,
     operations: bool | None,
 ) -> _Selection:
     """Return what the options and arguments of a subcommand select; see `_releases`."""
     from mjbench.paired.operations import registry
     from mjbench.releases import installs, release_ratios
-    from mjbench.simulation import models as model_sources
 
     if not steps and models:
         raise click.UsageError("--model is for steps; leave it out with --no-steps")
@@ -169,7 +164,7 @@ def _select(
     )
 
 
-def _releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
+def _releases(names: Sequence[str], since: str | None, history: Path) -> list["ReleaseSpec"]:
     from mjbench.releases import bundle, installs
     from mjbench.releases.release import OLDEST, version_key
 
@@ -177,29 +172,21 @@ def _releases(names: Sequence[str], since: str | None, history: Path | None) -> 
         raise InputError("give RELEASEs or --since, not both")
     if names:
         return [installs.parse_release(name) for name in names]
-    path = history or bundle.default_path()
     versions = [
         release.version
-        for release in bundle.read(path)
+        for release in bundle.read(history)
         if version_key(release.version) >= OLDEST  # the history begins one release earlier, for asv
     ]
     if since is not None and since not in versions:
         raise InputError(
-            f"{path} has no release {since}; it has {len(versions)},"
+            f"{history} has no release {since}; it has {len(versions)},"
             f" from {versions[0]} to {versions[-1]}"
         )
     first = versions.index(since) if since else 0
     return [installs.parse_release(version) for version in versions[first:]]
 
 
-_RESULTS = click.option(
-    "--results",
-    default="results/history",
-    show_default=True,
-    metavar="DIR",
-    type=click.Path(path_type=Path),
-    help="Folder for the run file.",
-)
+_RESULTS = results_option(_RESULTS_FOLDER, "Folder for the run file.")
 _SELECTION = as_one(
     "selection",
     _select,
@@ -244,7 +231,6 @@ def measure(selection: _Selection, output: OutputOptions) -> None:
     """
     from mjbench.api.session import Measurement, input_files, pinning_notes
     from mjbench.releases import release_ratios
-    from mjbench.report.kinds import HISTORY
     from mjbench.simulation.starts import DEFAULT_STARTS
 
     measurement = Measurement(
@@ -255,7 +241,7 @@ def measure(selection: _Selection, output: OutputOptions) -> None:
         release_ratios.finished,
         pinning_notes(),
     )
-    measure_and_print(measurement, output, summary=HISTORY.sections).exit()
+    measure_and_print(measurement, output, at_end=True).exit()
 
 
 def _measure_releases(
@@ -291,14 +277,19 @@ def _measure_releases(
 
 def _tasks(selection: _Selection, release: "ReleaseSpec") -> list["ReleaseTask"]:
     from mjbench.paired.release_tasks import OperationTask, StepTask
-    from mjbench.simulation import models
 
     releases = selection.reference, release
-    tasks: list[ReleaseTask] = [StepTask(releases, source) for source in selection.sources]
-    for operation in selection.operations:
-        model = models.resolve(operation.model) if operation.model else None
-        tasks.append(OperationTask(releases, operation, model))
-    return tasks
+    return [
+        *(StepTask(releases, source) for source in selection.sources),
+        *(
+            OperationTask(releases, operation, _model_of(operation))
+            for operation in selection.operations
+        ),
+    ]
+
+
+def _model_of(operation: "Operation") -> ModelSource | None:
+    return model_sources.resolve(operation.model) if operation.model else None
 
 
 @history.command("explain", short_help="count instructions of each release")
@@ -367,7 +358,6 @@ def _explain_releases(
 
 
 def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -> set[str]:
-    """Return the releases of which some change is not known yet."""
     selected = [source.name for source in selection.sources]
     selected += [operation.name for operation in selection.operations]
     versions = [release.version for release in selection.releases]
@@ -381,13 +371,9 @@ def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -
 
 def _requests(selection: _Selection) -> list["OperationRequest"]:
     from mjbench.counts.counted_program import OperationRequest
-    from mjbench.simulation import models
 
     return [
-        OperationRequest(
-            operation.name, models.resolve(operation.model) if operation.model else None
-        )
-        for operation in selection.operations
+        OperationRequest(operation.name, _model_of(operation)) for operation in selection.operations
     ]
 
 

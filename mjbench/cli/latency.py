@@ -8,20 +8,20 @@ from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
+    HERTZ,
     HOLD,
     LIMIT,
     SEED,
     STARTS,
     STORING,
-    Hertz,
-    Seconds,
     budget,
     models_argument,
+    seconds,
     with_options,
 )
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
 
@@ -30,20 +30,18 @@ if TYPE_CHECKING:
 @click.option(
     "--deadline",
     "deadline_s",
-    type=Seconds(),
+    type=seconds(),
     help="Time by which a step should end  [default: the time between two paced steps;"
     " free-running, the model's timestep]",
 )
-@click.option(
-    "--rate", "rate_hz", type=Hertz(), help="Paced steps per second  [default: real time]"
-)
+@click.option("--rate", "rate_hz", type=HERTZ, help="Paced steps per second  [default: real time]")
 @click.option(
     "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what the budget allows]"
 )
 @budget(10, "Time for the steps of each pace, if there are more than 1,000.")
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)
 def latency(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     deadline_s: float | None,
     rate_hz: float | None,
     nstep: int | None,
@@ -66,10 +64,9 @@ def latency(
     """
     from mjbench.api.latency import measurement
     from mjbench.loop.latency import LatencyRequest
-    from mjbench.report.kinds import LATENCY
 
     requests = [
         LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget_s) for source in sources
     ]
     measured = measurement(requests, deadline_s, time_limit)
-    measure_and_print(measured, output, each=LATENCY.sections).exit()
+    measure_and_print(measured, output).exit()

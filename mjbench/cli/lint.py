@@ -183,7 +183,6 @@ def _write(file: "LintedFile") -> bool:
 
 
 def _report_unfixed(unfixed: "Sequence[Unfixed]") -> None:
-    """Say why findings of a file that have a remedy are left as they are."""
     from mjbench.report.lint import finding_place
 
     for each in unfixed:

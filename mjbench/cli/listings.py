@@ -1,19 +1,15 @@
 """`mjbench models` and `mjbench paths`: what there is to measure."""
 
-from typing import TYPE_CHECKING
-
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON, LIMIT, models_argument, with_options
-
-if TYPE_CHECKING:
-    from mjbench.simulation.models import ModelSource
+from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
 @models_argument()
 @with_options(LIMIT, JSON)
-def models(sources: "list[ModelSource]", time_limit: float, json_file: str | None) -> None:
+def models(sources: list[ModelSource], time_limit: float, json_file: str | None) -> None:
     """List models: sizes, contacts and constraints at the start, timestep, integrator, solver.
 
     Without a MODEL: all shipped models.

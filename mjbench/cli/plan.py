@@ -11,25 +11,25 @@ from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
     LIMIT,
+    NAMES,
     PLANNING_STARTS,
     SEED,
     STORING,
-    Names,
-    Numbers,
+    THREADS,
     RenamedOption,
-    Seconds,
     budget,
     models_argument,
+    numbers,
     own_path_folder,
+    seconds,
     with_options,
 )
 from mjbench.errors import MjbenchError
-from mjbench.limits import THREADS
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Item, Observer
     from mjbench.comparison.planning_run import PlanningRequest
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
     from mjbench.store.runs import Record
 
@@ -48,14 +48,14 @@ if TYPE_CHECKING:
     "--samples",
     "samples",
     cls=RenamedOption,
-    type=Numbers(),
+    type=numbers(),
     default="64",
     show_default=True,
     help="Candidates of a plan; several numbers are tried one after the other.",
 )
 @click.option(
     "--knots",
-    type=Numbers(),
+    type=numbers(),
     default="25",
     show_default=True,
     help="Controls of a candidate; several numbers are tried likewise.",
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
 @click.option(
     "--duration",
     "duration_s",
-    type=Seconds(),
+    type=seconds(),
     default="3s",
     show_default=True,
     help="Simulated time of the closed loop.",
@@ -74,17 +74,15 @@ if TYPE_CHECKING:
 @click.option(
     "--paths",
     "path_names",
-    type=Names(),
+    type=NAMES,
     help="Roll out by these (see `mjbench paths`) and python_loop, which is always added"
     "  [default: all C paths]",
 )
-@click.option(
-    "--threads", type=Numbers(THREADS), help="Thread counts  [default: 1 and usable cores]"
-)
+@THREADS
 @budget(60, "Time for the plans of each model and size; after it, the closed loop ends.")
 @with_options(SEED, PLANNING_STARTS, LIMIT, STORING)
 def plan(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     algorithm: str,
     samples: list[int],
     knots: list[int],

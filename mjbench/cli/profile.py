@@ -13,9 +13,9 @@ from mjbench.cli.shared import (
     models_argument,
     with_options,
 )
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @budget(4, "Time for the steps of each model, and half of it for the frames of each backend.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
 def profile(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     budget_s: float,
     starts: "StartPlan",
     time_limit: float,
@@ -45,8 +45,5 @@ def profile(
       mjbench profile robot.mjb --states states.npz
     """
     from mjbench.api.profile import measurement
-    from mjbench.report.kinds import PROFILE
 
-    measure_and_print(
-        measurement(sources, starts, time_limit, budget_s), output, each=PROFILE.sections
-    ).exit()
+    measure_and_print(measurement(sources, starts, time_limit, budget_s), output).exit()

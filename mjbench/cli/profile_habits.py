@@ -6,17 +6,10 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import (
-    LIMIT,
-    LOOP_STARTS,
-    STORING,
-    budget,
-    models_argument,
-    with_options,
-)
+from mjbench.cli.shared import LIMIT, LOOP_STARTS, STORING, budget, models_argument, with_options
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
 
@@ -26,7 +19,7 @@ if TYPE_CHECKING:
 @budget(30, "About how long to time the habits of each model.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
 def profile_habits(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     code: bool,
     budget_s: float,
     starts: "StartPlan",
@@ -47,12 +40,11 @@ def profile_habits(
     """
     from mjbench.api.session import of_each_model
     from mjbench.loop import overhead as loop_overhead
-    from mjbench.report.kinds import OVERHEAD
 
-    def rows(source: "ModelSource") -> list[loop_overhead.OverheadRow]:
+    def rows(source: ModelSource) -> list[loop_overhead.OverheadRow]:
         return [loop_overhead.measure(source, time_limit, starts=starts, budget_s=budget_s)]
 
     measurement = of_each_model(
         "overhead", sources, starts, loop_overhead.OverheadRow, rows, {"budget_s": budget_s}
     )
-    measure_and_print(measurement, output, each=OVERHEAD.sections, code=code).exit()
+    measure_and_print(measurement, output, code=code).exit()

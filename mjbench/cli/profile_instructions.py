@@ -7,12 +7,12 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, COUNTS_OUTPUT, SIZES, Seconds, models_argument, with_options
+from mjbench.cli.shared import COUNT, COUNTS_OUTPUT, SIZES, models_argument, seconds, with_options
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
     from mjbench.paired.run_sizes import Sizes
-    from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
 
 
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 @click.option(
     "--time-limit",
     "limit_s",
-    type=Seconds(),
+    type=seconds(),
     default="600s",
     show_default=True,
     help="Kill a release's process that finishes no model for this long.",
 )
 @with_options(SIZES, COUNTS_OUTPUT)
 def profile_instructions(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     releases: tuple[str, ...],
     top: int,
     limit_s: float,

@@ -39,8 +39,6 @@ class PhaseLines(Observer):
 
 
 class _TerminalBar(Observer):
-    """A progress bar in a terminal, which names what is done."""
-
     def __init__(self, live: Live, bar: Progress):
         super().__init__()
         self._live, self._bar = live, bar

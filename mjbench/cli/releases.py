@@ -8,17 +8,25 @@ import click
 from mjbench.api import interrupts
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, Count
+from mjbench.cli.shared import FILE, JSON, count
 from mjbench.errors import InputError, MachineError
 from mjbench.limits import Bounds
 from mjbench.status import ExitCode
 
 _DAY_S = 86_400.0
 
+
+def _bundle() -> Path:
+    from mjbench.releases import bundle
+
+    return bundle.default_path()
+
+
 HISTORY = click.option(
     "--history",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FILE,
+    default=_bundle,
     help="Git bundle with one commit per release"
     "  [default: benchmarks/releases.bundle of the checkout]",
 )
@@ -38,15 +46,14 @@ def releases(ctx: click.Context) -> None:
 @releases.command("list", short_help="list the releases there are")
 @HISTORY
 @JSON
-def list_releases(history: Path | None = None, json_file: str | None = None) -> None:
+def list_releases(history: Path, json_file: str | None) -> None:
     """List releases: on the package index, in the git history, installed here."""
-    from mjbench.releases import bundle, catalogue
+    from mjbench.releases import catalogue
     from mjbench.report.documents import ReleasesDocument
     from mjbench.report.listings import releases_table
 
-    release_bundle = history or bundle.default_path()
-    with RunContext(json_file, [release_bundle]) as run:
-        known = catalogue.list_releases(release_bundle)
+    with RunContext(json_file, [history]) as run:
+        known = catalogue.list_releases(history)
         run.table(releases_table(known.releases))
         if known.problem:
             click.echo(f"The list lacks the package index: {known.problem}", err=True)
@@ -55,38 +62,36 @@ def list_releases(history: Path | None = None, json_file: str | None = None) -> 
 
 @releases.command("update", short_help="append new releases to the git history")
 @HISTORY
-def update_releases(history: Path | None) -> None:
+def update_releases(history: Path) -> None:
     """Append to the git history the releases on the package index that it lacks."""
     from mjbench.releases import bundle, package_index
 
-    path = history or bundle.default_path()
-    appended = bundle.update(path, package_index.releases())
+    appended = bundle.update(history, package_index.releases())
     if appended:
-        click.echo(f"appended {', '.join(r.tag for r in appended)} to {path}")
+        click.echo(f"appended {', '.join(r.tag for r in appended)} to {history}")
     else:
-        click.echo(f"nothing to append: {path} ends with {bundle.read(path)[-1].tag}")
+        click.echo(f"nothing to append: {history} ends with {bundle.read(history)[-1].tag}")
 
 
 @releases.command("verify", short_help="check the git history")
 @HISTORY
-def verify_releases(history: Path | None) -> None:
+def verify_releases(history: Path) -> None:
     """Build the git history again and compare every hash; exit with 1 if one differs."""
     from mjbench.releases import bundle, package_index
 
-    path = history or bundle.default_path()
     indexed, index_problem = None, ""
     try:
         indexed = package_index.releases()
     except MachineError as error:
         index_problem = str(error)
-    problems = bundle.verify(path, indexed)
+    problems = bundle.verify(history, indexed)
     for problem in problems:
         click.echo(problem)
     if index_problem:
         click.echo(f"Upload times were not checked: {index_problem}", err=True)
     if problems:
         sys.exit(ExitCode.FINDING)
-    click.echo(f"{path}: {len(bundle.read(path))} releases, every hash is as expected")
+    click.echo(f"{history}: {len(bundle.read(history))} releases, every hash is as expected")
 
 
 @releases.command("install", short_help="install releases in the cache")
@@ -131,7 +136,7 @@ def list_installs(json_file: str | None) -> None:
 @releases.command("prune", short_help="remove installs not used for some time")
 @click.option(
     "--days",
-    type=Count(Bounds(0, 36_500)),
+    type=count(Bounds(0, 36_500)),
     default=30,
     show_default=True,
     help="Keep what was used within so many days.",

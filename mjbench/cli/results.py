@@ -7,7 +7,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import JSON
+from mjbench.cli.shared import FILE, JSON
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,13 +24,13 @@ def results() -> None:
 
 
 @results.command(short_help="merge run files into one, a run set")
-@click.argument("files", nargs=-1, required=True, metavar="RUN…", type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, required=True, metavar="RUN…", type=FILE)
 @click.option(
     "-o",
     "--output",
     required=True,
     metavar="SET",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Run set to write. If it exists, runs that it lacks are appended.",
 )
 @JSON
@@ -76,7 +76,6 @@ def _document(output: Path, merged: "Merged") -> "MergeDocument":
 
 
 def _summary(merged: "MergeDocument") -> str:
-    """Return what a set holds now, what was added and what was skipped, in one line."""
     from mjbench.units import count_of
 
     skipped = [

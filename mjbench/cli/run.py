@@ -9,7 +9,7 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import OUTPUT, Count, RenamedOption, Seconds
+from mjbench.cli.shared import COUNT, OUTPUT, RenamedOption, count, seconds
 from mjbench.errors import InputError
 from mjbench.limits import Bounds
 from mjbench.status import ExitCode
@@ -48,14 +48,14 @@ class _ProgramCommand(click.Command):
     "--seconds",
     "--budget",
     "seconds",
-    type=Seconds(),
+    type=seconds(),
     help="End the program, as Ctrl-C would, when it has stepped for this long  [default: run it to"
     " its end]",
 )
 @click.option(
     "--attach",
     "pid",
-    type=Count(),
+    type=COUNT,
     metavar="PID",
     help="Sample a running program for --seconds (10s by default). It keeps running.",
 )
@@ -64,7 +64,7 @@ class _ProgramCommand(click.Command):
     "--rate",
     "rate_hz",
     cls=RenamedOption,
-    type=Count(Bounds(1, 1000)),
+    type=count(Bounds(1, 1000)),
     help="Samples of the program's stacks per second  [default: 100; 20 of a program with several"
     " child processes; 10 with --native, or fewer where they would cost too much]",
 )
@@ -128,7 +128,6 @@ def run(
     from mjbench.program.profiling import Sampling
     from mjbench.program.records import ProgramRow
     from mjbench.report import flame
-    from mjbench.report.kinds import PROGRAM
 
     if flame_graph is not None:
         flame.check(flame_graph)
@@ -167,7 +166,7 @@ def run(
     }
     files = [Path(program[0])] if program and Path(program[0]).is_file() else []
     measurement = Measurement("run", arguments, files, items)
-    context = measure_and_print(measurement, output, each=PROGRAM.sections, to_stderr=True)
+    context = measure_and_print(measurement, output, to_stderr=True)
     codes = [
         ExitCode.OK if row.was_ended else row.exit_code
         for row in context.session.run().of_type(ProgramRow)
@@ -178,7 +177,6 @@ def run(
 def _confirm_remedies(
     program: "Program", row: "ProgramRow", observer: "Observer"
 ) -> "Iterator[Item]":
-    """Yield the row, with what the remedies of its first loop save."""
     from mjbench.api.session import Item
     from mjbench.host import machine
     from mjbench.program import confirm, remedies

@@ -16,11 +16,12 @@ from mjbench.limits import TIME_LIMIT_S, Bounds
 from mjbench.paired import outcomes
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Metric
+from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.verdict import VerdictPlan
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
 _Value = TypeVar("_Value")
@@ -34,17 +35,16 @@ MAX_SLOWDOWN = 10.0
 
 
 class Text(click.ParamType[_Value]):
-    """A text that stands for a value.
+    """A text that stands for a value."""
 
-    Attributes:
-      expected: what it is to be, for the message about another one.
-    """
+    def __init__(self, name: str, expected: str, parse: Callable[[str], _Value]):
+        """Take what it is called in help, and how it is read.
 
-    expected: str
-
-    def _parse(self, text: str) -> _Value:
-        """Return the value; raises ValueError if the text stands for none."""
-        raise NotImplementedError
+        Args:
+          expected: what it is to be, for the message about another one.
+          parse: raises ValueError if a text stands for no value.
+        """
+        self.name, self._expected, self._parse = name, expected, parse
 
     def convert(self, value: Any, param: Any, ctx: Any) -> _Value:
         """Return the value; a default may be one already."""
@@ -55,7 +55,7 @@ class Text(click.ParamType[_Value]):
         except ValueError as error:
             is_part = isinstance(error, WordError) and error.word != value
             word = f": {one_line(repr(error.args[0]), 60)}" if is_part else ""
-            self.fail(f"{one_line(repr(value), 60)} is not {self.expected}{word}", param, ctx)
+            self.fail(f"{one_line(repr(value), 60)} is not {self._expected}{word}", param, ctx)
 
 
 class WordError(ValueError):
@@ -87,115 +87,83 @@ def _within(number: _Number, bounds: Bounds) -> _Number:
     return number
 
 
-class Numbers(Text[list[int]]):
-    """Comma-separated whole numbers, each of them once."""
+def numbers(bounds: Bounds = limits.COUNT) -> Text[list[int]]:
+    """Return the type of comma-separated whole numbers, each of them once."""
 
-    name = "N,N,…"
+    def parse(text: str) -> list[int]:
+        return list(dict.fromkeys(parsed(text, lambda word: _within(int(word), bounds))))
 
-    def __init__(self, bounds: Bounds = limits.COUNT) -> None:
-        self._bounds = bounds
-        self.expected = f"a list of whole numbers such as 1,2,4, each {bounds}"
-
-    def _parse(self, text: str) -> list[int]:
-        return list(dict.fromkeys(parsed(text, lambda word: _within(int(word), self._bounds))))
+    return Text("N,N,…", f"a list of whole numbers such as 1,2,4, each {bounds}", parse)
 
 
-class Count(Text[int]):
-    """A whole number."""
-
-    name = "N"
-
-    def __init__(self, bounds: Bounds = limits.COUNT) -> None:
-        self._bounds = bounds
-        self.expected = f"a whole number, {bounds}"
-
-    def _parse(self, text: str) -> int:
-        return _within(int(text), self._bounds)
+def count(bounds: Bounds = limits.COUNT) -> Text[int]:
+    return Text("N", f"a whole number, {bounds}", lambda text: _within(int(text), bounds))
 
 
-class LargeCount(Text[int]):
-    """A whole number, also written as `1e9`."""
-
-    name = "N"
-    expected = f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}"
-
-    def _parse(self, text: str) -> int:
-        number = _within(float(text), limits.LARGE_COUNT)
-        if number != int(number):
-            raise ValueError
-        return int(number)
+def _large_count(text: str) -> int:
+    number = _within(float(text), limits.LARGE_COUNT)
+    if number != int(number):
+        raise ValueError
+    return int(number)
 
 
-class Names(Text[list[str]]):
-    """Comma-separated names."""
-
-    name = "NAME,…"
-    expected = "a name, or several with commas"
-
-    def _parse(self, text: str) -> list[str]:
-        names = [name.strip() for name in text.split(",") if name.strip()]
-        if not names:
-            raise ValueError
-        return names
-
-
-class Share(Text[float]):
-    """A percentage such as `1%` or `0.5`, as a share above 0 and below `below`."""
-
-    name = "PERCENT"
-
-    def __init__(self, below: float = 1.0) -> None:
-        self._bounds = Bounds(0, below, is_open=True, is_open_above=True)
-        self.expected = f"a percentage such as 1%, above 0% and below {100 * below:g}%"
-
-    def _parse(self, text: str) -> float:
-        return _within(_share(text), self._bounds)
-
-
-class Shares(Text[list[float]]):
-    """Comma-separated percentages such as `0,0.5%`, as shares, each of them once."""
-
-    name = "PERCENT,…"
-    expected = f"a list of percentages such as 0,0.5,1, each from 0% to {100 * MAX_SLOWDOWN:g}%"
-
-    def _parse(self, text: str) -> list[float]:
-        bounds = Bounds(0, MAX_SLOWDOWN)
-        shares = [_within(_share(word), bounds) for word in text.split(",")]
-        return list(dict.fromkeys(abs(share) for share in shares))  # abs: -0 is 0
+def _names(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if not names:
+        raise ValueError
+    return names
 
 
 def _share(word: str) -> float:
     return float(word.strip().removesuffix("%")) / 100
 
 
+def share(below: float = 1.0) -> Text[float]:
+    """Return the type of a percentage such as `1%` or `0.5`, as a share above 0."""
+    bounds = Bounds(0, below, is_open=True, is_open_above=True)
+    expected = f"a percentage such as 1%, above 0% and below {100 * below:g}%"
+    return Text("PERCENT", expected, lambda text: _within(_share(text), bounds))
+
+
+def _shares(text: str) -> list[float]:
+    bounds = Bounds(0, MAX_SLOWDOWN)
+    shares = [_within(_share(word), bounds) for word in text.split(",")]
+    return list(dict.fromkeys(abs(share) for share in shares))  # abs: -0 is 0
+
+
 # By how a time ends; longer endings first.
 _SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
 
 
-class Seconds(Text[float]):
-    """A time such as `60s`, `1ms` or `0.5`, in seconds; above 0 unless `zero`."""
+def seconds(zero: bool = False) -> Text[float]:
+    """Return the type of a time such as `60s`, `1ms` or `0.5`; above 0 unless `zero`."""
+    bounds = limits.SECONDS_OR_ZERO if zero else limits.SECONDS
 
-    name = "SECONDS"
-
-    def __init__(self, zero: bool = False) -> None:
-        self._bounds = limits.SECONDS_OR_ZERO if zero else limits.SECONDS
-        self.expected = f"a time such as 60s, {self._bounds}"
-
-    def _parse(self, text: str) -> float:
+    def parse(text: str) -> float:
         text = text.strip()
         unit = next((unit for unit in _SECONDS_PER if text.endswith(unit)), "")
-        seconds = float(text.removesuffix(unit)) * _SECONDS_PER.get(unit, 1.0)
-        return abs(_within(seconds, self._bounds))  # abs: -0 is 0
+        time_s = float(text.removesuffix(unit)) * _SECONDS_PER.get(unit, 1.0)
+        return abs(_within(time_s, bounds))  # abs: -0 is 0
+
+    return Text("SECONDS", f"a time such as 60s, {bounds}", parse)
 
 
-class Hertz(Text[float]):
-    """A number of times per second, such as `1000` or `500Hz`."""
+def _hertz(text: str) -> float:
+    return _within(float(text.strip().removesuffix("Hz")), limits.HERTZ)
 
-    name = "HZ"
-    expected = f"a number of times per second such as 1000, {limits.HERTZ}"
 
-    def _parse(self, text: str) -> float:
-        return _within(float(text.strip().removesuffix("Hz")), limits.HERTZ)
+COUNT, SEED_NUMBER, THREAD_COUNTS = count(), count(limits.SEED), numbers(limits.THREADS)
+LARGE_COUNT = Text(
+    "N", f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}", _large_count
+)
+NAMES = Text("NAME,…", "a name, or several with commas", _names)
+SHARES = Text(
+    "PERCENT,…",
+    f"a list of percentages such as 0,0.5,1, each from 0% to {100 * MAX_SLOWDOWN:g}%",
+    _shares,
+)
+HERTZ = Text("HZ", f"a number of times per second such as 1000, {limits.HERTZ}", _hertz)
+FILE = click.Path(path_type=Path)
 
 
 class RenamedOption(click.Option):
@@ -258,9 +226,7 @@ def models_argument(*default: str) -> Callable[[Callable[..., None]], Callable[.
         comparisons have; what looks closely at one model has the cart-pole.
     """
 
-    def sources(names: tuple[str, ...]) -> "list[ModelSource]":
-        from mjbench.simulation import models
-
+    def sources(names: tuple[str, ...]) -> list[ModelSource]:
         return [models.resolve(name) for name in names or default or models.shipped()]
 
     argument = click.argument("names", nargs=-1, metavar="[MODEL]…")
@@ -272,17 +238,20 @@ def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., 
     return click.option(flag, is_flag=True, expose_value=False, help=f"{text} ({flag} --help)")
 
 
-def budget(default_s: float, text: str, zero: bool = False) -> Callable[..., Any]:
+def budget(
+    default_s: float, text: str, zero: bool = False, is_renamed: bool = False
+) -> Callable[..., Any]:
     """Return the option --budget of a command, which gets `budget_s`.
 
     Args:
       text: what the time is for, for the help.
       zero: whether it may be 0, for as little as possible.
+      is_renamed: whether it was --time-limit; the command then gets `time_limit`.
     """
     return click.option(
-        "--budget",
-        "budget_s",
-        type=Seconds(zero),
+        *(("--budget", "--time-limit", "time_limit") if is_renamed else ("--budget", "budget_s")),
+        cls=RenamedOption if is_renamed else click.Option,
+        type=seconds(zero),
         default=f"{default_s:g}s",
         show_default=True,
         help=text,
@@ -348,7 +317,12 @@ def metric_option(*metrics: Metric) -> Callable[[Callable[..., None]], Callable[
     )
 
 
-COUNT, SEED_NUMBER = Count(), Count(limits.SEED)
+def _percentage(name: str, default: float, text: str) -> Callable[..., Any]:
+    return click.option(
+        name, type=share(), default=f"{100 * default:g}%", show_default=True, help=text
+    )
+
+
 JSON = click.option(
     "--json", "json_file", metavar="FILE|-", help="Write results as JSON to FILE, or - for stdout."
 )
@@ -356,30 +330,34 @@ PAGE = click.option(
     "-o",
     "--output",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Write the page to FILE  [default: stdout]",
 )
 LIMIT = click.option(
     "--time-limit",
-    type=Seconds(),
+    type=seconds(),
     default=f"{TIME_LIMIT_S:g}s",
     show_default=True,
     help="Kill a model's process that reports nothing for this long.",
 )
-RESULTS = click.option(
-    "--results",
-    default=RESULTS_FOLDER,
-    show_default=True,
-    metavar="DIR",
-    type=click.Path(path_type=Path, file_okay=True),
-    help="Folder for run files.",
-)
+
+
+def results_option(folder: Path, text: str) -> Callable[..., Any]:
+    return click.option(
+        "--results", default=folder, show_default=True, metavar="DIR", type=FILE, help=text
+    )
+
+
+RESULTS = results_option(RESULTS_FOLDER, "Folder for run files.")
 RESUME = click.option(
     "--resume",
     metavar="RUN",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Continue this run file: what is finished in it is not measured again. The rest of the"
     " command must be as it was.",
+)
+THREADS = click.option(
+    "--threads", type=THREAD_COUNTS, help="Thread counts  [default: 1 and usable cores]"
 )
 WAIT = click.option(
     "--wait", is_flag=True, help="Wait until no other mjbench measures on this machine."
@@ -402,38 +380,27 @@ SEED = click.option(
     help="Seed of start states and controls.",
 )
 _JUDGING = (
-    click.option(
+    _percentage(
         "--min-effect",
-        type=Share(),
-        default=f"{100 * outcomes.MIN_EFFECT:g}%",
-        show_default=True,
-        help="Smallest change that matters; a change that is certainly smaller is `same`.",
+        outcomes.MIN_EFFECT,
+        "Smallest change that matters; a change that is certainly smaller is `same`.",
     ),
-    click.option(
+    _percentage(
         "--confidence",
-        type=Share(),
-        default=f"{100 * outcomes.CONFIDENCE:g}%",
-        show_default=True,
-        help="Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical targets"
+        outcomes.CONFIDENCE,
+        "Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical targets"
         " is called different.",
     ),
-    click.option(
+    _percentage(
         "--precision",
-        type=Share(),
-        default=f"{100 * outcomes.PRECISION:g}%",
-        show_default=True,
-        help="Stop when half the interval's width is below this.",
+        outcomes.PRECISION,
+        "Stop when half the interval's width is below this.",
     ),
-    click.option(
-        "--budget",
-        "--time-limit",
-        "time_limit",
-        cls=RenamedOption,
-        type=Seconds(),
-        default=f"{outcomes.TIME_LIMIT_S:g}s",
-        show_default=True,
-        help="Time for each verdict, once the models are loaded; after it, an uncertain one is"
+    budget(
+        outcomes.TIME_LIMIT_S,
+        "Time for each verdict, once the models are loaded; after it, an uncertain one is"
         " `inconclusive`.",
+        is_renamed=True,
     ),
     click.option(
         "--as-shipped",
@@ -449,7 +416,7 @@ STATES = click.option(
     "--states",
     "states_file",
     metavar="FILE.npz",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Draw start states, and their controls if there are any, from this file, which"
     " `mjbench.capture` wrote in your program, or which has arrays by MjData field, as"
     " `mjbench.record` returns them.",
@@ -458,7 +425,7 @@ ACTIONS = click.option(
     "--actions",
     "actions_file",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape"
     " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of"
     " a control.",
@@ -466,7 +433,7 @@ ACTIONS = click.option(
 SETTLE = click.option(
     "--settle",
     "settle_s",
-    type=Seconds(zero=True),
+    type=seconds(zero=True),
     help="Simulated time for which the model moves before the first start state; 0 starts at"
     " keyframe 0  [default: 0.1s with a keyframe, 5s without]",
 )

@@ -11,7 +11,7 @@ from mjbench.cli import show_pages
 from mjbench.cli.context import RunContext
 from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
+from mjbench.cli.shared import CODE, FILE, JSON, RESULTS, with_options
 from mjbench.errors import InputError
 from mjbench.status import ExitCode, exit_code
 
@@ -24,7 +24,7 @@ _MOST_RUNS = 20
 
 
 @cli.command()
-@click.argument("files", nargs=-1, metavar="[RUN]…", type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, metavar="[RUN]…", type=FILE)
 @click.option("--html", "form", flag_value="html", help="Write a page to look at, mail or attach.")
 @click.option(
     "--markdown", "form", flag_value="markdown", help="For a job's summary or a pull request."

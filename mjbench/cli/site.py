@@ -10,6 +10,7 @@ import click
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import report_line
 from mjbench.cli.results import results
+from mjbench.cli.shared import FILE
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     metavar="DIR",
     default="site",
     show_default=True,
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Folder of the site. A site that is there is replaced; another folder is not.",
 )
 @click.option(
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     metavar="DIR",
     default=".",
     show_default=True,
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Folder that holds results/runs, results/history, docs, .asv/html and build/lab, or some.",
 )
 def site(output: Path, project: Path) -> None:

@@ -12,7 +12,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, command_line, report_line
-from mjbench.cli.shared import JSON, check_sizes
+from mjbench.cli.shared import FILE, JSON, check_sizes
 from mjbench.errors import InputError, MachineError
 from mjbench.status import FINISHED
 
@@ -28,7 +28,7 @@ SWEEPS_FOLDER = Path("results/sweeps")
 
 
 @cli.command()
-@click.argument("plan", metavar="PLAN.toml", type=click.Path(path_type=Path))
+@click.argument("plan", metavar="PLAN.toml", type=FILE)
 @click.option(
     "--address",
     metavar="HOST:PORT|auto",
@@ -39,7 +39,7 @@ SWEEPS_FOLDER = Path("results/sweeps")
     "-o",
     "--output",
     metavar="SET.jsonl",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Run set to write; what it already has is not measured again"
     "  [default: results/sweeps/PLAN.jsonl]",
 )

@@ -13,21 +13,21 @@ from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import (
     COUNT,
     LIMIT,
+    NAMES,
     SEED,
     STARTS,
     STORING,
-    Names,
-    Share,
     budget,
     models_argument,
+    share,
     with_options,
 )
 from mjbench.errors import InputError
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
     from mjbench.measuring.progress import Progress
-    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
     from mjbench.store.runs import Record
 
@@ -57,14 +57,14 @@ NBATCH = 64
 )
 @click.option(
     "--skip",
-    type=Names(),
+    type=NAMES,
     metavar="NAME,…",
     help="Settings to leave alone, by their names in the table of settings, such as"
     " excludes,timestep",
 )
 @click.option(
     "--max-error",
-    type=Share(below=10.0),
+    type=share(below=10.0),
     help="Largest error to recommend, in percent of how far the model moves, in nine runs of ten:"
     " 1% of a motion of 1 m is 1 cm  [default: the error that your present settings have]",
 )
@@ -85,7 +85,7 @@ NBATCH = 64
 )
 @with_options(SEED, STARTS, LIMIT, STORING)
 def tune(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     engine: str,
     nbatch: int | None,
     only: str | None,
@@ -118,7 +118,6 @@ def tune(
     """
     from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.kinds import TUNE
     from mjbench.tuning import knobs, variants
     from mjbench.tuning.records import Effect
     from mjbench.tuning.search_base import PARTS, SearchPlan
@@ -143,7 +142,7 @@ def tune(
             variants.copy_in_child(sources[0], None, Path(target), time_limit)
         with WorkerPool() as pool:
 
-            def tuned(source: "ModelSource", on_progress: "Progress") -> Item:
+            def tuned(source: ModelSource, on_progress: "Progress") -> Item:
                 def advance(done: int, text: str, share: float) -> None:
                     on_progress(text, (done + share) / PARTS)
 
@@ -153,7 +152,7 @@ def tune(
 
     arguments = {"models": [source.name for source in sources], "plan": plan}
     measurement = Measurement("tune", arguments, files, items, finished)
-    run = measure_and_print(measurement, output, each=TUNE.sections)
+    run = measure_and_print(measurement, output)
     if target is not None and not run.is_stopped:
         _write(run, sources[0], Path(target), time_limit)
     run.exit()
@@ -170,7 +169,7 @@ def _check_engine(
         raise InputError("--skip works with --engine c")
 
 
-def _write(run: RunContext, source: "ModelSource", target: Path, limit_s: float) -> None:
+def _write(run: RunContext, source: ModelSource, target: Path, limit_s: float) -> None:
     from mjbench.tuning import variants
     from mjbench.tuning.records import TuneRecord
     from mjbench.tuning.settings import edits_of

@@ -11,20 +11,21 @@ from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
+    NAMES,
     STORING,
     VERDICT_PLAN,
-    Names,
     metric_option,
     mode,
     with_options,
 )
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.paired.outcomes import Metric
+from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.installs import ReleaseSpec
-    from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 @click.option(
     "--paths",
     "path_names",
-    type=Names(),
+    type=NAMES,
     help="Ways of stepping, each compared between the releases  [default: python_loop]",
 )
 @metric_option(*Metric)
@@ -98,7 +99,7 @@ def versions(
     from mjbench.api.versions import measurement_of
 
     release_names, sources = (
-        (list(names), list["ModelSource"]()) if functions else releases_and_models(names)
+        (list(names), list[ModelSource]()) if functions else releases_and_models(names)
     )
     specs = _releases(old, news, release_names)
     sizes = replace(plan.sizes, metric=Metric(metric))
@@ -110,7 +111,6 @@ def versions(
 def _releases(
     old: str | None, news: Sequence[str], release_names: Sequence[str]
 ) -> list["ReleaseSpec"]:
-    """Return the old release, then the new ones, from the options and from the arguments."""
     from mjbench.releases.installs import parse_release
 
     names = [old, *release_names] if old else list(release_names)
@@ -119,19 +119,17 @@ def _releases(
     return [parse_release(name) for name in (names[0], *news, *names[1:])]
 
 
-def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSource"]]:
+def releases_and_models(names: Sequence[str]) -> tuple[list[str], list[ModelSource]]:
     """Return the releases among names, and the models of the others; without any, all shipped."""
     from mjbench.releases import installs
-    from mjbench.simulation import models
 
     release_names = [name for name in names if installs.is_release(name)]
     model_names = [name for name in names if name not in release_names]
     return release_names, [_model(name) for name in model_names or models.shipped()]
 
 
-def _model(name: str) -> "ModelSource":
+def _model(name: str) -> ModelSource:
     from mjbench.releases import installs, wheels
-    from mjbench.simulation import models
 
     try:
         return models.resolve(name)

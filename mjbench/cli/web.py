@@ -8,13 +8,13 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, SIZES, STORING, budget, models_argument, with_options
+from mjbench.cli.shared import FILE, LIMIT, SIZES, STORING, budget, models_argument, with_options
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
     from mjbench.paired.run_sizes import Sizes
     from mjbench.releases.installs import ReleaseSpec
-    from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
     from mjbench.web.build_run import Engine
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     "--package",
     "package_folder",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Folder in which npm installed @mujoco/mujoco  [default: one in the cache folder]",
 )
 @click.option(
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 @budget(5, "Time to spend on timing each model.", zero=True)
 @with_options(SIZES, LIMIT, STORING)
 def web(
-    sources: "list[ModelSource]",
+    sources: list[ModelSource],
     release: str | None,
     package_folder: Path | None,
     node_command: str,
@@ -71,7 +71,6 @@ def web(
     from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
-    from mjbench.report.kinds import WEB
     from mjbench.web import measure as builds
     from mjbench.web.records import WebRecord
 
@@ -83,7 +82,7 @@ def web(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         with WorkerPool(time_limit) as pool:
 
-            def measure(source: "ModelSource", _: object) -> Item:
+            def measure(source: ModelSource, _: object) -> Item:
                 return Item([builds.measure(pool, source, plan)])
 
             yield from in_turn(sources, measure, earlier, observer)
@@ -97,7 +96,7 @@ def web(
     }
     files = input_files(sources, [], sizes.starts)
     measurement = Measurement("web", arguments, files, items, finished)
-    run = measure_and_print(measurement, output, each=WEB.sections)
+    run = measure_and_print(measurement, output)
     records = run.session.run().of_type(WebRecord)
     run.exit(status for record in records for status in record.statuses())
 

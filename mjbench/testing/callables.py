@@ -122,9 +122,21 @@ class FunctionPair:
 
 def least_slowdown(confidence: float) -> float:
     """Return the smallest slowdown that one process can decide, as a share."""
-    return math.expm1(margin(confidence, PROCESS_SPREAD))
+    return math.expm1(_margin(confidence))
 
 
+@contextlib.contextmanager
+def _untraced() -> Iterator[None]:
+    """Pause what traces every line of this thread, such as a debugger, while the block runs."""
+    trace = sys.gettrace()
+    sys.settrace(None)
+    try:
+        yield
+    finally:
+        sys.settrace(trace)
+
+
+@_untraced()
 def compare(
     pair: FunctionPair,
     question: SpeedQuestion,
@@ -136,14 +148,7 @@ def compare(
     Args:
       rng: draws the order of each quad; None for one that differs in every process.
     """
-    with untraced():
-        return _compare(pair, question, clock, rng or random.Random())
-
-
-def _compare(
-    pair: FunctionPair, question: SpeedQuestion, clock: Clock, rng: random.Random
-) -> SpeedCheck:
-    begin = clock()
+    rng, begin = rng or random.Random(), clock()
     count = min(
         _calls_per_block(function, pair.setup, clock)
         for function in (pair.baseline, pair.candidate)
@@ -174,8 +179,7 @@ def _too_little_time(rounds: int, question: SpeedQuestion) -> str:
 
 
 def _judge(here: Interval, question: SpeedQuestion) -> SpeedCheck:
-    """Return what rounds show."""
-    between = margin(question.confidence, PROCESS_SPREAD)
+    between = _margin(question.confidence)
     half_width = math.hypot(here.half_width, between)
     low, high = here.mean - half_width, here.mean + half_width
     has_interval = math.isfinite(high)
@@ -202,24 +206,13 @@ def _judge(here: Interval, question: SpeedQuestion) -> SpeedCheck:
     return replace(check, answer=answer)
 
 
-@contextlib.contextmanager
-def untraced() -> Iterator[None]:
-    """Pause what traces every line of this thread, such as a debugger, while the block runs."""
-    trace = sys.gettrace()
-    sys.settrace(None)
-    try:
-        yield
-    finally:
-        sys.settrace(trace)
-
-
 def _calls_per_block(function: Function, setup: Function, clock: Clock) -> int:
     """Return how many calls of a function last as long as a block, after a first one."""
     function()
 
     def block_s(count: int) -> float:
         setup()
-        return _block_s(function, count, clock)
+        return timing.block_s(timing.Contender(_block(function, count)), clock)
 
     return calls.calls_per_block(block_s)
 
@@ -241,10 +234,6 @@ class _Round:
         return float(np.median(self.seconds[is_of]))
 
 
-def _block_s(function: Function, count: int, clock: Clock) -> float:
-    return timing.block_s(timing.Contender(_block(function, count)), clock)
-
-
 def _block(function: Function, count: int) -> Callable[[], None]:
     return functools.partial(calls.repeat, function, count)
 
@@ -260,9 +249,9 @@ def _time_round(pair: FunctionPair, count: int, clock: Clock, rng: random.Random
     return _Round(orders, np.maximum(times, _SHORTEST_S))
 
 
-def margin(confidence: float, deviation: float) -> float:
-    """Return half the width of the interval of a normal value."""
-    return NormalDist().inv_cdf((1 + confidence) / 2) * deviation
+def _margin(confidence: float) -> float:
+    """Return half the width of the interval that is due to where memory happens to lie."""
+    return NormalDist().inv_cdf((1 + confidence) / 2) * PROCESS_SPREAD
 
 
 def of_interval(low: float, high: float, max_slowdown: float) -> Answer:

@@ -102,7 +102,6 @@ class SpeedFixture:
 
 
 def _question(max_slowdown: float, confidence: float, time_limit_s: float) -> SpeedQuestion:
-    """Return what is asked; the test fails where that makes no sense."""
     __tracebackhide__ = True
     for name, value, bounds in (
         ("confidence", confidence, SHARE),
@@ -127,5 +126,4 @@ def _are_disabled(config: pytest.Config) -> bool:
 
 
 def _failure(reason: str) -> BaseException:
-    """Return the exception that fails a test in one line, without a traceback."""
     return pytest.fail.Exception(f"mjbench: {reason}", pytrace=False)
