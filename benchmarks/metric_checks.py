@@ -24,8 +24,8 @@ from benchmarks.studies import tally_file
 from mjbench.paired import compiled_sides, function_verdict, verdict
 from mjbench.paired.compiled_sides import CompiledComparison
 from mjbench.paired.function_pair import FunctionTargets
-from mjbench.paired.metrics import METRICS, Measured
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target

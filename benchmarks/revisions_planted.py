@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.paired import function_verdict, revision_sides
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.revision_sides import RevisionComparison
 from mjbench.paired.run_sizes import Sizes

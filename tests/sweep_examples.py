@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mjbench.host.machine import Machine
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import models

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.metrics import METRICS
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import METRICS, Metric
+from mjbench.paired.outcomes import Verdict
 
 # A size is found if it is within this factor of the published one.
 ROUGHLY = 2.0

@@ -18,8 +18,7 @@ from mjbench.paired import environment_sides, family, outcomes, targets, verdict
 from mjbench.paired.compiled_sides import CompiledComparison
 from mjbench.paired.environment_sides import EnvironmentComparison
 from mjbench.paired.family import Family
-from mjbench.paired.metrics import COMPILING_METRICS
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import COMPILING_METRICS, Metric
 from mjbench.paired.records import VerdictRecord, VerdictRow, finished
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target

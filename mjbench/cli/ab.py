@@ -12,7 +12,7 @@ from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
 from mjbench.cli.shared import STORING, VERDICT_PLAN, metric_option, with_options
 from mjbench.errors import InputError, shown
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement

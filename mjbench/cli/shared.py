@@ -14,8 +14,7 @@ from mjbench.cli.context import OutputOptions
 from mjbench.errors import InputError, one_line
 from mjbench.limits import TIME_LIMIT_S, Bounds
 from mjbench.paired import outcomes
-from mjbench.paired.metrics import METRICS
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 

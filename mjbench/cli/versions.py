@@ -19,7 +19,7 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 

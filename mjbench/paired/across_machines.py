@@ -15,7 +15,8 @@ from typing import Any
 from mjbench.measuring import anytime
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
-from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Metric, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord, VerdictRow
 from mjbench.releases import installs
 from mjbench.simulation.starts import Starts

@@ -10,7 +10,7 @@ from pathlib import Path
 from mjbench.errors import InputError
 from mjbench.paired import environment_sides
 from mjbench.paired.function_pair import FunctionTarget, FunctionTargets, SteppedRun
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
 from mjbench.paired.worker import Worker

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from mjbench.host import machine
 from mjbench.measuring.calls import Compilation
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.pair_work import PairWork, check_growth
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.protocol import LaunchedPair

@@ -22,7 +22,8 @@ from mjbench.paired.function_pair import (
     observe,
 )
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement
-from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import ResultsOutcome, Verdict
 from mjbench.paired.pair_rule import LaunchRule, Sufficiency
 from mjbench.paired.records import (
     MAX_E_VALUE,

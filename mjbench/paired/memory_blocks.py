@@ -15,8 +15,7 @@ from mjbench.errors import UnavailableError
 from mjbench.host import machine
 from mjbench.measuring import calls
 from mjbench.paired.loop_sections import LoopSection
-from mjbench.paired.metrics import GROWTH_UNIT_BYTES
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import GROWTH_UNIT_BYTES, Metric
 from mjbench.paired.worker import Worker, activity
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload

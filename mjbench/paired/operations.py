@@ -15,7 +15,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.errors import InputError, UnavailableError
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.simulation import compat, models, workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product, Workload

@@ -51,35 +51,6 @@ class ResultsOutcome(StrEnum):
     """The function returns nothing, or something that cannot be compared."""
 
 
-class Metric(StrEnum):
-    """What a comparison compares (see `metrics`)."""
-
-    TIME = "time"
-    """Of a block of steps."""
-    P99 = "p99"
-    """The time that 99 of 100 single steps of a block do not exceed."""
-    INSTRUCTIONS = "instructions"
-    """That the engine executes in a step."""
-    LOAD = "load"
-    """The time of `MjModel.from_xml_path`."""
-    RESET = "reset"
-    """The time of `mj_resetData`."""
-    RAYS = "rays"
-    """The time of `mj_ray`."""
-    ROLLOUT = "rollout"
-    """The time of a short call of `mujoco.rollout`."""
-    BATCH = "batch"
-    """The time of a short call of `mujoco.batch.Batch.rollout`."""
-    MEMORY = "memory"
-    """The peak of a new process that loads the model and steps it."""
-    GROWTH = "growth"
-    """What 1,000 steps add to the memory of a process."""
-    ARENA = "arena"
-    """The most that the arena of MjData holds at a time."""
-    COMPILE = "compile"
-    """The time that tracing and compiling a model's steps takes once."""
-
-
 class Arm(StrEnum):
     """How the two targets of a selfcheck differ; the truth follows from it."""
 

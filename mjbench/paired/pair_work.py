@@ -11,7 +11,7 @@ from mjbench.measuring.calls import Compilation
 from mjbench.paired import cores, memory_blocks, operations, preparation
 from mjbench.paired.call_results import Leaf, ResultsCheck, compare
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.records import Pair

@@ -16,7 +16,7 @@ import numpy as np
 from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import DRAWN_PER_RUN, RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s

@@ -22,7 +22,8 @@ from mjbench.measuring import stats
 from mjbench.measuring.calls import Compilation
 from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.stats import Estimate
-from mjbench.paired.outcomes import Cause, Metric, ResultsOutcome, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work

@@ -10,8 +10,7 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.errors import InputError, describe
-from mjbench.paired.metrics import METRICS, Measured
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.records import TargetRow
 from mjbench.paths import parallelism
 from mjbench.releases import installs

@@ -22,8 +22,7 @@ from mjbench.measuring.calls import Compilation
 from mjbench.paired import memory_blocks
 from mjbench.paired.call_results import Leaf, leaves
 from mjbench.paired.loop_sections import LoopSection
-from mjbench.paired.metrics import METRICS, Measured
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.worker import Worker, activity
 
 # How many results are compared: a function may keep state from call to call.

@@ -14,9 +14,9 @@ from mjbench.measuring.progress import Progress
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge, judge_exact
-from mjbench.paired.metrics import METRICS
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.moved_check import Averaging, averaging
-from mjbench.paired.outcomes import Cause, Metric, Verdict
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.pair_rule import Launched, PairRule, Sufficiency
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import (

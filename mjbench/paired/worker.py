@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.host import child, platforms
 from mjbench.paired import memory_layout
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.worker_answers import (
     BLOCK,
     NANOSECONDS,

@@ -1,8 +1,8 @@
 """What the ratio of two targets comes to, in the words of its metric."""
 
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.metrics import GROWTH_UNIT_BYTES, METRICS, Measured
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import GROWTH_UNIT_BYTES, METRICS, Measured, Metric
+from mjbench.paired.outcomes import Verdict
 from mjbench.report import formats
 from mjbench.units import plain
 

@@ -14,8 +14,8 @@ from mjbench.paired.across_machines import (
     MachineVerdict,
 )
 from mjbench.paired.family import Family
-from mjbench.paired.metrics import METRICS, Measured
-from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, ResultsOutcome, Verdict
+from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.releases import packages

@@ -8,7 +8,7 @@ import json
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 
 # Hexadecimal digits of a key's digest.
 _DIGEST_LENGTH = 10

@@ -13,8 +13,7 @@ from mjbench.comparison import selection
 from mjbench.errors import InputError, MachineError, shown, suggestion
 from mjbench.limits import MAX_SECONDS
 from mjbench.paired import targets
-from mjbench.paired.metrics import METRICS
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paths import BASE
 from mjbench.releases import bundle, install_check, installs, package_index
 from mjbench.releases.installs import INSTALLED, NEWEST, PREVIOUS, ReleaseSpec

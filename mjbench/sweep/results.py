@@ -15,7 +15,7 @@ from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure
 from mjbench.host.machine import Machine
 from mjbench.host.neighbours import Disturbance
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.releases import release_ratios

@@ -8,7 +8,7 @@ import pytest
 from mjbench.api import checks
 from mjbench.errors import InputError
 from mjbench.limits import HERTZ, LARGE_COUNT, SECONDS, SECONDS_OR_ZERO, SEED, SHARE, Bounds
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 
 
 def test_values_in_range_are_returned() -> None:

@@ -12,7 +12,7 @@ import mjbench
 from mjbench.errors import InputError, MachineError
 from mjbench.host import child
 from mjbench.loop import rendering
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.simulation import models
 from mjbench.status import Status
 

@@ -4,7 +4,7 @@ import pytest
 
 from mjbench.api.versions import measurement_of
 from mjbench.errors import InputError
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases import installs

@@ -18,7 +18,8 @@ from benchmarks.metric_checks import (
     unchanged,
 )
 from benchmarks.studies import tally_file
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.targets import Target
 from mjbench.simulation import models
 from mjbench.simulation.model_digest import model_digest

@@ -21,7 +21,8 @@ from mjbench.counts.records import (
     FunctionDifference,
 )
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation.models import ModelSource

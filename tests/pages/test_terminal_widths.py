@@ -21,7 +21,7 @@ from verdict_records import SLOWER
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.paired.bisect_records import BisectRecord, BisectTrial, VersionRow
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.records import PackageVersions
 from mjbench.report import bisect, kinds, verdicts
 from mjbench.report.content import DataTable

@@ -17,7 +17,8 @@ from mjbench.paired.across_machines import (
     MachinesOutcome,
 )
 from mjbench.paired.judgement import judge
-from mjbench.paired.outcomes import Cause, Metric, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
 from mjbench.store.runs import InputFile
 

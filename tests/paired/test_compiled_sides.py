@@ -7,7 +7,7 @@ import pytest
 from mjbench.errors import InputError
 from mjbench.paired import compiled_sides
 from mjbench.paired.compiled_sides import CompiledComparison
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
 from mjbench.releases import packages

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
-from mjbench.paired.outcomes import Cause, Metric, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
 from mjbench.status import Status
 

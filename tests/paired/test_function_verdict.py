@@ -21,7 +21,8 @@ from mjbench.paired.function_pair import (
 from mjbench.paired.function_verdict import OtherCodeError
 from mjbench.paired.launches import Targets
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
-from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import ResultsOutcome, Verdict
 from mjbench.paired.records import LaunchRow, VerdictRecord
 from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
 from mjbench.paired.timed_function import CodeOrigin, FunctionFacts, FunctionSource

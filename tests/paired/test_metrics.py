@@ -4,8 +4,8 @@ import pytest
 
 from mjbench.errors import InputError
 from mjbench.paired import operations, targets
-from mjbench.paired.metrics import COMPILING_METRICS, METRICS, Measured
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import COMPILING_METRICS, METRICS, Measured, Metric
+from mjbench.paired.outcomes import Verdict
 
 
 def test_every_metric_is_declared_once_and_says_what_it_means() -> None:

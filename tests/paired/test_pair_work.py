@@ -11,8 +11,9 @@ from paired_examples import CARTPOLE
 
 from mjbench.errors import InputError
 from mjbench.paired import operations, pair_work, preparation
+from mjbench.paired.metrics import Metric
 from mjbench.paired.operations import PreparedOperation
-from mjbench.paired.outcomes import Metric, ResultsOutcome
+from mjbench.paired.outcomes import ResultsOutcome
 from mjbench.paired.pair_work import OperationWork, StepWork
 from mjbench.paired.preparation import Preparation, WorkCheck
 from mjbench.paired.protocol import TargetPair

@@ -12,8 +12,7 @@ import pytest
 from mjbench.errors import InputError, MachineError, UnavailableError
 from mjbench.measuring.calls import Compilation
 from mjbench.paired import timed_function
-from mjbench.paired.metrics import GROWTH_UNIT_BYTES
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import GROWTH_UNIT_BYTES, Metric
 from mjbench.paired.timed_function import CodeOrigin, FunctionSource, TimedFunction
 from mjbench.paired.worker import Worker
 

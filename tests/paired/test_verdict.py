@@ -14,8 +14,9 @@ from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import pair_work, preparation, verdict
 from mjbench.paired.judgement import Judgement, judge
+from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import Averaging
-from mjbench.paired.outcomes import Cause, Metric, Verdict
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes

@@ -3,7 +3,8 @@
 import pytest
 
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.outcomes import Verdict
 from mjbench.report.changes import describe_ratio
 
 

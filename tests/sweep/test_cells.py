@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from sweep_examples import count_cell, verdict_cell
 
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.sweep.cells import Cell, CellKind
 
 CELL = verdict_cell("humanoid")

@@ -12,7 +12,7 @@ from sweep_examples import plan_file
 
 from mjbench.cli.sweep import check_command
 from mjbench.errors import InputError
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import Metric
 from mjbench.simulation import models
 from mjbench.sweep import plan as plans
 from mjbench.sweep.calibration import NodeRules
