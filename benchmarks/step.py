@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from benchmarks import stored
 from benchmarks.settings import Cached, Timed, Tracked
+from mjbench.errors import describe
 from mjbench.simulation import models, work
 from mjbench.status import Status
 
@@ -110,10 +111,11 @@ class Work(Tracked):
 def _counted(model: str) -> Cached[work.Work]:
     """Return the work with solver iterations summed over islands, as all stored results have it."""
     try:
-        workload = stored.stored_workload(model, nstep=stored.nstep_of(model))
+        observation = work.observe(stored.stored_workload(model, nstep=stored.nstep_of(model)))
     except NotImplementedError as reason:
         return Cached(Status.UNAVAILABLE, str(reason))
-    observation = work.observe(workload)
+    except Exception as error:  # of one model, which must not cost the others theirs
+        return Cached(Status.FAILED, describe(error))
     iterations = observation.summed_iterations
     return Cached(
         Status.OK, value=dataclasses.replace(observation.work, solver_iterations=iterations)

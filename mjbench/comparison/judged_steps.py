@@ -52,7 +52,11 @@ JUDGING_S = 15.0
 def judge_smooth(
     model: mujoco.MjModel, singles: SingleSteps, reached: Fields, precision: Precision
 ) -> Measure:
-    """Compare the fields that an engine reached in steps without constraints with those of C."""
+    """Compare single steps without constraints with those of C.
+
+    Args:
+      reached: (n, size) arrays by MjData field, after the engine's steps.
+    """
     in_c = trajectory.take_steps(without_constraints(model), singles.state, singles.control)
     expected = workloads.fields(model, in_c.after)
     error = float(agreement.max_relative_error(reached, expected, COMPARED).max())
@@ -77,7 +81,10 @@ class JudgedConstraints:
 
     @property
     def has_same_contacts(self) -> bool:
-        """Whether contacts change accelerations by no more than rounding does in any model."""
+        """Whether contacts change accelerations by no more than rounding does in any model.
+
+        They may agree and change more, where rounding does more in this model.
+        """
         return self.contacts.answer == EngineAnswer.YES and all(
             pair.largest_effect is not None and pair.largest_effect <= CONTACT_LIMIT[self.precision]
             for pair in self.pairs

@@ -64,8 +64,15 @@ def measure_in_child(
     patience_per_step_s = PATIENCE * work.step_s(model)
     patience_s = patience_per_step_s * sizes.nbatch * sizes.nstep
     channel.allow_silence(patience_s + patience_per_step_s * settling_nstep)
-    size, is_free = (sizes.nbatch, sizes.nstep, plan.hold), plan.nstep is None
-    request = SampleRequest(*size, plan.seed, plan.starts, max_nstep, may_shorten=is_free)
+    request = SampleRequest(
+        sizes.nbatch,
+        sizes.nstep,
+        plan.hold,
+        plan.seed,
+        plan.starts,
+        max_nstep,
+        may_shorten=plan.nstep is None,
+    )
     sample = sampling.draw(model, request)
     own = sample.workload.returning(plan.returns)
     _save(own, sample, files, bool(plan.accelerated))

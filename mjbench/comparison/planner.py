@@ -34,7 +34,8 @@ class PlannerSettings:
     """What a planner does.
 
     Attributes:
-      samples: candidates of a plan, the nominal controls among them, of some knots each.
+      samples: candidates of a plan, the nominal controls among them.
+      knots: controls of a candidate.
       noise: standard deviation of the candidates' noise, as a share of half the control range.
       temperature: of MPPI, as a share of the standard deviation of the candidates' costs.
       elites: share of the candidates that CEM keeps.

@@ -24,7 +24,11 @@ MIN_NBATCH_PER_THREAD = 4
 
 @dataclass(frozen=True)
 class BlockSizes:
-    """Sizes of a workload, whole controls; `reduced` if below the usual ones for a short block."""
+    """The sizes of a workload, which is one block; `nstep` is a multiple of `hold`.
+
+    Attributes:
+      reduced: whether they are below the usual ones to keep a block short.
+    """
 
     nbatch: int
     nstep: int

@@ -32,6 +32,7 @@ class ReferenceCase:
 
     Attributes:
       workload: without diverged simulations.
+      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the reference run.
       outputs: of the reference run, of every step, as the workload asks for.
       numbers: (nbatch,) of the simulations, as they were before they were reordered.
       label: how it differs from what the user asked for, such as `with every input set`.

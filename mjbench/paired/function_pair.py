@@ -43,7 +43,11 @@ class SteppedRun:
 
 @dataclass(frozen=True)
 class FunctionTarget:
-    """A function in one revision, or in one environment: a release with packages beside it."""
+    """A function in one revision, or in one environment: a release with packages beside it.
+
+    Attributes:
+      tree: the hash of the revision's files; empty where environments are compared.
+    """
 
     function: str
     revision: Revision | None

@@ -22,7 +22,11 @@ from mjbench.status import Status
 
 @dataclass(frozen=True)
 class Sufficiency:
-    """What a rule says of launches: they are enough, or not for nothing if time is up."""
+    """What a rule says of the launches so far.
+
+    Attributes:
+      has_answer: whether they are not for nothing if time is up.
+    """
 
     is_enough: bool
     has_answer: bool
@@ -33,6 +37,7 @@ class Launched:
     """What launches of two targets gave, and how they ended.
 
     Attributes:
+      status: how they ended; `OK` also where time ran out.
       detail: one line; empty when ok, unless time ran out before there were enough launches.
       is_enough: whether the rule ended them.
       seconds: from start to end, the workers' start included.

@@ -47,7 +47,10 @@ class WorkCheck:
 
     Attributes:
       drift: how far qpos, qvel and act differ; None where the models differ in size.
-      diverged: simulations that diverged in the baseline, and in the candidate.
+      diverged: simulations that diverged in the baseline, and in the candidate; none of those is
+        timed.
+      warnings: how many other simulations raised each warning, in the baseline, and in the
+        candidate.
       candidate_starts: where those of the candidate came from; None where both start alike.
     """
 

@@ -35,7 +35,10 @@ def command(code: str, core: Path, install: Path | None) -> list[str]:
 
 
 def environment(install: Path | None) -> dict[str, str]:
-    """Return environment variables, without those that change how Python runs."""
+    """Return environment variables, without those that change how Python runs.
+
+    PYTHONPATH stays only where no release is given.
+    """
     variables = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     # nothing is drawn, and importing the window library is a third of importing MuJoCo
     variables["MUJOCO_GL"] = "disable"
@@ -51,7 +54,7 @@ def padded(
 
     Arguments and environment lie at the top of the stack, texts above pointers to them. Where the
     kernel does not draw its address, a longer path of an install would make one target's stack
-    begin elsewhere.
+    begin elsewhere. The stack begins further down by `stack_bytes`, less than _STACK_UNIT_BYTES.
     """
     missing = -(len(command) + len(variables)) % _POINTER_UNIT or _POINTER_UNIT
     variables = {**variables, **{f"{_PADDING}{i}": "" for i in range(missing)}}

@@ -15,7 +15,8 @@ import numpy as np
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.measuring import stats
 from mjbench.paired import cores, moved_check
-from mjbench.paired.launches import StopRule, Targets, launch
+from mjbench.paired.launches import StopRule, Targets
+from mjbench.paired.launches import launch as launch_until_enough
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.protocol import time_quads
@@ -132,7 +133,7 @@ class _Measurement(Targets[float], StopRule[float]):
         """Launch until all tasks are known well enough; `launches` times at most, if given."""
         begin_s = self._clock()
         self._last = None if launches is None else self._count + launches
-        *_, ending = launch(self, self)
+        *_, ending = launch_until_enough(self, self)
         assert ending is not None, "the last one says how it ended"
         self.is_interrupted = ending.status == Status.INTERRUPTED  # and so are the others
         if ending.status not in (Status.OK, Status.INTERRUPTED):
@@ -170,7 +171,9 @@ class _Measurement(Targets[float], StopRule[float]):
         names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
         placements = self._averaging.placements()
         self._pairs = ProcessPairs(self._pool, (reference, release), names, placements)
-        for task in self._tasks if is_first else ():
+        if not is_first:
+            return
+        for task in self._tasks:
             try:
                 task.prepare(self._pool)
             except (InputError, MachineError) as error:

@@ -74,7 +74,12 @@ class ReleaseTask(ABC):
         """See `RatioRecord.series`."""
 
     def prepare(self, pool: WorkerPool) -> None:  # noqa: B027 (most tasks need nothing)
-        """Fix what is done, before the first launch; UnavailableError where a release cannot."""
+        """Fix what is done, before the first launch.
+
+        Raises:
+          UnavailableError: the release cannot do it, although the reference can.
+          InputError: neither can.
+        """
 
     def equip(self, processes: Processes) -> None:  # noqa: B027
         """Have both processes of a launch read what they need."""

@@ -63,7 +63,11 @@ class RunSize(NamedTuple):
     nstep: int
 
     def nsection(self, step_s: float | None, hold: int) -> int:
-        """Return the number of sections of a run; `step_s` is of the target that is faster."""
+        """Return the number of sections of a run of the plain loop; 1 if it is not to be divided.
+
+        Args:
+          step_s: seconds of a step of the target that is faster; None where no run is divided.
+        """
         if step_s is None:
             return 1
         steps = self.nbatch * self.nstep

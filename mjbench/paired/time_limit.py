@@ -108,6 +108,10 @@ class TimeLimit:
     def allows_another(self, launches: int, before_s: float, can_judge: bool) -> bool:
         """Return whether another launch fits, if it takes as long as the average one.
 
+        Args:
+          before_s: what was spent before the first of them.
+          can_judge: whether they are enough for a verdict.
+
         Raises:
           OutOfTimeError: it does not, and they are not.
         """

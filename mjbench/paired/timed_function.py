@@ -43,6 +43,7 @@ class FunctionSource:
       name: of the function, or of a class and its method: `Class.method`.
       file: that the module stands for; empty where it is found by its name.
       text: of that file, which may be another revision's; None likewise.
+      folders: to import from, before all others if `are_first`, else after them.
     """
 
     name: str
@@ -73,7 +74,11 @@ class FunctionFacts:
     """What a process found out about a function.
 
     Attributes:
+      results: of the first calls; empty where they cannot be compared.
+      problem: why they cannot; empty otherwise.
       calls: that last as long as a block.
+      cores: that a call kept busy, on average.
+      misplaced: a module that is not the revision's, and its file; empty without one.
       versions: of what is the same on both sides of a fair comparison, by name.
       compilation: of what it runs; None where nothing is compiled first.
     """

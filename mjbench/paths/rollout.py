@@ -225,6 +225,8 @@ class RolloutInputs:
     """The arrays that a rollout starts from; all variants of a workload share them.
 
     Attributes:
+      start: (nbatch, nphysics) states.
+      warmstart: (nbatch, nv) accelerations.
       control_spec: mjtState components in a row of `control`.
       control: (nbatch, nstep, ncontrol); None without any.
     """

@@ -51,6 +51,9 @@ def read_contacts(
     Args:
       count: number of rows in use, an array of one.
       world: (n,) simulations.
+      geom: (n, 2) ids.
+      distance: (n,) between the geoms, in m.
+      position: (n, 3), in m.
       frame: (n, 3, 3) axes, the normal first.
       margin: (n,) distance below which a contact counts, in m.
     """

@@ -50,7 +50,13 @@ class NodeRules:
 
 @dataclass(frozen=True)
 class NodeState:
-    """What a calibration saw; `stolen` is a share of the processor time."""
+    """What a calibration saw.
+
+    Attributes:
+      cores_had: that as many threads as usable cores got.
+      busy_cores: of the machine, that others kept busy.
+      stolen: share of the processor time that the host gave to others.
+    """
 
     cores: int
     usable_cores: int

@@ -70,7 +70,12 @@ class PlanFile:
             raise self.error(str(error), table, key, item) from None
 
     def error(self, text: str, table: str, key: str = "", item: str = "") -> InputError:
-        """Return the error that something is wrong at a place; the first table is empty."""
+        """Return the error that something is wrong at a place.
+
+        Args:
+          table: empty before the first one.
+          key: empty for the table itself.
+        """
         number = self._line(table, key, item)
         where = f", line {number}" if number else ""
         name = ".".join(filter(None, (table, key)))

@@ -5,7 +5,7 @@ Commands that measure several cells append a record for each; its cell is then c
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -157,13 +157,13 @@ def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
     """Return the result of a cell that has none, because its command never wrote one."""
     began = datetime.now(UTC).isoformat(timespec="seconds")
     header = RunHeader(runs.SCHEMA, cell.kind.value, machine, {}, began=began)
-    record = replace(_ended_record(cell, failure.status), detail=failure.detail)
+    record = _ended_record(cell, failure)
     lines = tuple(run_file.line_of(item).encode() for item in (header, record))
     return CellResult(cell, RunSection(cell.key, Run(header, (record,)), lines))
 
 
-def _ended_record(cell: Cell, status: Status) -> _Timed | ModelRecord:
-    model, release = cell.model, cell.release
+def _ended_record(cell: Cell, failure: Failure) -> _Timed | ModelRecord:
+    model, release, status, detail = cell.model, cell.release, failure.status, failure.detail
     match cell.kind:
         case CellKind.VERSIONS:
             versions = cell.baseline, release
@@ -175,13 +175,19 @@ def _ended_record(cell: Cell, status: Status) -> _Timed | ModelRecord:
                 sides=[TargetRow(version, model, cell.path, {}, {}) for version in versions],
                 metric=cell.metric or Metric.TIME,
                 status=status,
+                detail=detail,
             )
         case CellKind.INSTRUCTIONS:
-            return InstructionsRecord(model=model, release=release, status=status)
+            return InstructionsRecord(model=model, release=release, status=status, detail=detail)
         case CellKind.HISTORY:
             reference = release_ratios.REFERENCE
             return StepRatioRecord(
-                model=model, release=release, build="", reference=reference, status=status
+                model=model,
+                release=release,
+                build="",
+                reference=reference,
+                status=status,
+                detail=detail,
             )
         case CellKind.COMPARE:
-            return ModelRecord(model=model, status=status)
+            return ModelRecord(model=model, status=status, detail=detail)

@@ -61,7 +61,12 @@ class Distance:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How far a model moves from the start at most, as a root mean square over runs."""
+    """How far a model moves: what distances are a share of.
+
+    Attributes:
+      is_rad: (nv,) bool: which degrees of freedom are angles.
+      position: root mean square over runs of the farthest distance from the start, in m and rad.
+    """
 
     is_rad: np.ndarray
     position: Units

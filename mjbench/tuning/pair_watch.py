@@ -17,7 +17,11 @@ _FAR_M = 1000.0
 
 @dataclass(frozen=True)
 class IdlePair:
-    """Bodies that were tested in detail and never touched; None where no distance was computed."""
+    """Two bodies that collision detection tested in detail, and that never touched.
+
+    Attributes:
+      closest_m: the shortest distance seen; None where none was computed, as in old releases.
+    """
 
     body1: str
     body2: str

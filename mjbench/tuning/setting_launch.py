@@ -1,5 +1,7 @@
 """A launch of settings: a fresh process that times each beside the present ones, or runs it.
 
+`launch` and `try_each`, the two ends of the connection, serve C, MJX and Warp.
+
 A block of a setting simulates the same time under the same controls as one of the present settings,
 so a ratio of their times is of a simulated second, whatever the timesteps are. A setting that
 crashes MuJoCo or never returns ends the process; the parent begins another one after it.
@@ -144,9 +146,9 @@ def run_launch(
     if request.nrun:
         baseline = baseline.only(request.nrun)
     model = models.load(ModelSource(source.name, files.model))
-    launch = _Launch(source, files, request, baseline, model)
+    trying = _Launch(source, files, request, baseline, model)
     refusals = (InputError, mujoco.FatalError)
-    try_each(request.settings, end_s, channel, launch.attempt, refusals)
+    try_each(request.settings, end_s, channel, trying.attempt, refusals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +238,15 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
         run_errors = distance.shares(model, scale, within, baseline.reference).tolist()
     effect = Effect.APPROXIMATE if sensors.changed else effect
     apart = distance.distance(model, scale, within, present)
-    return Accuracy(effect, error, apart, along, run_errors, *sensors)
+    return Accuracy(
+        effect,
+        error,
+        apart,
+        along,
+        run_errors,
+        changed_sensors=sensors.changed,
+        sensor_share=sensors.share,
+    )
 
 
 def _effect(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Effect:

@@ -56,7 +56,8 @@ class Trajectories:
     """The states of a model at the end of each control.
 
     Attributes:
-      qpos: (nrun, ncontrol, nq); `qvel` likewise.
+      qpos: (nrun, ncontrol, nq).
+      qvel: (nrun, ncontrol, nv).
       points: (nrun, NPOINT, nstate) whole states after equal shares of the run.
       sensordata: (nrun, NPOINT, nsensordata) of these whole states.
       diverged: (nrun,) bool: which raised a warning of a bad state, or are not finite.
@@ -84,7 +85,12 @@ class Trajectories:
 
 
 class SensorChange(NamedTuple):
-    """How many sensors have changed, and by what share of their largest magnitude others have."""
+    """How sensor data differ from those of other runs.
+
+    Attributes:
+      changed: sensors that differ by more than SENSOR_SHARE of their largest magnitude.
+      share: by how much the others differ at most, as a share of theirs.
+    """
 
     changed: int
     share: float
