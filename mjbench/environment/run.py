@@ -49,6 +49,7 @@ class EnvironmentPlan:
       nstep: steps of it in a pass; None to choose them.
       nenv: numbers of environments in vectorised forms; none for no such forms.
       budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.
+      limit_s: a child that is silent for longer is killed.
     """
 
     nstep: int | None

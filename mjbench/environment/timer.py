@@ -46,7 +46,13 @@ class TimerCost:
 
 @dataclass(slots=True)
 class LayerTime:
-    """What one function, or the lines of the step itself, took in a pass, without timed callees."""
+    """What one function, or the lines of the step itself, took in a pass.
+
+    Attributes:
+      timed_calls: calls of it that were timed, and so cost inside it.
+      inner_calls: timed calls of other functions, which cost it what they cost outside.
+      ns: nanoseconds, without those of functions that it calls and that are timed, too.
+    """
 
     layer: Layer
     name: str

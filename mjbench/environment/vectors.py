@@ -57,7 +57,12 @@ class VectorRequest:
 
 @dataclass(frozen=True)
 class VectorLaunch:
-    """Nanoseconds per step of one environment in one launch, by the position of the form."""
+    """One launch: nanoseconds per step of one environment, by the position of the form.
+
+    Attributes:
+      single_ns: of the same steps in one environment after the other.
+      wrong: why the others cannot be timed.
+    """
 
     ns: Mapping[int, float]
     single_ns: Mapping[int, float]

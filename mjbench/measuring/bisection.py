@@ -37,7 +37,7 @@ class VersionRatio:
 
 @dataclass(frozen=True)
 class ChangePosterior:
-    """What is known about the first slower one of `count` versions.
+    """What is known about the first slower one of `count` versions; the last one is slower.
 
     Attributes:
       change: log ratio of the slower versions over the others.

@@ -59,7 +59,10 @@ def _log_ratios(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> np
 
 
 def pair_log_ratios(orders: Sequence[str], times: np.ndarray) -> np.ndarray:
-    """Return (quads, 2) log ratios: of the pairs that the baseline began, and the candidate.
+    """Return (quads, 2) natural logarithms of candidate over baseline time.
+
+    The first column holds the pairs that the baseline began, the second those that the candidate
+    began.
 
     Args:
       orders: `ABBA` or `BAAB` of each quad; A is the baseline.

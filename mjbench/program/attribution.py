@@ -312,7 +312,7 @@ def _loop_time(
 def _own_lines(samples: Sequence[_Sample], total_s: float) -> list[LineTime]:
     by_line: dict[tuple[str, int], list[_Sample]] = defaultdict(list)
     for sample in samples:
-        by_line[sample.own_frame.file, sample.own_frame.line].append(sample)
+        by_line[activities.place_of(sample.own_frame).position].append(sample)
     times = []
     for of_line in by_line.values():
         frames = [sample.own_frame for sample in of_line]

@@ -131,7 +131,12 @@ class Incident:
 
 @dataclass(frozen=True)
 class ProgramCalls:
-    """The calls of all processes of a program; memory is that of the process that grew most."""
+    """The calls of all processes of a program.
+
+    Attributes:
+      memory_growth_bytes: by how much the memory of the process that grew most has grown since
+        shortly after its first step; None where that is not known.
+    """
 
     calls: Sequence[CallTime] = ()
     incidents: Sequence[Incident] = ()
@@ -144,7 +149,7 @@ def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
     incidents: list[Incident] = []
     growth: list[int] = []
     for file in sorted(folder.glob("*.calls")):
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, struct.error):
+        with contextlib.suppress(OSError, ValueError, LookupError, TypeError, struct.error):
             of_process = _read(file, headers.get(int(file.stem)), names)
             calls += of_process.calls
             incidents += of_process.incidents
@@ -184,7 +189,8 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
             simulations = round(slot.all_steps / max(1, slot.calls))
             incidents.append(Incident(callee, places[0], simulations))
         else:
-            height, width, backend = site.get("detail") or (0, 0, "")
+            detail = site.get("detail")  # of a renderer
+            height, width, backend = detail or (0, 0, "")
             call = CallTime(
                 callee=callee,
                 pid=int(file.stem),
@@ -197,7 +203,7 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
                 last_ns=slot.last_ns,
                 steps=slot.steps,
                 all_steps=slot.all_steps,
-                frame=(int(height), int(width)) if site.get("detail") else None,
+                frame=(int(height), int(width)) if detail else None,
                 backend=str(backend),
                 lines=[place.position for place in places],
             )

@@ -301,7 +301,13 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.
 def _timed_building(
     line: LineTime, exact: Mapping[Activity, float], factor: float, beside: float
 ) -> LineTime:
-    """Return the line under which models are built, with the timed calls that load them."""
+    """Return the line under which models are built, with the timed calls that load them.
+
+    Args:
+      exact: shares of timed calls, by activity.
+      factor: by which samples of what is not timed are scaled.
+      beside: share of what no other line shows, at most.
+    """
     parts = {each: part * factor for each, part in line.activities.items() if each not in exact}
     parts[Activity.LOADING] = exact.get(Activity.LOADING, 0.0)
     parts[Activity.BINDINGS] = parts.get(Activity.BINDINGS, 0.0) + beside
@@ -311,6 +317,7 @@ def _timed_building(
 def _beside_slow(
     time: LoopTime, line: LineTime, share: float, exact: Collection[Activity]
 ) -> Mapping[Activity, float]:
+    """Return what samples saw on the line of a slow call beside the call, such as what frees it."""
     known = {*_KNOWN_BY_LINE, *exact}
     if Activity.DISPATCH in exact:
         known.add(Activity.POLICY)  # JAX itself, where it is called

@@ -24,8 +24,9 @@ class CallRemedy:
     """What to do about calls of some functions in a loop.
 
     Attributes:
-      text: `{count}` stands for the number of calls; a finding's own message is shown instead.
+      text: `{count}` stands for the number of calls.
       trial: that measures what replaces the call; None where nothing does.
+      codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
       is_bound: whether the same has to be computed elsewhere, so that less is saved.
       overlaps: whether the rest of the loop could run meanwhile: no more than that rest is saved.

@@ -37,6 +37,7 @@ class TimeRatio:
     """The time of what mjbench suggests, over that of what the program does, with a 95 % interval.
 
     Attributes:
+      low, high: of several processes, from the lowest end to the highest.
       saved_s: seconds that are saved each time, by the medians.
       created_share: share of the time of what the program does in which it creates an object:
         calls that are timed in the program hold that alone.

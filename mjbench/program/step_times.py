@@ -29,7 +29,9 @@ class Header:
     Attributes:
       first_ns: when the first call began, on the clock of `time.perf_counter_ns`; 0 before it.
       was_away: 1 if calls were made while the clock was away; they are not counted.
-      cost_ns, timed_ns: what the clock cost the program, as calibrated, and for each timed call.
+      cost_ns: what the clock cost the program, as calibrated.
+      timed_ns: what it cost for each call that has a record.
+      process_ns: when the process began, on the same clock.
     """
 
     pid: int

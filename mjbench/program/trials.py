@@ -76,7 +76,8 @@ class Way:
     """One way of doing something.
 
     Attributes:
-      create, use: create an object, and do the rest of `run` with it, if it needs one.
+      create: creates an object for `use`, which together do what `run` does; None if it needs none.
+      use: does the rest with the object, which the caller frees.
       has_timer: whether steps read the timer of MuJoCo's Python package.
       prepare: takes over a state, before it is timed.
     """

@@ -61,8 +61,8 @@ class ChangePoint:
 class Excursion:
     """A single release that is off, where the next one is not: a regression, or an outlier.
 
-    The change is from the mean of the segments around it. The newest release has no next one, so it
-    cannot be an excursion yet.
+    The change of the log ratio is from the mean of the segments around it. The newest release has
+    no next one, so it cannot be an excursion yet.
     """
 
     index: int
@@ -73,7 +73,7 @@ class Excursion:
 class Drift:
     """Releases from `begin` to before `end` over which the log ratio changes slowly.
 
-    The change is of all together, without change points in between.
+    The change is that of the log ratio in all, without change points in between.
     """
 
     begin: int
@@ -93,7 +93,7 @@ class Changes:
 def changes(
     log_ratios: Sequence[float], deviations: Sequence[float], min_change: float = MIN_CHANGE
 ) -> Changes:
-    """Return the change points, the excursions and the drifts of at least `min_change`."""
+    """Return the changes of a series that are at least `min_change`, a log ratio."""
     parts = segments(log_ratios, deviations)
     excursions = [
         excursion

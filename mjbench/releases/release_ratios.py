@@ -91,7 +91,8 @@ def averaged(launches: Sequence[LaunchRatio]) -> LogEstimate | None:
 def as_shipped(launches: Sequence[LaunchRatio]) -> LogEstimate | None:
     """Return the ratio of the launches that moved nothing; None with fewer than two.
 
-    They are few, and may agree by chance: their deviation is at least that of all placements.
+    They are few, and may agree by chance: their deviation is at least that
+    which all launches have of those with the same placement.
     """
     shipped = [launch.log_ratio for launch in launches if launch.placement is None]
     ratio = _estimate(shipped, None)

@@ -452,7 +452,7 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
     if form := environment.fastest(forms):
         yield CheckupItem(
             action=f"step {form.nenv} environments in one {form.form}",
-            gain=_ratio(form.speedup),
+            gain=ratio_of(form.speedup),
             unit=GainUnit.ONE_ENVIRONMENT,
             change=ResultChange.NONE,
             group=GainGroup.VECTORS,
@@ -473,7 +473,7 @@ def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
     return CheckupItem(
         action=f"step its physics yourself, by {environment.place(path)}{loop}",
         variant=Variant(path.path, path.options),
-        gain=_ratio(path.speedup),
+        gain=ratio_of(path.speedup),
         unit=GainUnit.ENV_STEP,
         change=ResultChange.STATED,
         change_detail="the same physics, without observation, reward and wrappers",
@@ -482,5 +482,5 @@ def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
     )
 
 
-def _ratio(speedup: Estimate | None) -> Ratio | None:
+def ratio_of(speedup: Estimate | None) -> Ratio | None:
     return None if speedup is None else Ratio(speedup.median, speedup.low, speedup.high)

@@ -43,6 +43,9 @@ class ReferenceSteps:
     """Single steps of C from states of a run; in every second one, each input has a value.
 
     Attributes:
+      state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
+      control: (n, nu).
+      after: (n, nstate) states after the step.
       is_constrained: (n,) bool: whether a constraint acted.
       shadow: (n,) difference of the shadow's step (see `differences`).
     """

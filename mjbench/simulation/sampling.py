@@ -148,7 +148,8 @@ def settled_step_s(model: mujoco.MjModel) -> float:
     settle_s = starts.settle_s(model, StartPlan())
     nstep = starts.settle_nstep(model, settle_s, starts.max_settling_nstep(work.step_s(model)))
     settled = starts.settled(model, 1, nstep)
-    return work.step_s(model, None if settled is None else settled[0][0])
+    states = None if settled is None else settled[0]
+    return work.step_s(model, None if states is None else states[0])
 
 
 def _candidates(model: mujoco.MjModel, request: SampleRequest, given: _Given) -> Iterator[Sample]:

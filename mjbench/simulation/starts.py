@@ -222,7 +222,10 @@ def settled(
 def _settling_run(
     model: mujoco.MjModel, after: np.ndarray, hold: int, seed: int, spread: float
 ) -> tuple[np.ndarray, float | None] | None:
-    """Return what `settled` does, as it is after ascending numbers of steps."""
+    """Return states of one run after ascending numbers of steps, and the share of trees asleep.
+
+    None stands for a run that diverges.
+    """
     data = mujoco.MjData(model)
     nstep = whole_holds(int(after[-1]), hold) + hold
     rng = np.random.default_rng([seed, 2])
