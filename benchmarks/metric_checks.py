@@ -127,8 +127,8 @@ def planted(folder: Path, metrics: Sequence[Metric]) -> Iterator[Case]:
             continue
         yield Case("a longer file", metric, metric, longer, is_slower=metric == Metric.LOAD)
         if metric in (Metric.TIME, Metric.P99, Metric.LOAD, Metric.RESET):
-            slower = metric in (Metric.TIME, Metric.P99)
-            yield Case("a heavier step", metric, metric, heavier, is_slower=slower)
+            is_slower = metric in (Metric.TIME, Metric.P99)
+            yield Case("a heavier step", metric, metric, heavier, is_slower)
 
 
 def unchanged(metrics: Sequence[Metric], pairs: int) -> Iterator[Case]:

@@ -154,7 +154,7 @@ def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCo
             record = replace(record, variants=[*variants, twice])
             launcher = RaceLaunches(pool, children, record.variants)
             everyone = range(len(record.variants))
-            timed = [launcher.launch(everyone, False) for _ in range(launches)]
+            timed = [launcher.launch(everyone) for _ in range(launches)]
             stored.write(json.dumps(to_json(replace(record, launches=timed))) + "\n")
             stored.flush()
             print(f"{name}: {launches} launches of {len(everyone)} paths", flush=True)
