@@ -9,7 +9,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
 from mjbench.report import formats
-from mjbench.report.checkup_items import CheckupItem, ResultChange
+from mjbench.report.checkup_item import CheckupItem, ResultChange
 from mjbench.tuning.records import Effect, TuneRecord
 from mjbench.tuning.search_base import LEAST_GAIN
 

@@ -35,7 +35,7 @@ from mjbench.program import launch
 from mjbench.program.records import ProgramRow
 from mjbench.report import checkup as report
 from mjbench.report.checkup import CheckupDocument
-from mjbench.report.checkup_items import CheckupItem
+from mjbench.report.checkup_item import CheckupItem
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.status import Status

@@ -218,10 +218,8 @@ def measure_and_print(
     """Measure as the options of a command say; print and store what comes of it.
 
     Args:
-      each: what an item comes to; None to print nothing before the end.
-      summary: what all items come to, printed at the end; None for nothing.
-      at_end: where neither is given, whether the sections of the kind are of all items, rather
-        than of each.
+      each: prints what an item comes to; summary: what all come to, at the end. Without both, the
+        sections of the kind are printed: of each item, or of all `at_end`.
       code: whether snippets are printed, too; None for a command without that option.
     """
     from mjbench.api.session import Session

@@ -84,6 +84,7 @@ class CountedWork:
     """What was done between two markers.
 
     Attributes:
+      warnings: how many of the simulations that did not diverge raised each warning, by its name.
       healthy: (nbatch,) bool: the simulations that did not diverge.
       followed: what the release did from the states of the workload's probe; None without one.
       starts: where start states came from; None where another process drew them.

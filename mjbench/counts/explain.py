@@ -233,7 +233,10 @@ def verdicts(
     stored: Sequence[VerdictRecord] = (),
     on_candidate: Callable[[int], None] = lambda number: None,
 ) -> Iterator[VerdictRecord]:
-    """Yield the verdict on each model in each new release; `on_candidate` gets its position."""
+    """Yield the verdict on each model in each new release.
+
+    `on_candidate` is called with the position of a release before its models are counted.
+    """
     baselines: dict[str, ModelCount] = {}
     for number, candidate in enumerate(comparison.candidates):
         on_candidate(number)

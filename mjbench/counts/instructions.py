@@ -173,13 +173,13 @@ def _count_until_death(
     with _program(release, tasks, folder, limit_s) as connection:
         for number, task in enumerate(tasks):
             answer: CountAnswer
-            is_over = False
+            has_ended = False
             try:
                 answer = connection.unpickled(connection.receive(limit_s))
             except ChildError as error:
                 hung = error.ending == Status.TIMEOUT
                 answer = Failure(error.ending, f"{error.cause}, killed" if hung else str(error))
-                is_over = True
+                has_ended = True
             # numbered from 1; each task's first one holds what came before its passes
             first = counted_program.MARKERS * number + 2
             passes = range(first, first + counted_program.MARKERS - 1)
@@ -187,7 +187,7 @@ def _count_until_death(
             end_s = time.monotonic()
             yield replace(_task_count(release, task, answer, dumps), seconds=end_s - begin_s)
             begin_s = end_s
-            if is_over:
+            if has_ended:
                 return
 
 

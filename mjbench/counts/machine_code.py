@@ -64,7 +64,7 @@ class Instruction:
     constants: tuple[bytes | None, ...] = ()
     callee: str | None = None
     successor: int | None = None
-    source_line: int | None = None
+    source_line: int | None = None  # that it passes to a function, to name it in a message
 
     @property
     def is_nop(self) -> bool:

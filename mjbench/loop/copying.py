@@ -40,6 +40,7 @@ class Copying:
         self._stored = stored_views(names.script)
 
     def refusal(self, view: ast.expr) -> str:
+        """Return why a view that a loop stores cannot be copied there; empty if it can."""
         body = self._stored.loop_around(view)
         above = self._script.above(view)
         containers = ast.Tuple | ast.List | ast.Dict
@@ -105,6 +106,7 @@ class Copying:
         return False
 
     def _use(self, log: ast.Name, view: ast.expr, loop: Loop) -> str:
+        """Return where a log may be used for more than to store, or to read and copy."""
         scope = self._bindings.scope_of(loop)
         is_list_of_views = isinstance(self._parents[view], ast.Call)  # `log.append(data.qpos)`
         for node in name_nodes(scope):

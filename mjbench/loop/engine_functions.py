@@ -23,8 +23,9 @@ STEPPING = ("mj_step", "mj_step1", "mj_step2")
 def replaced(wrappers: Wrappers) -> Iterator[None]:
     """Replace functions of `mujoco` while the block runs.
 
-    Blocks may overlap without nesting, in any threads: a call then passes through the wrappers of
-    each that runs. When the last one ends, the functions are those of before the first.
+    Names that this release of MuJoCo does not have are skipped. Blocks may overlap without nesting,
+    in any threads: a call then passes through the wrappers of each that runs. When the last one
+    ends, the functions are those of before the first.
     """
     _WRAPPERS.begin(wrappers)
     try:

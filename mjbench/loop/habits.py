@@ -28,6 +28,8 @@ class Habit:
     Snippets may use the names of `loop_names`, and those that `setup` defines.
 
     Attributes:
+      setup: statements that run once, before the first run of the loop; `before_run` and
+        `after_run` are in each run of it.
       cheaper: name of the habit that does the same for less; empty if there is none.
       value: expression for what the habit computed, evaluated after the last step; `body` if
         empty.

@@ -83,6 +83,7 @@ class Hoisting:
         return hoists, refusals
 
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
+        """Return why a call cannot be hoisted out of a loop; empty if it can."""
         if loop is None:
             return "it is in a function that the loop calls"
         lines = self._lines[call.lineno - 1 : call.end_lineno]

@@ -78,6 +78,7 @@ class StepSamples:
     """The steps of one pace, one entry each.
 
     Attributes:
+      rate_hz: of paced steps; None for free-running ones.
       features: what happened in each step, by name: contacts, solver iterations, garbage
         collections, page faults, preemptions, and by how much it began late.
     """

@@ -97,6 +97,7 @@ class Launch:
     """From a child: what one launch measured.
 
     Attributes:
+      bare_ns: of a step of the bare loop, the median over quads.
       added_ns: to each step by a habit, by its name; medians over quads.
     """
 

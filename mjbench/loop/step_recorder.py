@@ -269,7 +269,11 @@ def _saved(model: mujoco.MjModel) -> IO[bytes]:
 
 
 class StepRecorder:
-    """The replacements of MuJoCo's stepping functions, and what they have seen."""
+    """The replacements of MuJoCo's stepping functions, and what they have seen.
+
+    Up to `max_states` of each model are stored. With `model`, only that and those with its digest
+    are captured; with `data`, only that.
+    """
 
     def __init__(
         self,

@@ -252,9 +252,7 @@ class SteppingScript:
                 is_of_model = (
                     accessor in _MODEL_ACCESSORS and dotted_name(owner) in self._model_names
                 )
-                return (is_of_model and accessor in _MODEL_ACCESSORS) or self.is_access_to_data(
-                    node
-                )
+                return is_of_model or self.is_access_to_data(node)
         return False
 
     def step_loop_around(self, node: ast.AST) -> Loop | None:

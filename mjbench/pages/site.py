@@ -330,7 +330,7 @@ def _report_link(named: NamedRun, text: str) -> str:
 
 
 def _index(project: Project, source: Path) -> Iterator[str]:
-    """Yield the first page, on which no run is that failed, or was disturbed."""
+    """Yield the first page; runs that failed or were disturbed are not on it."""
     by_file = _by_file(project.runs)
     yield "# How fast is MuJoCo from Python?\n"
     if project.history is not None:

@@ -23,13 +23,8 @@ from mjbench.report import (
     tuning,
     tuning_notes,
 )
-from mjbench.report.checkup_items import (
-    CheckupItem,
-    GainGroup,
-    GainUnit,
-    ResultChange,
-    combination_gain,
-)
+from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
+from mjbench.report.checkup_items import combination_gain
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.report.starts import starts_lines

@@ -48,7 +48,6 @@ def _closeness(measure: Measure) -> float:
 
 
 def _contact_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
-
     return DataTable.of(
         "Contacts",
         [(path, pair) for path, judgement in judged for pair in judgement.pairs],

@@ -32,7 +32,7 @@ class SpeedHistory:
       operations: around the step.
       counts: of instructions by function, of neighbouring releases, on any machine.
       causes: that no measurement names.
-      name: of the machine.
+      name: of the machine that steps were measured on.
       since: the first release whose changes are listed; None for all.
       failures: records of what a release crashed, hung or failed in.
       operations_machine: that operations were measured on, if it is another one.

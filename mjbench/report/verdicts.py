@@ -29,7 +29,8 @@ from mjbench.units import count_of, duration
 
 # Machines that a sentence names, at most; of more it says how many.
 _MOST_NAMES = 3
-# Without state it was 0.99 to 1.03, in six comparisons on a busy machine; with it, 4.0 and 4.6.
+# Calls whose time changes by more than this factor within a process are noted. Without state it was
+# 0.99 to 1.03, in six comparisons on a busy machine; with it, 4.0 and 4.6.
 _STEADY = 1.5
 
 _WORK = {True: "changed", False: "same"}
@@ -292,8 +293,8 @@ def _revision_lines(row: VerdictRow) -> list[str]:
     if row.slowing is not None and max(row.slowing, 1 / row.slowing) > _STEADY:
         lines.append(
             f"calls took {formats.factor(row.slowing)} times as long at the end of a process as at"
-            " its beginning: the benchmark keeps state, so the ratio depends on how often it is"
-            " called"
+            " its beginning: the benchmark keeps state or warms up, so the ratio depends on how"
+            " often it is called"
         )
     if row.control is not None:
         lines.append(describe_control(row.control))

@@ -44,6 +44,7 @@ class CReference:
     """A model, its workload, and what C does with that.
 
     Attributes:
+      files: that the model is compiled from, its own first.
       block_file: holds the workload of a timed block, final states included.
       compile_ms: to compile the model, with loading its files.
     """

@@ -73,6 +73,7 @@ def find(version: str | None = None, folder: Path | None = None) -> NpmPackage:
 
     Args:
       version: of the release; None for the pinned one, or for whichever `folder` has.
+      folder: into which npm installed it, or the package itself; None for the cache folder.
     """
     if folder is not None:
         package = _in_folder(folder)

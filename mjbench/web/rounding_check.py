@@ -184,6 +184,11 @@ def failures(check: RoundingCheck) -> list[str]:
 def _errors(errors: np.ndarray, steps: ReferenceSteps, which: np.ndarray) -> StepErrors:
     if not which.any():
         return StepErrors(0, 0.0, 0.0, 0.0, 0.0)
-    both = errors[which], steps.shadow[which]
-    largest, medians = (map(float, map(of, both)) for of in (np.max, np.median))
-    return StepErrors(int(which.sum()), *largest, *medians)
+    error, shadow = errors[which], steps.shadow[which]
+    return StepErrors(
+        int(which.sum()),
+        float(error.max()),
+        float(shadow.max()),
+        float(np.median(error)),
+        float(np.median(shadow)),
+    )

@@ -22,7 +22,7 @@ from mjbench.program.activities import Activity, Place
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
 from mjbench.report import advice, checkup, checkup_items, tuning
-from mjbench.report.checkup_items import GainUnit, ResultChange
+from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
 from mjbench.status import Status
