@@ -77,7 +77,7 @@ def test_what_was_missed_falsely_named_or_not_measured_is_wrong(
 def test_committed_comparisons_are_right_and_as_many_as_the_page_has() -> None:
     results = tally_file.load(ROOT / "results/metrics.json", list[Result], "metrics")
     measured = {result.checks for result in results}
-    assert {*PAIRED} - measured <= {Metric.COMPILE}, "which needs a machine without other work"
+    assert measured == {*PAIRED}
     undecided = Counter[str]()
     for metric in measured:
         of_metric = [result for result in results if result.checks == metric]
@@ -88,5 +88,7 @@ def test_committed_comparisons_are_right_and_as_many_as_the_page_has() -> None:
         for result in of_metric:
             if not result.case.startswith("itself"):
                 right = Verdict.SLOWER if result.is_slower else Verdict.SAME
+                if metric == Metric.COMPILE and not result.is_slower:  # the time of MJX's steps
+                    right = Verdict.INCONCLUSIVE
                 assert result.verdict.verdict == right
-    assert +undecided == {"load": 14, "p99": 9, "rollout": 1}
+    assert +undecided == {"compile": 20, "load": 14, "p99": 9, "rollout": 1}
