@@ -33,7 +33,7 @@ from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import PathResult, derive_all
-from mjbench.simulation import agreement, package_timer, sampling, starts, workload
+from mjbench.simulation import changed_work, package_timer, sampling, starts, workload
 from mjbench.simulation.judgement import Precision
 from mjbench.store import runs
 from mjbench.testing import callables, fixture
@@ -96,7 +96,7 @@ def history() -> Iterator[str]:
 
 
 def paired() -> Iterator[str]:
-    yield f"differ by more than {percent(agreement.SAME_WORK, 1)}"
+    yield f"differ by more than {percent(changed_work.SAME_WORK, 1)}"
     yield f"(`--min-effect`, {percent(outcomes.MIN_EFFECT)})"
     yield "the time that 99 of 100 single steps do not exceed"  # p99
     unit = f"{metrics.GROWTH_UNIT_BYTES / 1e6:.0f} MB"

@@ -26,7 +26,8 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import FINISHED
 from mjbench.store import runs
-from mjbench.store.run_file import RunFile, check_continues
+from mjbench.store.resume import check_continues
+from mjbench.store.run_file import RunFile
 from mjbench.store.runs import Record, Run, RunHeader
 
 

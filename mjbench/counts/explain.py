@@ -1,6 +1,6 @@
 """Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.counts import counted_program
@@ -9,13 +9,9 @@ from mjbench.counts.function_differences import (
     code_shares,
     function_differences,
     is_different,
-    moved_groups,
 )
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
-    OTHER_CODE,
-    CodeChange,
-    CodeShare,
     ExplainRecord,
 )
 from mjbench.errors import MachineError
@@ -24,90 +20,13 @@ from mjbench.paired.judgement import exact_verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
 from mjbench.releases.installs import ReleaseSpec
-from mjbench.simulation import agreement, work_check
+from mjbench.simulation import changed_work, work_check
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
-from mjbench.units import percent_change
 
 # Two counts of the same work differ by less, as a share (tests/counts/test_instructions.py).
 REPEATABILITY = 0.001
-# Ratios of time and of instructions that differ by more have a cause that instructions do not show.
-DISAGREEMENT = 0.03
-
-
-def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
-    """Return what changed, a line each: first by how much, then in what."""
-    old, new = baseline.instructions_per_step, candidate.instructions_per_step
-    assert old and new, "both were counted"
-    ratio = new / old
-    changes = _work_changes(baseline, candidate, row.time)
-    counts = f"instructions per step {old:,.0f} → {new:,.0f} ({percent_change(ratio)} %)"
-    time = row.time
-    lines = [
-        f"{_describe_time(time, time.ratio)}; {counts}" if time and time.ratio else counts,
-        "changed work: " + ", ".join(changes) if changes else "same work",
-    ]
-    return lines + _code_lines(row) + (_time_lines(time, ratio) if time else [])
-
-
-def _code_lines(row: ExplainRecord) -> list[str]:
-    if row.code is None:
-        return [f"machine code not compared: {row.code_detail}"]
-    details = ", ".join(
-        f"{change} {share.functions} ({100 * share.share:.1f} %)"
-        for change, share in row.code.items()
-    )
-    lines = [f"{_code_conclusion(row.code)}: {details}"]
-    for group in moved_groups(row.functions):
-        parts = " and ".join(f"{each.name} ({each.difference:+,.0f})" for each in group)
-        total = sum(each.difference for each in group)
-        lines.append(f"cost moved between {parts}, together {total:+,.0f}")
-    return lines
-
-
-def _code_conclusion(code: Mapping[CodeChange, CodeShare]) -> str:
-    total = sum(share.functions for share in code.values())
-    changed = [share for change, share in code.items() if change in OTHER_CODE]
-    unknown = code.get(CodeChange.UNKNOWN, CodeShare(0, 0.0))
-    if changed:
-        functions = sum(share.functions for share in changed)
-        cost = 100 * sum(share.share for share in changed)
-        return (
-            f"code changed in {functions} of {total} executed functions,"
-            f" which execute {cost:.1f} % of the instructions"
-        )
-    if unknown.share > REPEATABILITY:
-        return (
-            f"code changed in none of {total} executed functions, as far as it is known"
-            f" (unknown for {100 * unknown.share:.1f} % of the instructions)"
-        )
-    return (
-        f"code changed in none of {total} executed functions,"
-        " so a difference in time has another cause, such as memory layout"
-    )
-
-
-def _describe_time(time: VerdictRow, ratio: Ratio) -> str:
-    interval = "interval unknown"
-    if ratio.low is not None and ratio.high is not None:
-        interval = f"{percent_change(ratio.low)} to {percent_change(ratio.high)}"
-    return f"{time.verdict}, time {percent_change(ratio.estimate)} % ({interval})"
-
-
-def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
-    lines = [] if time.status == Status.OK else [f"time not compared: {time.detail}"]
-    if time.ratio is None or time.ratio.low is None or time.ratio.high is None:
-        return lines
-    difference = abs(time.ratio.estimate - instruction_ratio)
-    low, high = time.ratio.low - DISAGREEMENT, time.ratio.high + DISAGREEMENT
-    if difference > DISAGREEMENT and not low <= instruction_ratio <= high:
-        lines.append(
-            f"time and instructions disagree by {100 * difference:.1f} points: instruction counts"
-            " do not show cache misses, mispredicted branches, wider or slower instructions (SIMD,"
-            " division), memory allocation in the kernel, and system calls"
-        )
-    return lines
 
 
 def explain_change(
@@ -176,7 +95,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
         detail="; ".join(details),
         verdict=exact_verdict(ratio.estimate, min_effect) if ratio else None,
         ratio=ratio,
-        changed_work=None if failed else bool(_work_changes(baseline, candidate, None)),
+        changed_work=None if failed else bool(work_changes(baseline, candidate, None)),
         work=work,
         drift=drift.one_step if drift else None,
         run_drift=drift.runs if drift else (),
@@ -194,16 +113,7 @@ def state_drift(baseline: ModelCount, candidate: ModelCount) -> StateDrift | Non
     return work_check.drift(baseline.followed, candidate.followed, healthy)
 
 
-def _ratio(baseline: ModelCount, candidate: ModelCount) -> Ratio | None:
-    if not baseline.instructions_per_step or not candidate.instructions_per_step:
-        return None
-    estimate = candidate.instructions_per_step / baseline.instructions_per_step
-    return Ratio(estimate, estimate / (1 + REPEATABILITY), estimate * (1 + REPEATABILITY))
-
-
-def _work_changes(
-    baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
-) -> list[str]:
+def work_changes(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None) -> list[str]:
     """Return how the work of the two differs, for people; empty where it is the same.
 
     Where time was compared, single steps were compared with it; they are counted without otherwise.
@@ -212,9 +122,16 @@ def _work_changes(
     one_step = drift.one_step if drift else None
     if time is not None and time.drift is not None:
         one_step = max(one_step or 0.0, time.drift)
-    return agreement.work_changes(
+    return changed_work.work_changes(
         baseline.work, candidate.work, one_step, (baseline.diverged, candidate.diverged)
     )
+
+
+def _ratio(baseline: ModelCount, candidate: ModelCount) -> Ratio | None:
+    if not baseline.instructions_per_step or not candidate.instructions_per_step:
+        return None
+    estimate = candidate.instructions_per_step / baseline.instructions_per_step
+    return Ratio(estimate, estimate / (1 + REPEATABILITY), estimate * (1 + REPEATABILITY))
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import DrawnWorkload, Observed
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.simulation import agreement, starts, work_check
+from mjbench.simulation import changed_work, starts, work_check
 from mjbench.simulation.sampling import LEAD_IN, SampleRequest
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
@@ -74,7 +74,7 @@ class WorkCheck:
     def changes(self) -> list[str]:
         """How the work changed, in a few words each; empty where it is the same."""
         one_step = self.drift.one_step if self.drift else None
-        return agreement.work_changes(self.baseline, self.candidate, one_step, self.diverged)
+        return changed_work.work_changes(self.baseline, self.candidate, one_step, self.diverged)
 
     @property
     def changed(self) -> bool:

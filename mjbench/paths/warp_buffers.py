@@ -12,8 +12,8 @@ from mjbench.errors import MachineError
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.work import Peaks
 
-# Size of the buffers for contacts and constraints, as a multiple of the reference run's peak.
-_PEAK_FACTOR = 2
+# Buffers hold this many times the contacts and constraints that C needs at most.
+PEAK_FACTOR = 2
 # The contact buffer also holds pairs that are merely near. Its size is at least MuJoCo Warp's own
 # default for each world of a model of plain geoms (make_data without nconmax).
 _MIN_CONTACTS = 48
@@ -30,8 +30,8 @@ def buffer_sizes(
 ) -> dict[str, int]:
     """Return buffer sizes by make_data's names: contacts of all worlds, constraints of each."""
     sizes = {
-        "nconmax": max(_MIN_CONTACTS, _PEAK_FACTOR * peaks.contacts),
-        "njmax": max(1, _PEAK_FACTOR * peaks.constraints),
+        "nconmax": max(_MIN_CONTACTS, PEAK_FACTOR * peaks.contacts),
+        "njmax": max(1, PEAK_FACTOR * peaks.constraints),
         **(given or {}),
     }
     return {"naconmax": nbatch * sizes["nconmax"], "njmax": sizes["njmax"]}

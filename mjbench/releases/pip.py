@@ -4,7 +4,6 @@ pip says "no matching distribution" when there is no such version, and also when
 reached. Its output is for people, so the index is asked instead of parsing it.
 """
 
-import bisect
 import contextlib
 import logging
 import os
@@ -12,17 +11,13 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
-
-from packaging.version import Version
 
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.host import child, scratch
 from mjbench.releases import package_index, packages
-from mjbench.releases.release import OLDEST, version_key
-from mjbench.releases.wheels import wheel_of
 from mjbench.status import ExitCode
 
 _LOG = logging.getLogger(__name__)
@@ -35,8 +30,6 @@ _OF_COMPILER = re.compile(r"\b(?:error|\w+Error): (?!subprocess-exited)")
 _OF_RESOLVER = "ERROR: ResolutionImpossible"
 # The variable that stands for a version which a build would ask git for: there is no repository.
 _VERSION_OF_GIT = "SETUPTOOLS_SCM_PRETEND_VERSION"
-# How many other versions an error names.
-_NEAREST = 4
 
 
 class BuildError(MachineError):
@@ -136,30 +129,8 @@ def _reason(stderr: str) -> str:
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
     try:
-        files_of = package_index.files()
+        if not local and (problem := package_index.why_not_there(version)):
+            return InputError(problem)
     except MachineError as error:
         return MachineError(f"cannot install MuJoCo {version}: {error}; pip says: {reason}")
-    if not local:
-        available = _available(files_of)
-        if Version(version) not in available:
-            on_index = Version(version) in map(Version, files_of)
-            where = "for this Python" if on_index else "on the package index"
-            return InputError(f"there is no MuJoCo {version} {where}{_nearest(version, available)}")
     return MachineError(f"cannot install MuJoCo {version}: {reason}")
-
-
-def _available(files_of: Mapping[str, Sequence[str]]) -> list[Version]:
-    return sorted(
-        Version(version)
-        for version, files in files_of.items()
-        if any(wheel is not None and wheel.fits for wheel in map(wheel_of, map(Path, files)))
-    )
-
-
-def _nearest(version: str, available: Sequence[Version]) -> str:
-    final = [v for v in available if not v.is_prerelease and version_key(str(v)) >= OLDEST]
-    if not final:
-        return ""
-    position = bisect.bisect(final, Version(version)) - _NEAREST // 2
-    first = max(0, min(position, len(final) - _NEAREST))
-    return f"; the nearest are {', '.join(map(str, final[first : first + _NEAREST]))}"

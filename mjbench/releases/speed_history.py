@@ -10,7 +10,7 @@ from mjbench.releases import change_points, release_ratios
 from mjbench.releases.change_points import Changes
 from mjbench.releases.release import version_key
 from mjbench.releases.release_ratios import LogEstimate, RatioRecord, StepRatioRecord
-from mjbench.simulation import agreement
+from mjbench.simulation import changed_work
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -121,11 +121,11 @@ def work_changes(before: MeasuredRelease, after: MeasuredRelease) -> list[str]:
     """
     old, new = before.record, after.record
     if not (isinstance(old, StepRatioRecord) and isinstance(new, StepRatioRecord)):
-        return ["another result"] if agreement.result_changes(old.drift, new.drift) else []
+        return ["another result"] if changed_work.result_changes(old.drift, new.drift) else []
     changes = []
     if knows_work(before, after) and old.work is not None and new.work is not None:
-        changes += agreement.counter_changes(old.work.as_dict(), new.work.as_dict())
-        changes += agreement.result_changes(old.drift, new.drift)
+        changes += changed_work.counter_changes(old.work.as_dict(), new.work.as_dict())
+        changes += changed_work.result_changes(old.drift, new.drift)
     if old.diverged != new.diverged:  # each is then timed with other simulations
         changes.append(f"{new.diverged} simulations diverge instead of {old.diverged}")
     return changes

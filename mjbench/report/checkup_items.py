@@ -18,7 +18,15 @@ from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Basis, Remedy, RemedyKind
-from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
+from mjbench.report import (
+    advice,
+    engine_warnings,
+    environment,
+    formats,
+    program,
+    tuning,
+    tuning_notes,
+)
 from mjbench.report.advice import Advice
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.report.lint import finding_place
@@ -85,11 +93,11 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
                 f" ({model.divergence}): MuJoCo resets them, and a log goes on from the start; use"
                 " a smaller timestep, or smaller controls"
             )
-        lines += starts.warning_lines(model.warnings)
+        lines += engine_warnings.warning_lines(model.warnings)
     for window in (each.window for each in started):
         lines += [
             f"{line}; raise iterations in <option> until they do not"
-            for line in (starts.limited_lines(window) if window else ())
+            for line in (engine_warnings.limited_lines(window) if window else ())
         ]
     for line in dict.fromkeys(lines):
         yield CheckupItem(

@@ -24,9 +24,10 @@ from mjbench.report.crossovers import (
     describe_work_crossover,
     work_crossovers,
 )
+from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.judgements import judgement_conclusion, judgement_tables, version_lines
 from mjbench.report.results import FORMER, ModelResults, PathResult
-from mjbench.report.starts import starts_lines, warning_lines
+from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
 from mjbench.simulation.workload import Product
 from mjbench.status import Status

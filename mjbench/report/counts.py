@@ -3,17 +3,34 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.counts import explain
-from mjbench.counts.function_differences import MAIN_FUNCTIONS, NetDifference, largest_differences
+from mjbench.counts.function_differences import (
+    MAIN_FUNCTIONS,
+    NetDifference,
+    largest_differences,
+    moved_groups,
+)
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
+from mjbench.counts.records import (
+    OTHER_CODE,
+    CodeChange,
+    CodeShare,
+    ExplainRecord,
+    FunctionDifference,
+    InstructionsRecord,
+)
+from mjbench.measuring.ratio import Ratio
+from mjbench.paired.records import VerdictRow
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report.starts import starts_lines, warning_lines
+from mjbench.report.engine_warnings import warning_lines
+from mjbench.report.starts import starts_lines
 from mjbench.status import Status
-from mjbench.units import count_of
+from mjbench.units import count_of, percent_change
 
 # Functions of a count that are listed, and functions of a change that are drawn.
 _MOST_LISTED, _MOST_DRAWN = 10, 12
+# Ratios of time and of instructions that differ by more have a cause that instructions do not show.
+_DISAGREEMENT = 0.03
 
 
 def sections(counts: Sequence[InstructionsRecord], top: int = _MOST_LISTED) -> Iterator[Section]:
@@ -72,7 +89,7 @@ def explanation_section(
     if failed:
         text = f"{heading}: MuJoCo {failed[0].release}: {failed[0].detail}"
         return Section(heading, [Conclusion(text, Tone.BAD)])
-    first, *rest = explain.summary(baseline, candidate, row)
+    first, *rest = summary(baseline, candidate, row)
     return Section(
         heading,
         [Conclusion(f"{heading}: {first}")],
@@ -87,6 +104,80 @@ def explanation_section(
         tables=[_stages_table(row), _functions_table(row, top)],
         notes=_further_functions(row, top),
     )
+
+
+def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
+    """Return what changed, a line each: first by how much, then in what."""
+    old, new = baseline.instructions_per_step, candidate.instructions_per_step
+    assert old and new, "both were counted"
+    ratio = new / old
+    changes = explain.work_changes(baseline, candidate, row.time)
+    counts = f"instructions per step {old:,.0f} → {new:,.0f} ({percent_change(ratio)} %)"
+    time = row.time
+    lines = [
+        f"{_describe_time(time, time.ratio)}; {counts}" if time and time.ratio else counts,
+        "changed work: " + ", ".join(changes) if changes else "same work",
+    ]
+    return lines + _code_lines(row) + (_time_lines(time, ratio) if time else [])
+
+
+def _code_lines(row: ExplainRecord) -> list[str]:
+    if row.code is None:
+        return [f"machine code not compared: {row.code_detail}"]
+    details = ", ".join(
+        f"{change} {share.functions} ({100 * share.share:.1f} %)"
+        for change, share in row.code.items()
+    )
+    lines = [f"{_code_conclusion(row.code)}: {details}"]
+    for group in moved_groups(row.functions):
+        parts = " and ".join(f"{each.name} ({each.difference:+,.0f})" for each in group)
+        total = sum(each.difference for each in group)
+        lines.append(f"cost moved between {parts}, together {total:+,.0f}")
+    return lines
+
+
+def _code_conclusion(code: Mapping[CodeChange, CodeShare]) -> str:
+    total = sum(share.functions for share in code.values())
+    changed = [share for change, share in code.items() if change in OTHER_CODE]
+    unknown = code.get(CodeChange.UNKNOWN, CodeShare(0, 0.0))
+    if changed:
+        functions = sum(share.functions for share in changed)
+        cost = 100 * sum(share.share for share in changed)
+        return (
+            f"code changed in {functions} of {total} executed functions,"
+            f" which execute {cost:.1f} % of the instructions"
+        )
+    if unknown.share > explain.REPEATABILITY:
+        return (
+            f"code changed in none of {total} executed functions, as far as it is known"
+            f" (unknown for {100 * unknown.share:.1f} % of the instructions)"
+        )
+    return (
+        f"code changed in none of {total} executed functions,"
+        " so a difference in time has another cause, such as memory layout"
+    )
+
+
+def _describe_time(time: VerdictRow, ratio: Ratio) -> str:
+    interval = "interval unknown"
+    if ratio.low is not None and ratio.high is not None:
+        interval = f"{percent_change(ratio.low)} to {percent_change(ratio.high)}"
+    return f"{time.verdict}, time {percent_change(ratio.estimate)} % ({interval})"
+
+
+def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
+    lines = [] if time.status == Status.OK else [f"time not compared: {time.detail}"]
+    if time.ratio is None or time.ratio.low is None or time.ratio.high is None:
+        return lines
+    difference = abs(time.ratio.estimate - instruction_ratio)
+    low, high = time.ratio.low - _DISAGREEMENT, time.ratio.high + _DISAGREEMENT
+    if difference > _DISAGREEMENT and not low <= instruction_ratio <= high:
+        lines.append(
+            f"time and instructions disagree by {100 * difference:.1f} points: instruction counts"
+            " do not show cache misses, mispredicted branches, wider or slower instructions (SIMD,"
+            " division), memory allocation in the kernel, and system calls"
+        )
+    return lines
 
 
 def _stages_table(row: ExplainRecord) -> DataTable:

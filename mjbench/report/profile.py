@@ -7,7 +7,8 @@ from mjbench.loop.profile import FRAMES_PER_S, ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
-from mjbench.report.starts import starts_lines, warning_lines
+from mjbench.report.engine_warnings import warning_lines
+from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
 from mjbench.units import duration, plain
 

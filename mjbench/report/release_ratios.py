@@ -7,7 +7,7 @@ from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.release_ratios import RatioRecord, StepRatioRecord
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable, Section
-from mjbench.simulation import agreement
+from mjbench.simulation import changed_work
 
 
 def section(records: Sequence[RatioRecord]) -> Section:
@@ -59,10 +59,10 @@ def _failed_alike(records: Sequence[RatioRecord]) -> bool:
 
 def _work(record: RatioRecord) -> str:
     if not isinstance(record, StepRatioRecord):
-        is_same = record.drift is not None and record.drift <= agreement.ROUNDING
+        is_same = record.drift is not None and record.drift <= changed_work.ROUNDING
         return "the same result" if is_same else "another result"
     if record.work is None or record.reference_work is None:
         return ""
     diverged = record.reference_diverged, record.diverged
-    changes = agreement.work_changes(record.reference_work, record.work, record.drift, diverged)
+    changes = changed_work.work_changes(record.reference_work, record.work, record.drift, diverged)
     return "; ".join(changes) or "the same"

@@ -1,15 +1,10 @@
 """The lines that say from which states a measurement stepped, and what its steps were like."""
 
-from collections.abc import Mapping
-
+from mjbench.report.engine_warnings import limited_lines, warning_lines
 from mjbench.report.formats import short_percent
 from mjbench.simulation.starts import SettleLimit, Starts, Window
 from mjbench.units import count_of, plain
 
-# Values of mjtWarning by which MuJoCo says that memory was full and it left something out.
-_MEMORY_WARNINGS = ("CONTACTFULL", "CNSTRFULL", "VGEOMFULL")
-# From this share of the steps on, a solver that stops at its limit of iterations is mentioned.
-_MOST_LIMITED = 0.5
 # A window shows sleeping if its share of sleeping trees is that of the model's run, within this.
 _SAME_SLEEP = 0.05
 # Later contacts are mentioned if they differ by more than this share of the larger number, and by
@@ -82,17 +77,6 @@ def _limit_lines(starts: Starts) -> list[str]:
     return [f"Starts are at the keyframe: settled for {asked}, the model diverges"]
 
 
-def limited_lines(window: Window) -> list[str]:
-    """Return that the solver mostly stops at its limit of iterations, where it does."""
-    if window.solver_limited <= _MOST_LIMITED:
-        return []
-    limited = short_percent(window.solver_limited)
-    return [
-        f"The solver stopped at its limit of iterations in {limited} of the steps: states and times"
-        " depend on that limit"
-    ]
-
-
 def _regime_lines(window: Window) -> list[str]:
     """Return what limits how far the figures hold, a line each."""
     lines = limited_lines(window)
@@ -132,25 +116,3 @@ def _sleep_lines(window: Window) -> list[str]:
         f"{slept}, and {short_percent(in_run)} in its own run: states do not hold what sleeps, so"
         " these steps do not show what sleeping saves; `mjbench ab` of the plain loop does"
     ]
-
-
-def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
-    """Return what warnings, the number of simulations that raised each, mean, a line each."""
-    counts = warnings or {}
-    full = {name: count for name, count in counts.items() if name in _MEMORY_WARNINGS}
-    other = {name: count for name, count in counts.items() if name not in _MEMORY_WARNINGS}
-    lines = []
-    if full:
-        lines.append(
-            f"The model's memory was full ({_simulations(full)}), so MuJoCo left out contacts or"
-            ' constraints: enlarge it with <size memory="…"/>'
-        )
-    if other:
-        lines.append(f"MuJoCo warned ({_simulations(other)}) but the simulations did not diverge")
-    return lines
-
-
-def _simulations(counts: Mapping[str, int]) -> str:
-    return ", ".join(
-        f"{name} in {count} simulation{'s' * (count > 1)}" for name, count in counts.items()
-    )

@@ -22,8 +22,9 @@ from mjbench.releases import packages
 from mjbench.report import charts, compiling, formats
 from mjbench.report.changes import describe_ratio
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report.starts import starts_lines, warning_lines
-from mjbench.simulation import agreement
+from mjbench.report.engine_warnings import warning_lines
+from mjbench.report.starts import starts_lines
+from mjbench.simulation import changed_work
 from mjbench.status import Status
 from mjbench.units import count_of, duration
 
@@ -262,7 +263,7 @@ def _describe_results(row: VerdictRow) -> str:
 
 def _same_work(row: VerdictRow) -> str:
     """Return that the work is the same, and where runs drift apart nevertheless."""
-    drifted = next((d for d in row.run_drift if d.difference > agreement.ROUNDING), None)
+    drifted = next((d for d in row.run_drift if d.difference > changed_work.ROUNDING), None)
     if drifted is None:
         return "same work"
     return f"same work (runs drift apart: by {drifted.difference:.0e} after {drifted.step} steps)"
@@ -351,7 +352,7 @@ def describe_work(row: VerdictRow) -> str:
     if row.work is None or row.diverged is None:
         return ""
     return ", ".join(
-        agreement.work_changes(
+        changed_work.work_changes(
             row.work.old, row.work.new, row.drift, (row.diverged.old, row.diverged.new)
         )
     )

@@ -1,4 +1,4 @@
-"""Compare final states bit by bit, and the work of two targets counter by counter.
+"""Compare states, bit by bit and within tolerances.
 
 Paths that run the same C engine must agree to the last bit, over all of mjSTATE_INTEGRATION.
 Engines that compile the step, MJX and Warp, are judged part by part: see `judgement`.
@@ -7,19 +7,9 @@ Engines that compile the step, MJX and Warp, are judged part by part: see `judge
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from mjbench.simulation.work import Work
-
-# Counters that differ by more than this share of the larger one mean that the work differs.
-SAME_WORK = 0.005
-# A smaller difference after one step is rounding: the order of additions changed.
-ROUNDING = 1e-9
-# The smallest relative difference of two drifts that says that a step's result changed.
-_DRIFT_CHANGE = 1e-3
 # Differences are relative to the largest magnitude of their field, but never to less than this, in
 # SI units: where a model rests, velocities are rounding themselves.
 LEAST_SCALE = 1e-3
@@ -130,52 +120,6 @@ def field_scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
         field: max(LEAST_SCALE, float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
         for field, values in fields.items()
     }
-
-
-def result_changes(baseline_drift: float | None, candidate_drift: float | None) -> list[str]:
-    """Return, in a phrase, that two releases step to different results; empty if they do not."""
-    if baseline_drift is None or candidate_drift is None:
-        return []
-    low, high = sorted((baseline_drift, candidate_drift))
-    is_other = high > ROUNDING and high - low > _DRIFT_CHANGE * high
-    return ["different result of one step"] if is_other else []
-
-
-def work_changes(
-    baseline: "Work | None",
-    candidate: "Work | None",
-    drift: float | None,
-    diverged: tuple[int, int],
-) -> list[str]:
-    """Return how the work of two targets differs, a phrase each; empty if it is the same.
-
-    Args:
-      drift: largest relative difference one step after the same states.
-      diverged: number of simulations that diverge in the baseline, and in the candidate.
-    """
-    changes = []
-    if baseline is not None and candidate is not None:
-        changes += counter_changes(baseline.as_dict(), candidate.as_dict())
-    if drift is not None and drift > ROUNDING:
-        changes.append(f"one step differs by {drift:.1g}")
-    if diverged[0] != diverged[1]:
-        changes.append(f"{diverged[1]} simulations diverge instead of {diverged[0]}")
-    return changes
-
-
-def counter_changes(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
-    """Return which counters that both have differ, such as `contacts 1 → 5`."""
-    changes = []
-    for name, before in baseline.items():
-        after = candidate.get(name, before)
-        if abs(after - before) > SAME_WORK * max(abs(before), abs(after)):
-            changes.append(f"{name.replace('_', ' ')} {_count(before)} → {_count(after)}")
-    return changes
-
-
-def _count(value: float) -> str:
-    """Return a mean count to four significant digits; not as `1.235e+04`."""
-    return f"{value:.4g}" if value < 9999.5 else f"{value:.0f}"
 
 
 def max_relative_error(

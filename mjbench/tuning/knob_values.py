@@ -5,7 +5,6 @@ model or this release has no use for them.
 """
 
 import copy
-import math
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -15,6 +14,7 @@ import mujoco
 import numpy as np
 
 from mjbench.host import topology
+from mjbench.paths.warp_buffers import PEAK_FACTOR
 from mjbench.simulation import compat, model_options
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.work import Peaks
@@ -256,8 +256,6 @@ LS_ITERATIONS = (8, 4, 20, 6, 10)
 # Solvers and Jacobians that these engines have; `auto` is one of the latter two.
 SOLVERS = ("Newton", "CG")
 JACOBIANS = ("dense", "sparse")
-# Buffers hold this many times the contacts and constraints that C needs at most.
-MARGIN = 2.0
 
 
 def of_batched_step(
@@ -288,7 +286,7 @@ def _smaller_buffers(peaks: Peaks, default_sizes: Mapping[str, int]) -> list[lis
     smaller = []
     for name, default in default_sizes.items():
         what, need = needs[name]
-        size = max(1, math.ceil(MARGIN * need))
+        size = max(1, PEAK_FACTOR * need)
         if size < default:
             evidence = f"{need} {what} at most in C; the engine makes room for {default}"
             smaller.append(

@@ -25,6 +25,7 @@ from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
 from mjbench.releases.installs import ReleaseSpec
+from mjbench.report import counts
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import Followed
@@ -68,7 +69,7 @@ def summarized(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None = None
 ) -> list[str]:
     """Return the summary, without the line on code, which was not compared."""
-    lines = explain.summary(baseline, candidate, explained(baseline, candidate, time))
+    lines = counts.summary(baseline, candidate, explained(baseline, candidate, time))
     assert lines.pop(2).startswith("machine code not compared: ")
     return lines
 
@@ -139,7 +140,7 @@ def code_lines(**shares: tuple[int, float]) -> str:
     """Return the line on code for numbers and shares of functions by how their code changed."""
     count = counted("1.0", a=1000.0)
     code = {CodeChange[name]: CodeShare(*share) for name, share in shares.items()}
-    return explain.summary(count, count, replace(explained(count, count), code=code))[2]
+    return counts.summary(count, count, replace(explained(count, count), code=code))[2]
 
 
 def test_the_line_on_code_begins_with_its_conclusion() -> None:
@@ -161,7 +162,7 @@ def test_cost_that_moved_is_named_with_what_is_left_of_it() -> None:
         for name, by, other in (("f", -900.0, "g"), ("g", 950.0, "f"))
     ]
     row = replace(explained(count, count), functions=moved, code={})
-    assert "cost moved between f (-900) and g (+950), together +50" in explain.summary(
+    assert "cost moved between f (-900) and g (+950), together +50" in counts.summary(
         count, count, row
     )
 

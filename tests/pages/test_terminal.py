@@ -17,7 +17,7 @@ from rich.console import Console, Group
 from mjbench.cli.progress import progress
 from mjbench.errors import one_line, printable
 from mjbench.pages import terminal
-from mjbench.report import formats, starts
+from mjbench.report import engine_warnings, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.units import plain
 
@@ -81,13 +81,13 @@ def test_numbers_are_written_without_exponents() -> None:
 
 
 def test_full_memory_is_said_apart_from_other_warnings() -> None:
-    full, other = starts.warning_lines({"CNSTRFULL": 64, "INERTIA": 1})
+    full, other = engine_warnings.warning_lines({"CNSTRFULL": 64, "INERTIA": 1})
     assert full.startswith("The model's memory was full (CNSTRFULL in 64 simulations)")
     assert other == "MuJoCo warned (INERTIA in 1 simulation) but the simulations did not diverge"
 
 
 def test_no_warning_is_no_line() -> None:
-    assert starts.warning_lines({}) == starts.warning_lines(None) == []
+    assert engine_warnings.warning_lines({}) == engine_warnings.warning_lines(None) == []
 
 
 def lines_of(*rows: tuple[str, float, str]) -> list[str]:

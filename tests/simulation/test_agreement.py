@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from mjbench.simulation import agreement
-from mjbench.simulation.work import Work
 
 COLUMNS = {"time": slice(0, 1), "qpos": slice(1, 3), "qvel": slice(3, 5)}
 
@@ -54,30 +53,6 @@ def test_the_digest_depends_on_every_bit() -> None:
     other = states()
     other[2, 4] = np.nextafter(other[2, 4], 99)
     assert agreement.digest(states()) == agreement.digest(states()) != agreement.digest(other)
-
-
-def test_changed_work_is_listed_counter_by_counter() -> None:
-    before, after = Work(1.0, 10.001, 2.0), Work(5.0, 10.0, 2.0)
-    assert agreement.counter_changes(before.as_dict(), after.as_dict()) == ["contacts 1 → 5"]
-    many = Work(12345.6, 10.0, 2.0)
-    (change,) = agreement.counter_changes(before.as_dict(), many.as_dict())
-    assert change == "contacts 1 → 12346"
-    changes = agreement.work_changes(before, after, 1e-3, (0, 2))
-    assert changes == [
-        "contacts 1 → 5",
-        "one step differs by 0.001",
-        "2 simulations diverge instead of 0",
-    ]
-
-
-def test_work_that_differs_by_rounding_is_the_same() -> None:
-    same = Work(1.0, 10.0, 2.0)
-    assert agreement.work_changes(same, same, agreement.ROUNDING / 2, (1, 1)) == []
-    assert agreement.work_changes(same, same, None, (1, 1)) == []
-
-
-def test_work_that_is_unknown_is_not_changed() -> None:
-    assert agreement.work_changes(None, Work(1.0, 10.0, 2.0), None, (1, 1)) == []
 
 
 def test_a_relative_error_counts_what_is_not_finite_as_the_largest_number() -> None:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjbench.simulation import agreement, models, work_check, workload
+from mjbench.simulation import changed_work, models, work_check, workload
 from mjbench.simulation.work_check import Followed
 
 HEALTHY = np.ones(5, dtype=bool)
@@ -42,9 +42,9 @@ def test_what_changes_late_in_a_run_is_noticed_by_the_steps_there() -> None:
     np.testing.assert_array_equal(baseline.stepped["qvel"][0], candidate.stepped["qvel"][0])
     drift = work_check.drift(baseline, candidate, HEALTHY)
     assert drift is not None
-    assert drift.one_step > agreement.ROUNDING
+    assert drift.one_step > changed_work.ROUNDING
     assert drift.runs[0].difference == 0.0
-    assert drift.runs[-1].difference > agreement.ROUNDING
+    assert drift.runs[-1].difference > changed_work.ROUNDING
 
 
 def test_differences_are_relative_to_their_field() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from mjbench.errors import InputError
 from mjbench.host import machine
-from mjbench.store import run_file, runs
+from mjbench.store import resume, runs
 
 MACHINE = machine.describe()
 FILES = (runs.InputFile("a.xml", "1f"), runs.InputFile("a.xml", "2e"))
@@ -14,13 +14,13 @@ HEADER = runs.RunHeader(runs.SCHEMA, "compare", MACHINE, {"nbatch": 4}, FILES)
 
 def test_the_same_command_continues_a_run_whatever_the_load() -> None:
     busy = replace(HEADER, machine=replace(MACHINE, load_1min=99.0))
-    run_file.check_continues(Path("run"), HEADER, busy)
+    resume.check_continues(Path("run"), HEADER, busy)
 
 
 def test_arguments_are_compared_as_a_file_holds_them() -> None:
     now = replace(HEADER, arguments={"variants": ({"path": "a\x1bb"},)})
     stored = replace(HEADER, arguments={"variants": [{"path": "a\\x1bb"}]})
-    run_file.check_continues(Path("run"), stored, now)
+    resume.check_continues(Path("run"), stored, now)
 
 
 def on(label: str, host: str) -> runs.RunHeader:
@@ -39,7 +39,7 @@ def on(label: str, host: str) -> runs.RunHeader:
 def test_a_run_is_continued_where_the_machine_may_be_the_same(
     stored: runs.RunHeader, now: runs.RunHeader
 ) -> None:
-    run_file.check_continues(Path("run"), stored, now)
+    resume.check_continues(Path("run"), stored, now)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_a_run_of_another_machine_is_not_continued(
     stored: runs.RunHeader, now: runs.RunHeader, message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        run_file.check_continues(Path("run"), stored, now)
+        resume.check_continues(Path("run"), stored, now)
 
 
 @pytest.mark.parametrize(
@@ -70,4 +70,4 @@ def test_a_run_of_another_machine_is_not_continued(
 )
 def test_what_differs_is_refused_by_name(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        run_file.check_continues(Path("run"), HEADER, replace(HEADER, **change))  # type: ignore
+        resume.check_continues(Path("run"), HEADER, replace(HEADER, **change))  # type: ignore
