@@ -129,8 +129,9 @@ def _reason(stderr: str) -> str:
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
     try:
-        if not local and (problem := package_index.why_not_there(version)):
-            return InputError(problem)
+        unknown = package_index.why_not_there(version)
     except MachineError as error:
         return MachineError(f"cannot install MuJoCo {version}: {error}; pip says: {reason}")
+    if unknown and not local:
+        return InputError(unknown)
     return MachineError(f"cannot install MuJoCo {version}: {reason}")
