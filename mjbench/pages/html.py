@@ -51,7 +51,7 @@ def render(report: Report) -> str:
     environment.filters |= {
         "svg": svg,
         "csv": _csv_address,
-        "file_name": _csv_name,
+        "file_name": lambda table: re.sub(r"[^\w-]+", "-", table.title) + ".csv",
         "classes": _classes,
         "prose": lambda text: Markup(_CODE.sub(r"<code>\1</code>", str(escape(text)))),
     }
@@ -74,7 +74,3 @@ def _classes(table: DataTable) -> list[str]:
 def _csv_address(table: DataTable) -> str:
     text = exports.csv_text(table.raw_rows)
     return f"data:text/csv;charset=utf-8,{urllib.parse.quote(text, safe=',')}"
-
-
-def _csv_name(table: DataTable) -> str:
-    return re.sub(r"[^\w-]+", "-", table.title) + ".csv"

@@ -88,9 +88,8 @@ def section_parts(section: Section, width: int) -> Iterator[RenderableType]:
     for conclusion in sentences:
         yield headed(*_parted(conclusion.sentence))
     yield from section.facts
-    tables = [table for table in section.tables if table.rows]
-    for table in tables:
-        if len(tables) > 1:
+    for table in section.tables:
+        if len(section.tables) > 1:
             yield Text(table.title, style="italic")
         yield from table_parts(table, width)
     yield from section.notes

@@ -17,7 +17,7 @@ from mjbench.paired.across_machines import (
 )
 from mjbench.report import advice_across, formats, verdicts
 from mjbench.report.advice_across import AdviceAcross
-from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone, filled
 from mjbench.store.machine_identity import MachineIdentity, identify
 from mjbench.store.runs import Run
 
@@ -50,18 +50,18 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
 
 def tables_by_machine(results: SideBySide) -> Iterator[DataTable]:
     """Yield verdicts by machine, and advised paths by machine, where there are any."""
-    if comparisons := named_comparisons(results):
-        cells = {
-            name: {verdict.machine: verdict_cell(verdict) for verdict in comparison.machines}
-            for name, comparison in comparisons
-        }
-        yield by_machine("Verdicts by machine", "comparison", cells)
-    if results.advice:
-        cells = {
-            across.question.name: {m.machine: advice_across.cell(m) for m in across.machines}
-            for across in results.advice
-        }
-        yield by_machine("Advised paths by machine", "model", cells)
+    verdict_cells = {
+        name: {verdict.machine: verdict_cell(verdict) for verdict in comparison.machines}
+        for name, comparison in named_comparisons(results)
+    }
+    advice_cells = {
+        across.question.name: {m.machine: advice_across.cell(m) for m in across.machines}
+        for across in results.advice
+    }
+    yield from filled(
+        by_machine("Verdicts by machine", "comparison", verdict_cells),
+        by_machine("Advised paths by machine", "model", advice_cells),
+    )
 
 
 def by_machine(title: str, subject: str, cells: Mapping[str, Mapping[str, str]]) -> DataTable:
@@ -81,10 +81,11 @@ def section(results: SideBySide) -> Section | None:
     tables = [*tables_by_machine(results)]
     if not tables:
         return None
+    advice = [Conclusion(text) for text in advice_across.describe(results.advice)]
     return Section(
         "Across machines",
-        conclusions=[*_verdicts(results), *_advice(results)],
-        tables=[*tables, *_counts(results)],
+        conclusions=[*_verdicts(results), *_cut(advice, "sentences on advised paths")],
+        tables=[*tables, _counts(results)],
         notes=list(notes(results)),
         is_open=True,
     )
@@ -99,11 +100,6 @@ def _verdicts(results: SideBySide) -> Iterator[Conclusion]:
         for name, comparison in named_comparisons(results)
     ]
     yield from _cut(conclusions, "comparisons")
-
-
-def _advice(results: SideBySide) -> Iterator[Conclusion]:
-    conclusions = [Conclusion(text) for text in advice_across.describe(results.advice)]
-    yield from _cut(conclusions, "sentences on advised paths")
 
 
 def _cut(conclusions: Sequence[Conclusion], noun: str) -> Iterator[Conclusion]:
@@ -124,15 +120,12 @@ def _tone(comparison: MachineComparison) -> Tone:
     return Tone.GOOD if MachinesOutcome.FASTER in outcomes else Tone.UNSURE
 
 
-def _counts(results: SideBySide) -> Iterator[DataTable]:
-    comparisons = named_comparisons(results)
-    if not comparisons:
-        return
-    yield DataTable.of(
+def _counts(results: SideBySide) -> DataTable:
+    return DataTable.of(
         "On how many machines",
         [
             (name, comparison, [ratio.estimate for ratio in comparison.ratios])
-            for name, comparison in comparisons
+            for name, comparison in named_comparisons(results)
         ],
         (Column("comparison"), lambda row: row[0]),
         (Column("machines", formats.count), lambda row: len(row[1].machines)),

@@ -128,7 +128,12 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
 
 def cell(machine: MachineAdvice) -> str:
     """Return the path that is advised on a machine, with its speed-up, for a cell of a table."""
-    texts = [f"{mark(a.is_certain)} {a.variant}{_gain(a)}" for a in machine.advice]
+    texts = []
+    for advice in machine.advice:
+        text = f"{mark(advice.is_certain)} {advice.variant}"
+        if (gain := advice.speedup) is not None:  # the plain loop has none over itself
+            text += f" {formats.factor(gain.estimate)}×{formats.in_brackets(gain)}"
+        texts.append(text)
     return "; ".join(dict.fromkeys(texts)) or machine.detail
 
 
@@ -183,14 +188,6 @@ def _question(record: ModelRecord, run: Run) -> AdviceQuestion:
         files=run.header.files_of(named),
         loop=Loop.OPEN,
     )
-
-
-def _gain(advice: Advice) -> str:
-    """Return a path's speed-up over the plain loop with its interval; empty for the loop itself."""
-    gain = advice.speedup
-    if gain is None:
-        return ""
-    return f" {formats.factor(gain.estimate)}×{formats.in_brackets(gain)}"
 
 
 def _with_software(runs: Sequence[Run], names: Sequence[str]) -> list[str]:

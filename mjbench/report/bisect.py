@@ -11,7 +11,6 @@ from mjbench.paired.bisect_records import (
     BisectRecord,
     BisectTrial,
     VersionKind,
-    VersionRow,
 )
 from mjbench.paired.outcomes import Verdict
 from mjbench.releases.installs import wheel_digest
@@ -31,7 +30,7 @@ def sections(records: Sequence[Record]) -> list[Section]:
         Section(
             f"Which {record.kind} changed {record.target}?",
             conclusions=[*_conclusions(record)],
-            tables=[_table(record.trials, record.kind)] if record.trials else [],
+            tables=[_table(record.trials, record.kind)],
             notes=[] if record.ends is None else verdicts.notes(record.ends),
         )
         for record in ended
@@ -54,7 +53,7 @@ def _unfinished(records: Sequence[Record]) -> Section:
             ),
             *(Conclusion(verdicts.describe_verdict(each.row())) for each in comparisons),
         ],
-        tables=[_table(trials, kind)] if trials else [],
+        tables=[_table(trials, kind)],
     )
 
 
@@ -68,7 +67,12 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
         yield Conclusion("So there is nothing to search for.")
         return
     for change in record.changes:
-        yield Conclusion(_describe_change(change, record.kind), _tone(change.verdict.verdict))
+        name = short_name(change.version, record.kind)
+        subject = f" “{change.version.subject}”" if change.version.subject else ""
+        skipped = ", ".join(short_name(row, record.kind) for row in change.skipped)
+        others = f"; or one of {skipped}, which could not be measured" if skipped else ""
+        text = f"{name}{subject}: {verdicts.describe_change(change.verdict)}{others}"
+        yield Conclusion(text, _tone(change.verdict.verdict))
         yield from map(Conclusion, _causes(change, record))
     yield ends
     if record.detail:
@@ -80,14 +84,6 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
     )
 
 
-def _describe_change(change: BisectChange, kind: VersionKind) -> str:
-    text = f"{_name(change.version, kind)}: {verdicts.describe_change(change.verdict)}"
-    if not change.skipped:
-        return text
-    names = ", ".join(short_name(row, kind) for row in change.skipped)
-    return f"{text}; or one of {names}, which could not be measured"
-
-
 def _causes(change: BisectChange, record: BisectRecord) -> Iterator[str]:
     """Yield what is known of why a release is slower or faster, and what tells more."""
     if record.kind != VersionKind.RELEASE:
@@ -97,11 +93,6 @@ def _causes(change: BisectChange, record: BisectRecord) -> Iterator[str]:
         return
     old, new, model = change.verdict.old, change.verdict.new, shlex.quote(record.target)
     yield f"Which functions changed: mjbench versions --explain {old} {new} {model}"
-
-
-def _name(version: VersionRow, kind: VersionKind) -> str:
-    name = short_name(version, kind)
-    return f"{name} “{version.subject}”" if version.subject else name
 
 
 def _tone(verdict: Verdict | None) -> Tone:

@@ -86,7 +86,7 @@ def list_section(run: Run) -> Section:
     return Section(
         heading=f"{name}: what to do first",
         conclusions=[*_conclusions(run, name, listed_items)],
-        tables=[_table(listed_items)] if listed_items else [],
+        tables=[_table(listed_items)],
         notes=[*_notes(run, parts, listed_items)],
         snippets=[
             Snippet(f"{number}: {item.action}", item.snippet)
@@ -114,7 +114,9 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
     for item in listed_items:
         if item.change == ResultChange.CORRECTED:
             yield Conclusion(f"{name}: first, what is wrong: {item.action}", Tone.BAD)
-    failed = [part for part in run.of_type(CheckedPart) if not part.has_ended_well]
+    parts = run.of_type(CheckedPart)
+    failed = [part for part in parts if not part.has_ended_well]
+    is_read_only = all(part.part == CheckupPart.SOURCE for part in parts)
     for part in failed:
         yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
     gains = [item for item in listed_items if item.gain is not None]
@@ -124,11 +126,13 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
         first = gains[0]
         is_same = first.change == ResultChange.NONE and not first.change_detail
         changes = "" if is_same else f"; changes in results: {first.change_text}"
+        interval = f" ({first.ends_text})" if first.ends_text else ""
+        gain = f"{first.gain_text} {first.unit}{interval}"
         tone = Tone.GOOD if first.change.keeps else Tone.UNSURE
-        yield Conclusion(f"{name}: {first.action}: {_gain(first)}{changes}", tone)
+        yield Conclusion(f"{name}: {first.action}: {gain}{changes}", tone)
     elif others := [each for each in listed_items if each.change != ResultChange.CORRECTED]:
         yield Conclusion(f"{name}: {others[0].action}; what it gains was not measured")
-    elif not failed and not (listed_items and _is_read_only(run)):
+    elif not failed and not (listed_items and is_read_only):
         yield Conclusion(f"{name}: {_nothing(run)}: {_why_nothing(run)}", Tone.NEUTRAL)
 
 
@@ -140,18 +144,8 @@ def _nothing(run: Run) -> str:
     return "nothing to gain here" if _is_certain(run) else "no gain is certain yet"
 
 
-def _is_read_only(run: Run) -> bool:
-    return all(part.part == CheckupPart.SOURCE for part in run.of_type(CheckedPart))
-
-
 def _failure(part: CheckedPart) -> str:
     return part.detail if part.status == Status.INPUT else f"{part.status}: {part.detail}"
-
-
-def _gain(item: CheckupItem) -> str:
-    assert item.gain is not None, "it was measured"
-    interval = f" ({item.ends_text})" if item.ends_text else ""
-    return f"{item.gain_text} {item.unit}{interval}"
 
 
 def _best_alone(listed_items: Sequence[CheckupItem]) -> float:
@@ -213,11 +207,10 @@ def _may_gain(attempt: Attempt) -> bool:
 
 def _why_nothing(run: Run) -> str:
     reasons = []
-    for row in run.of_type(ProfileRow):
-        if row.steps is not None:
-            whole = 1.0 if row.steps.is_all_engine else row.steps.engine_ns / row.steps.loop_ns
-            share = formats.whole_percent(whole)
-            reasons.append(f"{share} of a step is the engine ({_stages(row.steps)})")
+    for steps in filter(None, (row.steps for row in run.of_type(ProfileRow))):
+        share = 1.0 if steps.is_all_engine else steps.engine_ns / steps.loop_ns
+        whole = formats.whole_percent(share)
+        reasons.append(f"{whole} of a step is the engine ({_stages(steps)})")
     reasons += map(_why_no_path, derive_all(run.records))
     reasons += map(_why_no_setting, run.of_type(TuneRecord))
     reasons += map(program.conclusion, run.of_type(ProgramRow))
@@ -357,7 +350,10 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
         case CheckupPart.STEP:
             yield from _step_lines(run.of_type(ProfileRow))
         case CheckupPart.PATHS:
-            yield from _path_lines(derive_all(run.records))
+            for results in derive_all(run.records):
+                yield from map(advice.conclusion, advice.advise(results))
+                if (clock := advice.advise_clock(results)) is not None:
+                    yield advice.clock_conclusion(clock)
         case CheckupPart.SETTINGS:
             for record in run.of_type(TuneRecord):
                 yield tuning.conclusion(record).removeprefix(f"{part.target}: ")
@@ -380,20 +376,9 @@ def _without_name(sentence: str, record: EnvironmentRecord) -> str:
 
 def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
     for row in rows:
-        steps = row.steps
-        if steps is None:
-            continue
-        first = next(profile.conclusions(row.model, steps))
-        yield first.text.removeprefix(f"{row.model}: ")
-        yield f"Of the engine's time: {_stages(steps)}"
-        yield profile.work_line(steps)
-        yield from starts_lines(steps.starts)
-
-
-def _path_lines(all_results: Sequence[ModelResults]) -> Iterator[str]:
-    for results in all_results:
-        for row in advice.advise(results):
-            yield advice.conclusion(row)
-        clock = advice.advise_clock(results)
-        if clock is not None:
-            yield advice.clock_conclusion(clock)
+        if (steps := row.steps) is not None:
+            first = next(profile.conclusions(row.model, steps))
+            yield first.text.removeprefix(f"{row.model}: ")
+            yield f"Of the engine's time: {_stages(steps)}"
+            yield profile.work_line(steps)
+            yield from starts_lines(steps.starts)

@@ -6,10 +6,11 @@ Their figures are those of the command that looks closer.
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 from mjbench.checkups.records import CheckedPart, Combination
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
-from mjbench.environment.records import EnvironmentRecord, PhysicsPath
+from mjbench.environment.records import EnvironmentRecord
 from mjbench.loop.lint import Finding
 from mjbench.loop.profile import ProfileRow
 from mjbench.measuring.ratio import Ratio
@@ -35,7 +36,7 @@ from mjbench.simulation import package_timer
 from mjbench.simulation.starts import Starts
 from mjbench.store.runs import Run
 from mjbench.tuning import knobs
-from mjbench.tuning.records import Attempt, Effect, Recommendation, TuneRecord
+from mjbench.tuning.records import Effect, Recommendation, TuneRecord
 from mjbench.tuning.settings import NO_CHANGE, Setting, label
 
 # Lines of a program, and remedies, that are listed at most.
@@ -43,6 +44,11 @@ _MOST_OF_PROGRAM = 6
 # Settings that err by more, as a share of the motion, are not listed: what they gain is no longer
 # of the same motion, and who only wants to save time would not expect it.
 _MOST_ERROR = 0.05
+_CHANGES = {
+    Effect.FREE: ResultChange.NONE,
+    Effect.EQUIVALENT: ResultChange.TOLERANCE,
+    Effect.APPROXIMATE: ResultChange.ERROR,
+}
 
 
 def items(run: Run) -> list[CheckupItem]:
@@ -157,11 +163,11 @@ def far_settings(record: TuneRecord, target: str) -> Iterator[str]:
     fastest = min(far, key=_time, default=None)
     if fastest is None or any(_time(each) <= _time(fastest) for each in _offered(record)):
         return
-    size = f"{tuning_notes.percent(fastest.error.share)} of the motion" if fastest.error else ""
+    error = fastest.error
+    size = f"{tuning_notes.percent(error.share)} of the motion" if error else "unknown size"
     yield (
         f"Not listed: {label(fastest.settings)}: {formats.factor(1 / _time(fastest))}"
-        f" {GainUnit.SIMULATED_SECOND}, but with an error of {size or 'unknown size'}:"
-        f" mjbench tune {target}"
+        f" {GainUnit.SIMULATED_SECOND}, but with an error of {size}: mjbench tune {target}"
     )
 
 
@@ -189,27 +195,28 @@ def _offered(record: TuneRecord) -> list[Recommendation]:
 
 def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
     """Yield settings that err little, and those that give up something else."""
-    command = f"mjbench tune {target}"
     for each in _offered(record):
-        yield _of_recommendation(each, command)
+        yield _of_faster(
+            each.settings,
+            each.ratio,
+            target,
+            change=_CHANGES[each.effect],
+            change_detail=_in_other_runs(each.settings) if each.effect == Effect.FREE else "",
+            error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
+            slow_effects=tuning.slow_lines(each.settings),
+        )
     for attempt in tuning.faster_alone(record):
-        accuracy = attempt.accuracy
+        accuracy, loses = attempt.accuracy, attempt.settings[0].loses
         if attempt.gives_up and (accuracy is None or accuracy.distance.share <= _MOST_ERROR):
-            yield _of_loss(attempt, command)
-
-
-def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
-    changes = {
-        Effect.FREE: ResultChange.NONE,
-        Effect.EQUIVALENT: ResultChange.TOLERANCE,
-        Effect.APPROXIMATE: ResultChange.ERROR,
-    }
-    return replace(
-        _of_faster(each.settings, each.ratio, command, changes[each.effect]),
-        change_detail=_in_other_runs(each.settings) if each.effect == Effect.FREE else "",
-        error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
-        slow_effects=tuning.slow_lines(each.settings),
-    )
+            assert attempt.ratio is not None, "it is certainly faster"
+            yield _of_faster(
+                attempt.settings,
+                attempt.ratio,
+                target,
+                change=ResultChange.STATED,
+                change_detail=f"gives up {loses}" if loses else tuning.changes(attempt),
+                slow_effects=tuning.slow_lines(attempt.settings) if loses else (),
+            )
 
 
 def _in_other_runs(settings: Sequence[Setting]) -> str:
@@ -221,28 +228,19 @@ def _in_other_runs(settings: Sequence[Setting]) -> str:
     )
 
 
-def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
-    assert attempt.ratio is not None, "it is certainly faster"
-    setting = attempt.settings[0]
-    return replace(
-        _of_faster(attempt.settings, attempt.ratio, command, ResultChange.STATED),
-        change_detail=f"gives up {setting.loses}" if setting.loses else tuning.changes(attempt),
-        slow_effects=tuning.slow_lines(attempt.settings) if setting.loses else (),
-    )
-
-
 def _of_faster(
-    settings: Sequence[Setting], ratio: Ratio, command: str, change: ResultChange
+    settings: Sequence[Setting], ratio: Ratio, target: str, **fields: Any
 ) -> CheckupItem:
+    """Return the item of settings; `fields`: what they change."""
     return CheckupItem(
         action=f"settings: {label(settings)}",
         settings=settings,
         gain=ratio.inverse,
         unit=GainUnit.SIMULATED_SECOND,
-        change=change,
         group=GainGroup.SETTINGS,
-        command=command,
+        command=f"mjbench tune {target}",
         snippet="\n".join(snippet.code for snippet in tuning.to_apply(settings)),
+        **fields,
     )
 
 
@@ -280,23 +278,19 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
         )
     for remedy in row.wrong:
         yield CheckupItem(action=placed(remedy), change=ResultChange.CORRECTED, command=command)
-    for report in row.loops[:1]:
-        for remedy in [each for each in report.remedies if each.is_certain][:_MOST_OF_PROGRAM]:
-            yield _of_remedy(remedy, command)
-
-
-def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
-    keeps = remedy.effect in ("", "nothing")
-    return CheckupItem(
-        action=placed(remedy),
-        gain=remedy.share_saved,
-        unit=GainUnit.LOOP_SHARE,
-        is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
-        change=ResultChange.NONE if keeps else ResultChange.STATED,
-        change_detail="" if keeps else remedy.effect,
-        group=GainGroup.LOOP,
-        command=command,
-    )
+    remedies = row.loops[0].remedies if row.loops else ()
+    for remedy in [each for each in remedies if each.is_certain][:_MOST_OF_PROGRAM]:
+        keeps = remedy.effect in ("", "nothing")
+        yield CheckupItem(
+            action=placed(remedy),
+            gain=remedy.share_saved,
+            unit=GainUnit.LOOP_SHARE,
+            is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
+            change=ResultChange.NONE if keeps else ResultChange.STATED,
+            change_detail="" if keeps else remedy.effect,
+            group=GainGroup.LOOP,
+            command=command,
+        )
 
 
 def placed(remedy: Remedy) -> str:
@@ -340,28 +334,20 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
             group=GainGroup.VECTORS,
             command=command,
         )
-    for closed_loop in (True, False):
-        paths = [
-            path
-            for path in record.physics_paths
-            if environment.is_faster(path.speedup) and path.closed_loop == closed_loop
-        ]
-        if path := environment.fastest(paths):
-            yield _of_physics(path, command)
-
-
-def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
-    loop = "" if path.closed_loop else ", with controls known beforehand"
-    return CheckupItem(
-        action=f"step its physics yourself, by {environment.place(path)}{loop}",
-        variant=Variant(path.path, path.options),
-        gain=ratio_of(path.speedup),
-        unit=GainUnit.ENV_STEP,
-        change=ResultChange.STATED,
-        change_detail="the same physics, without observation, reward and wrappers",
-        group=GainGroup.PHYSICS,
-        command=command,
-    )
+    paths = [path for path in record.physics_paths if environment.is_faster(path.speedup)]
+    for closed_loop, loop in ((True, ""), (False, ", with controls known beforehand")):
+        path = environment.fastest([path for path in paths if path.closed_loop == closed_loop])
+        if path is not None:
+            yield CheckupItem(
+                action=f"step its physics yourself, by {environment.place(path)}{loop}",
+                variant=Variant(path.path, path.options),
+                gain=ratio_of(path.speedup),
+                unit=GainUnit.ENV_STEP,
+                change=ResultChange.STATED,
+                change_detail="the same physics, without observation, reward and wrappers",
+                group=GainGroup.PHYSICS,
+                command=command,
+            )
 
 
 def ratio_of(speedup: Estimate | None) -> Ratio | None:

@@ -193,6 +193,7 @@ class Section:
     Attributes:
       conclusions: what follows from it, first of all.
       facts: what was measured, and on what: lines above the tables.
+      tables: those without rows are left out.
       notes: what limits the figures: lines below the tables.
       snippets: code that does what the section is about.
       shows_code: whether a terminal shows it without being asked.
@@ -214,6 +215,9 @@ class Section:
     is_open: bool = False
     is_summary: bool = False
     see_also: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tables", filled(*self.tables))
 
     @property
     def shown_tables(self) -> Sequence[DataTable]:

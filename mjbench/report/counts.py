@@ -61,6 +61,7 @@ def sections(counts: Sequence[InstructionsRecord], top: int = _MOST_LISTED) -> I
 
 
 def _functions_section(count: InstructionsRecord, total: float, top: int) -> Section:
+    stages = sorted((count.stages or {}).items(), key=lambda item: -item[1])
     table = DataTable.of(
         "Functions",
         count.functions[:top],
@@ -74,7 +75,7 @@ def _functions_section(count: InstructionsRecord, total: float, top: int) -> Sec
         facts=[
             *starts_lines(count.starts, with_warnings=False),
             *warning_lines(count.warnings),
-            _stage_shares(count.stages or {}, total),
+            ", ".join(f"{name} {100 * cost / total:.1f} %" for name, cost in stages if cost),
         ],
         tables=[table],
     )
@@ -90,6 +91,10 @@ def explanation_section(
         text = f"{heading}: MuJoCo {failed[0].release}: {failed[0].detail}"
         return Section(heading, [Conclusion(text, Tone.BAD)])
     first, *rest = summary(baseline, candidate, row)
+    further = row.functions[top:]
+    difference = sum(function.difference for function in further)
+    share = 100 * difference / (row.instructions_per_step.new or 1.0)
+    note = f"{len(further)} further functions: {difference:+,.0f} ({share:+.2f} %)"
     return Section(
         heading,
         [Conclusion(f"{heading}: {first}")],
@@ -102,7 +107,7 @@ def explanation_section(
             ),
         ],
         tables=[_stages_table(row), _functions_table(row, top)],
-        notes=_further_functions(row, top),
+        notes=[note] if further else [],
     )
 
 
@@ -210,15 +215,6 @@ def _signed(instructions: float) -> str:
     return f"{instructions:+,.0f}"
 
 
-def _further_functions(row: ExplainRecord, top: int) -> list[str]:
-    further = row.functions[top:]
-    if not further:
-        return []
-    rest = sum(function.difference for function in further)
-    share = 100 * rest / (row.instructions_per_step.new or 1.0)
-    return [f"{len(further)} further functions: {rest:+,.0f} ({share:+.2f} %)"]
-
-
 def change_sections(rows: Sequence[ExplainRecord]) -> Iterator[Section]:
     """Yield what changed between releases in models and operations; none without rows.
 
@@ -304,8 +300,3 @@ def _remarks(function: FunctionDifference) -> str:
         direction = "from" if function.difference > 0 else "to"
         remarks.append(f"moved {direction} {', '.join(function.moved_with)}")
     return "; ".join(remarks)
-
-
-def _stage_shares(stages: Mapping[str, float], total: float) -> str:
-    ordered = sorted(stages.items(), key=lambda item: -item[1])
-    return ", ".join(f"{name} {100 * cost / total:.1f} %" for name, cost in ordered if cost)

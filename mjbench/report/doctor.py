@@ -57,7 +57,6 @@ def condition_lines(conditions: Sequence[Condition]) -> Iterator[str]:
 
 def noise_section(noise: NoiseRow, conditions: Sequence[Condition] = ()) -> Section:
     """Return which changes can be decided here, and what speaks against measuring."""
-    bad = [condition.name for condition in conditions if condition.grade == Grade.BAD]
     if noise.decidable is None or noise.deviation is None:
         return Section("Noise", [Conclusion(f"Not measured: {noise.detail}", Tone.BAD)])
     size = plain(100 * noise.decidable, 2)
@@ -69,12 +68,10 @@ def noise_section(noise: NoiseRow, conditions: Sequence[Condition] = ()) -> Sect
     )
     conclusions = [Conclusion(text, Tone.GOOD if noise.trusted else Tone.BAD)]
     if not noise.trusted:
-        text = (
-            "End other programs, or give `versions` and `ab` a longer --budget or"
-            f" --min-effect {size}%."
-        )
+        options = f"a longer --budget or --min-effect {size}%"
+        text = f"End other programs, or give `versions` and `ab` {options}."
         conclusions.append(Conclusion(text))
-    if bad:
+    if bad := [condition.name for condition in conditions if condition.grade == Grade.BAD]:
         text = f"Bad for measuring: {', '.join(bad)}. What to do stands above, below each."
         conclusions.append(Conclusion(text, Tone.BAD))
     return Section("Noise", conclusions)

@@ -19,7 +19,7 @@ from mjbench.measuring.stats import Estimate
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.report import charts, content, formats
-from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone, filled
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.formats import Form
 from mjbench.status import Status
 from mjbench.units import duration, listed, plain
@@ -52,15 +52,15 @@ def _section(record: EnvironmentRecord, facts: EnvironmentFacts) -> Section:
         for text in conclusions(record)
     ]
     if record.check is not None and record.check.status == Status.DISAGREES:
-        text = f"{record.environment}: {physics_lines(record)[0]}"
+        text = f"{record.environment}: {next(physics_lines(record))}"
         sentences.insert(0, Conclusion(text, Tone.BAD))
     return Section(
         heading=f"{record.environment}: where a step's time goes",
         conclusions=sentences,
         facts=[_recorded(facts), _step_line(record), reset_line(record)],
         figures=[_figure(record)],
-        tables=[_layers_table(record), *filled(_paths_table(record), _vectors_table(record))],
-        notes=[*timing_lines(record), *physics_lines(record), *notes(record)],
+        tables=[_layers_table(record), _paths_table(record), _vectors_table(record)],
+        notes=[*notes(record)],
     )
 
 
@@ -81,9 +81,7 @@ def _shares(record: EnvironmentRecord) -> str:
         if layer.layer != Layer.PHYSICS and layer.share.median >= _NAMED_SHARE
     ][:_NAMED]
     physics = f"{100 * record.share(Layer.PHYSICS):.0f} % of env.step is physics"
-    return (
-        f"{record.environment}: {'; '.join([physics, ', '.join(others)] if others else [physics])}"
-    )
+    return f"{record.environment}: {'; '.join(filter(None, [physics, ', '.join(others)]))}"
 
 
 def _costliest_wrapper(layer: LayerShare) -> str:
@@ -256,67 +254,46 @@ def reset_line(record: EnvironmentRecord) -> str:
     )
 
 
-def timing_lines(record: EnvironmentRecord) -> list[str]:
-    if record.timer is None:
-        return []
-    timer = record.timer
-    total = f"{100 * timer.sum.median:.1f} %"
-    return [
-        f"Timing {plain(timer.calls, 3)} calls a step adds {100 * timer.share:.1f} % to it"
-        f" ({duration(timer.call_ns)} a call), which is subtracted. The layers then add up to"
-        f" {total} ({_interval(timer.sum, _percent)}) of a step that is timed as a whole."
-    ]
-
-
-def cautions(record: EnvironmentRecord) -> list[str]:
-    lines = []
+def cautions(record: EnvironmentRecord) -> Iterator[str]:
     if record.timer is not None and abs(record.timer.sum.median - 1) > SUM_TOLERANCE:
-        total = f"{100 * record.timer.sum.median:.1f} %"
-        lines.append(
-            f"The layers add up to {total} of a step, which is too far from 100 %: the machine is"
-            " too busy to trust these shares."
+        yield (
+            f"The layers add up to {formats.percent(record.timer.sum.median)} of a step, which is"
+            " too far from 100 %: the machine is too busy to trust these shares."
         )
     threads = max((nthread(path.options) for path in record.physics_paths), default=1)
     cores = record.median_cores
     if cores is not None and threads > 1 and cores < machine.ENOUGH_CORES * threads:
-        lines.append(
-            f"Threads got {plain(cores, 2)} of {threads} cores: other programs were running."
-        )
-    return lines
+        yield f"Threads got {plain(cores, 2)} of {threads} cores: other programs were running."
 
 
-def physics_lines(record: EnvironmentRecord) -> list[str]:
+def physics_lines(record: EnvironmentRecord) -> Iterator[str]:
     facts, check = record.facts, record.check
     if facts is None or check is None:
-        return []
-    calls = f"{check.checked:,} calls of the engine"
+        return
     match check.status:
         case Status.OK:
-            lines = [
-                f"Same physics: a plain mj_step repeats {calls} to the last bit. {check.covered:,}"
-                f" steps of the environment are compared, {check.run} in a run."
-            ]
+            yield (
+                f"Same physics: a plain mj_step repeats {check.checked:,} calls of the engine to"
+                f" the last bit. {check.covered:,} steps of the environment are compared,"
+                f" {check.run} in a run."
+            )
         case Status.DISAGREES:
-            lines = [f"NOT the same physics as a plain loop: {check.detail}. Nothing is compared."]
-        case _ if _has_other_physics(facts):
-            lines = []  # the conclusions say so
-        case _:
-            lines = [f"No comparison with a plain loop: {check.detail}."]
+            yield f"NOT the same physics as a plain loop: {check.detail}. Nothing is compared."
+        case _ if not _has_other_physics(facts):  # otherwise the conclusions say so
+            yield f"No comparison with a plain loop: {check.detail}."
     if check.holds is False:
-        lines.append(
+        yield (
             "It sets another control for each step of the engine; the comparison replays these"
             " controls, without what computes them."
         )
     if facts.entered:
-        lines.append(f"Beside controls, it writes {listed(facts.entered)} between its steps.")
+        yield f"Beside controls, it writes {listed(facts.entered)} between its steps."
     for change in record.changes:
         often = f"{change.count} times" if change.count > 1 else "once"
-        when = "a reset" if change.moment == Moment.RESET else "its steps"
-        verb = "in" if change.moment == Moment.RESET else "between"
-        lines.append(f"It changes the model's {change.field} {verb} {when}, {often}.")
+        when = "in a reset" if change.moment == Moment.RESET else "between its steps"
+        yield f"It changes the model's {change.field} {when}, {often}."
     if facts.dm_control_release:
-        lines.append(f"{facts.dm_control_release}.")
-    return lines
+        yield f"{facts.dm_control_release}."
 
 
 def _paths_table(record: EnvironmentRecord) -> DataTable:
@@ -361,25 +338,28 @@ def _figure(record: EnvironmentRecord) -> Figure:
     return charts.share_bars(title, data, "layers", "µs", "µs of env.step")
 
 
-def notes(record: EnvironmentRecord) -> list[str]:
-    """Return what went wrong with a path or a vectorised form, and what limits the figures."""
-    lines = [
-        f"{Variant(path.path, path.options)}: {path.status}: {path.detail}"
-        for path in record.physics_paths
-        if path.status not in (Status.OK, Status.UNAVAILABLE)
-    ]
-    lines += [
-        f"{_named(vector)}: {vector.status}: {vector.detail}"
-        for vector in record.vector_forms
-        if vector.status != Status.OK
-    ]
+def notes(record: EnvironmentRecord) -> Iterator[str]:
+    """Yield what the figures rest on, and what went wrong with a path or a vectorised form."""
+    if (timer := record.timer) is not None:
+        total = f"{formats.percent(timer.sum.median)} ({_interval(timer.sum, _percent)})"
+        yield (
+            f"Timing {plain(timer.calls, 3)} calls a step adds {formats.percent(timer.share)} to it"
+            f" ({duration(timer.call_ns)} a call), which is subtracted. The layers then add up to"
+            f" {total} of a step that is timed as a whole."
+        )
+    yield from physics_lines(record)
+    for path in record.physics_paths:
+        if path.status not in (Status.OK, Status.UNAVAILABLE):
+            yield f"{Variant(path.path, path.options)}: {path.status}: {path.detail}"
+    for vector in record.vector_forms:
+        if vector.status != Status.OK:
+            yield f"{_named(vector)}: {vector.status}: {vector.detail}"
     if any(vector.speedup for vector in record.vector_forms):
-        lines.append("Several environments: all steps return what they do in one environment.")
+        yield "Several environments: all steps return what they do in one environment."
     if record.why_no_vectors:
-        lines.append(f"No vectorised forms: {record.why_no_vectors}.")
+        yield f"No vectorised forms: {record.why_no_vectors}."
     if record.status != Status.OK:
-        lines.append(f"{record.environment}: {record.status}: {record.detail}")
-    return lines
+        yield f"{record.environment}: {record.status}: {record.detail}"
 
 
 def _named(vector: VectorSamples) -> str:

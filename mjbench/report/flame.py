@@ -73,14 +73,10 @@ def _speedscope(threads: Sequence[ThreadSamples]) -> dict[str, object]:
         }
         for thread in threads
     ]
+    frames = [{"name": each.function, "file": each.file, "line": each.line} for each in numbers]
     return {
         "$schema": "https://www.speedscope.app/file-format-schema.json",
-        "shared": {
-            "frames": [
-                {"name": frame.function, "file": frame.file, "line": frame.line}
-                for frame in numbers
-            ]
-        },
+        "shared": {"frames": frames},
         "profiles": profiles,
         "exporter": "mjbench",
     }
@@ -108,14 +104,9 @@ def _picture(threads: Sequence[ThreadSamples]) -> str:
         for callee in sorted(node.callees.values(), key=lambda each: -each.seconds):
             waiting.append((callee, left, level + 1))
             left += callee.seconds * scale
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}"'
-            ' font-family="monospace" font-size="11">',
-            *(box for level in sorted(boxes) for box in boxes[level]),
-            "</svg>\n",
-        ]
-    )
+    svg = f'svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}"'
+    lines = [box for level in sorted(boxes) for box in boxes[level]]
+    return "\n".join([f'<{svg} font-family="monospace" font-size="11">', *lines, "</svg>\n"])
 
 
 def _box(node: _Node, left: float, top: float, scale: float, total_s: float) -> str:

@@ -148,7 +148,7 @@ def _section(
     return Section(
         table.title,
         facts=[introduction] if introduction else [],
-        tables=[table] if table.rows else [],
+        tables=[table],
         notes=[] if table.rows else [nothing],
         command=command,
     )

@@ -93,10 +93,7 @@ def section(histories: Sequence[SpeedHistory]) -> Section:
             "Each machine has a history of its own, with its own rate of wrong changes. Nothing is"
             " averaged over machines. mjbench history --machine NAME writes the page of one."
         ],
-        tables=[
-            *([by_machine("Change points by machine", "change", cells)] if cells else []),
-            _machines(histories),
-        ],
+        tables=[by_machine("Change points by machine", "change", cells), _machines(histories)],
         notes=[
             "Changes have their standard errors. A machine without a cell did not measure both"
             f" releases; “{_NOT_LISTED}” means that it measured both, and its history lists no"

@@ -4,7 +4,7 @@ Each plot is a Vega-Lite specification (see `charts`).
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -74,14 +74,31 @@ def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
 
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
     releases = [release for release in history.releases() if history.lists(release)]
+    measured = [each for each in series.measured if each.release in releases]
     reference = series.measured[-1].record.reference
-    work = [*_work(history, series)]
+    counts = history.instructions(series.name)
+    instructions = [
+        {"release": release, "value": counts[release] / 1000}
+        for release in releases
+        if release in counts
+    ]
+    work = [
+        {"release": each.release, "counter": name.replace("_", " "), "value": getattr(done, name)}
+        for each in measured
+        if (done := each.step_work) is not None
+        for name in _COUNTERS
+    ]
+    drifts = [
+        {"release": each.release, "value": max(drift, _LEAST_DRIFT)}
+        for each in measured
+        if (drift := each.record.drift) is not None and math.isfinite(drift)
+    ]
     count_line = charts.layer("line", {"y": _value(zero=False)}, color=BLUE, point={"color": BLUE})
     panels = [
-        _panel(f"time ({reference} = 1)", [*_times(history, series)], _time_layers(), _TIME_HEIGHT),
-        _panel("instructions (k)", [*_instructions(history, series)], [count_line]),
+        _panel(f"time ({reference} = 1)", _times(series, measured), _time_layers(), _TIME_HEIGHT),
+        _panel("instructions (k)", instructions, [count_line]),
         _panel("work per step", work, [_counters(work)]),
-        _panel("drift of one step", [*_drifts(history, series)], [_drift_points()]),
+        _panel("drift of one step", drifts, [_drift_points()]),
     ]
     panels = [panel for panel in panels if panel["data"]["values"]]
     for panel in panels:
@@ -121,20 +138,19 @@ def _panel(title: str, rows: list[Row], layers: list[Spec], height: int = _HEIGH
     }
 
 
-def _times(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
-    changes = {point.index for point in series.changes.change_points}
-    for i, each in enumerate(series.measured):
-        if not history.lists(each.release):
-            continue
-        margin = _BAR_DEVIATIONS * each.ratio.deviation
-        yield {
+def _times(series: SpeedSeries, measured: Sequence[MeasuredRelease]) -> list[Row]:
+    changed = {series.measured[point.index].release for point in series.changes.change_points}
+    return [
+        {
             "release": each.release,
             "ratio": each.ratio.ratio,
-            "low": math.exp(each.ratio.log_ratio - margin),
-            "high": math.exp(each.ratio.log_ratio + margin),
+            "low": math.exp(each.ratio.log_ratio - _BAR_DEVIATIONS * each.ratio.deviation),
+            "high": math.exp(each.ratio.log_ratio + _BAR_DEVIATIONS * each.ratio.deviation),
             "shipped": _shipped(each),
-            "change point": each.ratio.ratio if i in changes else None,
+            "change point": each.ratio.ratio if each.release in changed else None,
         }
+        for each in measured
+    ]
 
 
 def _shipped(measured: MeasuredRelease) -> float:
@@ -160,29 +176,6 @@ def _time_layers() -> list[Spec]:
         charts.layer("line", {"y": y("ratio")}, color=BLUE, point={"color": BLUE}),
         charts.layer("point", {"y": y("change point")}, shape="diamond", size=140, color=ORANGE),
     ]
-
-
-def _instructions(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
-    counts = history.instructions(series.name)
-    for release in history.releases():
-        count = counts.get(release)
-        if count is not None and history.lists(release):
-            yield {"release": release, "value": count / 1000}
-
-
-def _work(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
-    for each in series.measured:
-        if each.step_work is not None and history.lists(each.release):
-            for name in _COUNTERS:
-                counter, count = name.replace("_", " "), getattr(each.step_work, name)
-                yield {"release": each.release, "counter": counter, "value": count}
-
-
-def _drifts(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
-    for each in series.measured:
-        drift = each.record.drift
-        if drift is not None and math.isfinite(drift) and history.lists(each.release):
-            yield {"release": each.release, "value": max(drift, _LEAST_DRIFT)}
 
 
 def _value(**scale: Any) -> Spec:

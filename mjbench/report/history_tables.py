@@ -1,8 +1,9 @@
 """Tables of the speed of MuJoCo over the releases."""
 
+import itertools
 import math
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
 from mjbench.counts.records import ExplainRecord
@@ -20,6 +21,7 @@ COUNT_THRESHOLD = 0.01
 MIN_PLACEMENT = math.log1p(0.015)
 # The smallest change of a function that is named, as a share of the step's instructions.
 _MIN_SHARE = 0.0005
+_WHERE = (Column("release"), Column("model or operation"))
 
 
 def step_changes(history: SpeedHistory, only: str | None = None) -> DataTable:
@@ -119,12 +121,7 @@ def _functions(counts: ExplainRecord | None) -> str:
 def excursions(history: SpeedHistory) -> DataTable:
     return DataTable(
         "Single releases that are off",
-        (
-            Column("release"),
-            Column("model or operation"),
-            Column("time", formats.log_change),
-            Column("work", wraps=True),
-        ),
+        (*_WHERE, Column("time", formats.log_change), Column("work", wraps=True)),
         [
             (after.release, _title(series), excursion.change, _work_between(before, after))
             for series in history.all_series
@@ -202,10 +199,11 @@ def _by_release(
     heading: str,
     history: SpeedHistory,
     all_series: Sequence[SpeedSeries],
-    columns: Sequence[Mapping[str, str]],
+    cells: Callable[[SpeedSeries], Mapping[str, str]],
 ) -> DataTable:
-    """Return a table with a row for each release; `columns` has the cells of each series by it."""
+    """Return a table with a row for each release; `cells` returns those of a series by it."""
     releases = [release for release in history.releases() if history.lists(release)]
+    columns = [cells(series) for series in all_series]
     return DataTable(
         heading,
         [Column("release"), *(Column(_title(series), str) for series in all_series)],
@@ -214,13 +212,11 @@ def _by_release(
 
 
 def step_times(history: SpeedHistory) -> DataTable:
-    columns = [_times(series) for series in history.models]
-    return _by_release("Time of a step", history, history.models, columns)
+    return _by_release("Time of a step", history, history.models, _times)
 
 
 def operation_times(history: SpeedHistory) -> DataTable:
-    columns = [_times(series) for series in history.operations]
-    return _by_release("Time of operations", history, history.operations, columns)
+    return _by_release("Time of operations", history, history.operations, _times)
 
 
 def _times(series: SpeedSeries) -> Mapping[str, str]:
@@ -242,23 +238,20 @@ def instructions(history: SpeedHistory) -> DataTable:
     """Return thousands of instructions of a step, by release and model; empty without counts."""
     if not history.counts:
         return DataTable("Instructions of a step", (), ())
-    columns = [_instructions(history, series.name) for series in history.models]
-    return _by_release("Instructions of a step", history, history.models, columns)
 
+    def cells(series: SpeedSeries) -> Mapping[str, str]:
+        """Return a model's thousands of instructions by release, changes marked."""
+        counts, marks = history.instructions(series.name), dict[str, str]()
+        for before, release in itertools.pairwise(history.releases()):
+            if before in counts and release in counts:
+                change = counts[release] / counts[before] - 1
+                marks[release] = _mark(change) if abs(change) > COUNT_THRESHOLD else ""
+        return {
+            release: plain(count / 1000, 4) + marks.get(release, "")
+            for release, count in counts.items()
+        }
 
-def _instructions(history: SpeedHistory, model: str) -> Mapping[str, str]:
-    """Return a model's thousands of instructions by release, changes marked."""
-    counts = history.instructions(model)
-    cells: dict[str, str] = {}
-    before: float | None = None
-    for release in history.releases():
-        count = counts.get(release)
-        if count is not None:
-            is_change = before is not None and abs(count / before - 1) > COUNT_THRESHOLD
-            mark = _mark(count - before) if before is not None and is_change else ""
-            cells[release] = plain(count / 1000, 4) + mark
-        before = count
-    return cells
+    return _by_release("Instructions of a step", history, history.models, cells)
 
 
 def _mark(difference: float) -> str:
@@ -268,7 +261,7 @@ def _mark(difference: float) -> str:
 def work(history: SpeedHistory) -> DataTable:
     return DataTable(
         "Releases that compute something else",
-        (Column("release"), Column("model or operation"), Column("what changed", wraps=True)),
+        (*_WHERE, Column("what changed", wraps=True)),
         [
             (release, _title(series), ", ".join(changes))
             for release in history.releases()

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from mjbench import paths
 from mjbench.releases.release import version_key
 from mjbench.report import formats
-from mjbench.report.content import Column, DataTable, filled
+from mjbench.report.content import Column, DataTable
 from mjbench.report.results import PathResult
 from mjbench.simulation.judgement import (
     EngineAnswer,
@@ -17,9 +17,9 @@ from mjbench.units import listed, plain
 
 
 def judgement_tables(results: Sequence[PathResult]) -> list[DataTable]:
-    """Return what was judged of accelerated paths; empty where nothing was."""
+    """Return what was judged of accelerated paths."""
     judged = [(r.path, r.judgement) for r in results if r.judgement and r.judgement.parts]
-    return filled(_part_table(judged), _contact_table(judged))
+    return [_part_table(judged), _contact_table(judged)]
 
 
 def _part_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:

@@ -93,23 +93,19 @@ def as_sarif(document: LintDocument) -> str:
         {"level": "error", "message": {"text": f"{printable(u.file)}: {u.detail}"}}
         for u in document.unchecked
     ]
+    ending = {
+        "executionSuccessful": not notifications,
+        "toolExecutionNotifications": notifications,
+    }
     driver = {"name": "mjbench lint", "version": mjbench.__version__, "rules": rules}
     run = {
         "tool": {"driver": driver},
         "columnKind": "unicodeCodePoints",
-        "invocations": [
-            {
-                "executionSuccessful": not notifications,
-                "toolExecutionNotifications": notifications,
-            }
-        ],
+        "invocations": [ending],
         "results": [_sarif_result(finding) for finding in document.findings],
     }
-    content = {
-        "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
-        "version": "2.1.0",
-        "runs": [run],
-    }
+    schema = "https://json.schemastore.org/sarif-2.1.0.json"
+    content = {"$schema": schema, "version": "2.1.0", "runs": [run]}
     return json.dumps(content, indent=1) + "\n"
 
 
@@ -127,10 +123,8 @@ def _sarif_result(finding: Finding) -> Mapping[str, Any]:
 
 
 def _uri(file: str) -> str:
-    path = Path(file)
-    if path.is_absolute():
-        return path.as_uri()
-    return Path("/", path).as_uri().removeprefix("file:///")
+    uri = Path("/", file).as_uri()
+    return uri if Path(file).is_absolute() else uri.removeprefix("file:///")
 
 
 # Formats for other programs, by name; text is printed as findings come.

@@ -22,41 +22,20 @@ def sections(rows: Sequence[OverheadRow]) -> Iterator[Section]:
 
 def _section(table: OverheadRow) -> Section:
     assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
-    python_ns = table.bare_ns - table.engine_ns
-    conclusions = []
-    cost = next((cost for cost in table.costs if cost.low > 0), None)
-    if cost is None:
-        text = "no habit certainly costs anything: give a longer --budget, or end other programs"
-        conclusions.append(Conclusion(f"{table.model}: {text}", Tone.UNSURE))
-    else:
-        habit = "the most expensive habit"
-        if cost is not table.costs[0]:
-            habit = "of the habits that certainly cost time, the most expensive"
-        remedy = f"; `{cost.cheaper}` does the same for less" if cost.cheaper else ""
-        conclusions.append(
-            Conclusion(
-                f"{table.model}: {habit} is {cost.source}:"
-                f" {cost.ns:,.0f} ns a step, {100 * cost.share:.0f} % of it{remedy}",
-                Tone.UNSURE,
-            )
-        )
-    conclusions.append(
-        Conclusion(
-            f"{table.model}: a step of the bare loop takes {table.bare_ns:,.0f} ns"
-            + (
-                f", of which the engine has {table.engine_ns:,.0f} and Python {python_ns:,.0f}"
-                if python_ns > 0
-                else "; the share of Python was not resolved: measure on a quieter machine"
-            )
-        )
-    )
+    python_ns, binding_ns = table.bare_ns - table.engine_ns, table.binding_ns or 0.0
+    shares = "; the share of Python was not resolved: measure on a quieter machine"
+    if python_ns > 0:
+        shares = f", of which the engine has {table.engine_ns:,.0f} and Python {python_ns:,.0f}"
+    call = f"; a call that steps nothing takes {binding_ns:,.0f} ns" if binding_ns > 0 else ""
     return Section(
         heading=f"{table.model}: what a Python loop wastes",
-        conclusions=conclusions,
-        facts=[
-            f"An episode is {table.nstep} steps{_binding(table.binding_ns or 0.0)}",
-            *starts_lines(table.starts),
+        conclusions=[
+            Conclusion(f"{table.model}: {_most_expensive(table.costs)}", Tone.UNSURE),
+            Conclusion(
+                f"{table.model}: a step of the bare loop takes {table.bare_ns:,.0f} ns{shares}"
+            ),
         ],
+        facts=[f"An episode is {table.nstep} steps{call}", *starts_lines(table.starts)],
         figures=[_waterfall(table)],
         tables=[_table(table)],
         notes=["`mjbench lint train.py` finds habits like these in a program of yours"],
@@ -64,9 +43,16 @@ def _section(table: OverheadRow) -> Section:
     )
 
 
-def _binding(ns: float) -> str:
-    """Return what a call that steps nothing takes; nothing where that was not resolved."""
-    return f"; a call that steps nothing takes {ns:,.0f} ns" if ns > 0 else ""
+def _most_expensive(costs: Sequence[HabitCost]) -> str:
+    cost = next((cost for cost in costs if cost.low > 0), None)
+    if cost is None:
+        return "no habit certainly costs anything: give a longer --budget, or end other programs"
+    habit = "the most expensive habit"
+    if cost is not costs[0]:
+        habit = "of the habits that certainly cost time, the most expensive"
+    remedy = f"; `{cost.cheaper}` does the same for less" if cost.cheaper else ""
+    size = f"{cost.ns:,.0f} ns a step, {formats.whole_percent(cost.share)} of it"
+    return f"{habit} is {cost.source}: {size}{remedy}"
 
 
 def _table(table: OverheadRow) -> DataTable:
@@ -90,12 +76,6 @@ def _snippets(cost: HabitCost) -> Iterator[Snippet]:
 
 def _waterfall(table: OverheadRow) -> Figure:
     """Return a step, part by part: the engine, the loop, and then each habit on top of it."""
-    columns = (
-        Column("part"),
-        Column("from", formats.count),
-        Column("to", formats.count),
-        Column("kind"),
-    )
     assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
     loop = table.bare_ns
     rows: list[tuple[str, float, float, str]] = [
@@ -106,6 +86,8 @@ def _waterfall(table: OverheadRow) -> Figure:
         (f"+ {cost.source}", loop, loop + max(0.0, cost.ns), "habit")
         for cost in table.costs[:_MOST_HABITS]
     ]
+    count = formats.count
+    columns = [Column("part"), Column("from", count), Column("to", count), Column("kind")]
     data = DataTable("Nanoseconds of a step", columns, rows)
     bars = {
         "x": charts.quantity("from", "ns of a step", zero=True),

@@ -72,22 +72,19 @@ def fastest_of(rows: Sequence[PlanningRow]) -> PlanningRow | None:
 
 
 def _fastest_text(fastest: PlanningRow) -> str:
-    assert fastest.plans_per_s is not None, "it was timed"
-    return (
-        f"{fastest.model}: fastest here is {_variant(fastest)}, {fastest.plans_per_s:,.0f} plans"
-        f" per second, {formats.factor(fastest.speedup or 1.0)}× the plain loop in this process"
-        f"{_pace(fastest.plans_per_s, fastest.control_hz)}"
+    plans_per_s, control_hz = fastest.plans_per_s, fastest.control_hz
+    assert plans_per_s is not None, "it was timed"
+    text = (
+        f"{fastest.model}: fastest here is {_variant(fastest)}, {plans_per_s:,.0f} plans per"
+        f" second, {formats.factor(fastest.speedup or 1.0)}× the plain loop in this process"
     )
-
-
-def _pace(plans_per_s: float, control_hz: float | None) -> str:
     if control_hz is None:
-        return ""
+        return text
     rate = plain(control_hz, 3)
     if plans_per_s >= control_hz:
-        return f"; it keeps up with {rate} controls per second"
+        return f"{text}; it keeps up with {rate} controls per second"
     share = plain(plans_per_s / control_hz, 2)
-    return f"; it makes {share} of the {rate} plans per second that real time needs"
+    return f"{text}; it makes {share} of the {rate} plans per second that real time needs"
 
 
 def _table(rows: Sequence[PlanningRow]) -> DataTable:
@@ -120,21 +117,19 @@ def sizes_sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:
             if row.model == model:
                 by_size[row.samples, row.horizon].append(row)
         fastest = [best for of_size in by_size.values() if (best := fastest_of(of_size))]
-        if len(fastest) > 1:
-            yield Section(f"{model}, by the size of the plan", tables=[_sizes_table(fastest)])
-
-
-def _sizes_table(fastest: Sequence[PlanningRow]) -> DataTable:
-    return DataTable.of(
-        "Sizes",
-        fastest,
-        (Column("samples", formats.count), lambda row: row.samples),
-        (Column("steps", formats.count, leaves=2), lambda row: row.horizon),
-        (Column("plans/s", formats.count), lambda row: row.plans_per_s),
-        (Column("real time needs", formats.digits(3), leaves=1), lambda row: row.control_hz),
-        (
-            Column("achieved"),
-            lambda row: None if row.achieved is None else formats.yes_no(row.achieved),
-        ),
-        (Column("fastest here"), lambda row: str(_variant(row))),
-    )
+        if len(fastest) < 2:
+            continue
+        table = DataTable.of(
+            "Sizes",
+            fastest,
+            (Column("samples", formats.count), lambda row: row.samples),
+            (Column("steps", formats.count, leaves=2), lambda row: row.horizon),
+            (Column("plans/s", formats.count), lambda row: row.plans_per_s),
+            (Column("real time needs", formats.digits(3), leaves=1), lambda row: row.control_hz),
+            (
+                Column("achieved"),
+                lambda row: None if row.achieved is None else formats.yes_no(row.achieved),
+            ),
+            (Column("fastest here"), lambda row: str(_variant(row))),
+        )
+        yield Section(f"{model}, by the size of the plan", tables=[table])

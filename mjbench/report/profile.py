@@ -39,11 +39,11 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
             figures=[charts.share_bars(title, stages, "stages", "ns", "ns of a step")],
             tables=[
                 stages,
-                *([_sensors(steps)] if steps.sensors else []),
+                _sensors(steps),
                 _simulated_second(row.simulated_second or {}),
             ],
             notes=[
-                *_other_lines(steps),
+                *_other_line(steps),
                 *(_frame_line(frame, steps.loop_ns) for frame in row.frames or ()),
                 _NEXT,
             ],
@@ -106,15 +106,14 @@ def _sensors(steps: ProfiledSteps) -> DataTable:
     )
 
 
-def _other_lines(steps: ProfiledSteps) -> list[str]:
+def _other_line(steps: ProfiledSteps) -> Iterator[str]:
     share = steps.stages.get(OTHER, 0.0)
-    if share < _NOTABLE_OTHER:
-        return []
-    return [
-        f"Other ({formats.short_percent(share)}) is what neither the engine's timers nor calls of"
-        " its functions explain, such as what lies between stages, callbacks, and what caches lose;"
-        " `mjbench profile --instructions` names the functions"
-    ]
+    if share >= _NOTABLE_OTHER:
+        yield (
+            f"Other ({formats.short_percent(share)}) is what neither the engine's timers nor calls"
+            " of its functions explain, such as what lies between stages, callbacks, and what"
+            " caches lose; `mjbench profile --instructions` names the functions"
+        )
 
 
 def _frame_line(frame: FrameTime, loop_ns: float) -> str:
@@ -133,13 +132,12 @@ def _simulated_second(parts: Mapping[str, float]) -> DataTable:
         f"A second of simulated time, with {FRAMES_PER_S} frames",
         parts.items(),
         (Column("part"), lambda row: row[0]),
-        (Column("takes", _resolved), lambda row: 1e9 * row[1]),
+        (
+            Column("takes", lambda ns: duration(ns) if ns > 0 else _UNRESOLVED),
+            lambda row: 1e9 * row[1],
+        ),
         (
             Column("", is_bar=True),
             lambda row: formats.bar(max(0.0, row[1]) / longest) or formats.bar(0.02),
         ),
     )
-
-
-def _resolved(ns: float) -> str:
-    return duration(ns) if ns > 0 else _UNRESOLVED

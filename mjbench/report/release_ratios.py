@@ -15,7 +15,9 @@ def section(records: Sequence[RatioRecord]) -> Section:
     in_order = speed_history.in_order_of_release(records)
     for _, each in itertools.groupby(in_order, lambda record: (record.release, record.build)):
         of_release = list(each)
-        if _failed_alike(of_release):
+        details = {record.detail for record in of_release}
+        is_timed = any(record.launches for record in of_release)
+        if len(of_release) > 1 and not is_timed and len(details) == 1 and "" not in details:
             rows.append(("all", of_release[0].detail, of_release[0]))
         else:
             rows += [(r.series, r.detail or _work(r), r) for r in of_release]
@@ -49,12 +51,6 @@ def section(records: Sequence[RatioRecord]) -> Section:
             "`mjbench history` says in which release speed changed, and why",
         ],
     )
-
-
-def _failed_alike(records: Sequence[RatioRecord]) -> bool:
-    details = {record.detail for record in records}
-    is_timed = any(record.launches for record in records)
-    return len(records) > 1 and not is_timed and len(details) == 1 and "" not in details
 
 
 def _work(record: RatioRecord) -> str:

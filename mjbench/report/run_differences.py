@@ -75,19 +75,19 @@ def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
     )
     if old.is_run_file and new.is_run_file:
         return run_differences(old_runs, new_runs, across)
-    runs = [*old_runs, *new_runs]
-    machines = identify([run.header.machine for run in runs])
+    machines = identify([run.header.machine for run in (*old_runs, *new_runs)])
     of_old, of_new = machines[: len(old_runs)], machines[len(old_runs) :]
-    rows = []
+    rows: list[RunDifference] = []
     for machine in dict.fromkeys(machines):
-        olds = [run for run, m in zip(old_runs, of_old, strict=True) if m == machine]
-        news = [run for run, m in zip(new_runs, of_new, strict=True) if m == machine]
-        if olds and news:
-            rows += [
-                replace(row, machine=machine.name) for row in run_differences(olds, news, across)
-            ]
+        if machine not in of_new:
+            rows.append(_missing(machine, "NEW", of_new))
+        elif machine not in of_old:
+            rows.append(_missing(machine, "OLD", of_old))
         else:
-            rows.append(_missing(machine, "NEW" if olds else "OLD", of_new if olds else of_old))
+            olds = [run for run, m in zip(old_runs, of_old, strict=True) if m == machine]
+            news = [run for run, m in zip(new_runs, of_new, strict=True) if m == machine]
+            same = run_differences(olds, news, across)
+            rows += [replace(row, machine=machine.name) for row in same]
     return rows
 
 
@@ -228,12 +228,10 @@ def differences_section(rows: Sequence[RunDifference]) -> Section:
         for row in rows
         for caution in row.cautions
     ]
+    warned = [Conclusion(caution, Tone.CAUTION) for caution in dict.fromkeys(cautions)]
     return Section(
         "NEW against OLD",
-        [
-            *(Conclusion(caution, Tone.CAUTION) for caution in dict.fromkeys(cautions)),
-            _conclusion(rows),
-        ],
+        [*warned, _conclusion(rows)],
         tables=[_table(rows)],
         notes=[
             "The two were measured at different times; to find smaller differences, alternate both:"
@@ -247,9 +245,7 @@ def differences_section(rows: Sequence[RunDifference]) -> Section:
 def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
     counts = Counter(row.verdict for row in rows if row.status == Status.OK)
     tone = Tone.BAD if counts[Verdict.SLOWER] else Tone.UNSURE
-    if {Verdict.SAME, Verdict.FASTER} & counts.keys() and not (
-        counts.keys() - {Verdict.SAME, Verdict.FASTER, None}
-    ):
+    if {*counts} - {None} and {*counts} <= {Verdict.SAME, Verdict.FASTER, None}:
         tone = Tone.GOOD
     named = {
         Verdict.SLOWER: "slower",

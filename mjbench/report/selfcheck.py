@@ -6,7 +6,7 @@ from typing import assert_never
 from mjbench.paired.outcomes import MIN_EFFECT, Arm
 from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow
 from mjbench.report import formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone, filled
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
 # From this share of trials on, undecided ones are too many.
 _MANY = 0.2
@@ -22,25 +22,21 @@ def section(
     return Section(
         "How often is a verdict wrong?",
         [_conclusion(rows, confidence)],
-        tables=filled(_slowdown_table(slowdowns), _build_table(between)),
+        tables=[_slowdown_table(slowdowns), _build_table(between)],
         notes=[
             *(f"compared as shipped: {problem}" for problem in problems),
-            *_small_slowdowns(slowdowns, min_effect),
-            *_what_to_do(rows),
+            *_notes(rows, min_effect),
         ],
     )
 
 
-def _small_slowdowns(rows: Sequence[SelfcheckRow], min_effect: float) -> Iterator[str]:
-    """Yield what becomes of slowdowns that do not matter."""
-    if any(row.missed is None and row.is_slower for row in rows):
+def _notes(rows: Sequence[SelfcheckRow], min_effect: float) -> Iterator[str]:
+    slowdowns = (row for row in rows if row.arm != Arm.BETWEEN_BUILDS)
+    if any(row.missed is None and row.is_slower for row in slowdowns):
         yield (
             f"Slowdowns of less than {100 * min_effect:g} % (--min-effect) may be called the same:"
             " they are not counted as missed"
         )
-
-
-def _what_to_do(rows: Sequence[SelfcheckRow]) -> Iterator[str]:
     count = sum(row.trials for row in rows)
     undecided = sum(row.inconclusive * row.trials for row in rows)
     if undecided > _MANY * count:

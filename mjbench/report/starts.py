@@ -1,5 +1,7 @@
 """The lines that say from which states a measurement stepped, and what its steps were like."""
 
+from collections.abc import Iterator
+
 from mjbench.report.engine_warnings import limited_lines, warning_lines
 from mjbench.report.formats import short_percent
 from mjbench.simulation.starts import SettleLimit, Starts, Window
@@ -20,22 +22,19 @@ def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]
     """
     if starts is None:
         return []
-    lines = []
-    if starts.window is not None:
-        lines.append(_window_line(starts, starts.window))
+    lines, window = [], starts.window
+    if window is not None:
+        lines.append(
+            f"{count_of(window.nstart, 'start')}{_source(starts)},"
+            f" {count_of(window.nstep, 'step')} each, {plain(window.contacts, 3)} contacts a step"
+        )
     elif starts.file is not None or starts.controls_file is not None:
         lines.append(f"Starts{_source(starts)}")
-    lines += [*capture_lines(starts), *_limit_lines(starts)]
-    if starts.window is not None:
-        lines += _regime_lines(starts.window)
-        lines += warning_lines(starts.window.warnings) if with_warnings else []
+    lines += [*capture_lines(starts), *_limit_line(starts)]
+    if window is not None:
+        lines += _regime_lines(window)
+        lines += warning_lines(window.warnings) if with_warnings else []
     return lines
-
-
-def _window_line(starts: Starts, window: Window) -> str:
-    count = count_of(window.nstart, "start")
-    steps = f"{count_of(window.nstep, 'step')} each"
-    return f"{count}{_source(starts)}, {steps}, {plain(window.contacts, 3)} contacts a step"
 
 
 def _source(starts: Starts) -> str:
@@ -66,53 +65,46 @@ def capture_lines(starts: Starts) -> list[str]:
     return lines
 
 
-def _limit_lines(starts: Starts) -> list[str]:
-    """Return how starts were sampled where that is not what was asked for."""
-    if starts.limit is None:
-        return []
+def _limit_line(starts: Starts) -> Iterator[str]:
+    """Yield how starts were sampled where that is not what was asked for."""
     asked = f"{plain(starts.asked_s, 3)} s"
     if starts.limit == SettleLimit.COST:
         settled = f"{plain(starts.settle_s, 3)} s"
-        return [f"The model settled for {settled} instead of {asked}, because its steps are slow"]
-    return [f"Starts are at the keyframe: settled for {asked}, the model diverges"]
+        yield f"The model settled for {settled} instead of {asked}, because its steps are slow"
+    elif starts.limit is not None:
+        yield f"Starts are at the keyframe: settled for {asked}, the model diverges"
 
 
-def _regime_lines(window: Window) -> list[str]:
-    """Return what limits how far the figures hold, a line each."""
-    lines = limited_lines(window)
+def _regime_lines(window: Window) -> Iterator[str]:
+    """Yield what limits how far the figures hold, a line each."""
+    yield from limited_lines(window)
     if window.flat_hfields:
         fields = count_of(window.flat_hfields, "height field")
-        lines.append(
+        yield (
             f"{fields} {'is' if window.flat_hfields == 1 else 'are'} flat (all zero). If your"
             " program fills it, save the filled model with mjbench.capture(…, save_model=…) and"
             " measure that"
         )
-    return [*lines, *_later_lines(window), *_sleep_lines(window)]
+    if window.later is not None:
+        before, after = window.contacts, window.later.contacts
+        if abs(after - before) > max(_LEAST_CONTACTS, _SAME_CONTACTS * max(before, after)):
+            time_s = plain(window.later.time_s, 2)
+            yield (
+                f"At {time_s} s of its own run the model has {plain(after, 3)} contacts a step, so"
+                f" other costs: --settle {time_s}s measures there"
+            )
+    if window.asleep is not None:
+        slept = f"On average {short_percent(window.asleep)} of the model slept in these steps"
+        yield f"{slept}{_sleep_in_run(window.asleep, window.asleep_in_run)}"
 
 
-def _later_lines(window: Window) -> list[str]:
-    if window.later is None:
-        return []
-    before, after = window.contacts, window.later.contacts
-    if abs(after - before) <= max(_LEAST_CONTACTS, _SAME_CONTACTS * max(before, after)):
-        return []
-    time_s = plain(window.later.time_s, 2)
-    return [
-        f"At {time_s} s of its own run the model has {plain(after, 3)} contacts a step, so other"
-        f" costs: --settle {time_s}s measures there"
-    ]
-
-
-def _sleep_lines(window: Window) -> list[str]:
-    if window.asleep is None:
-        return []
-    asleep, in_run = short_percent(window.asleep), window.asleep_in_run
-    slept = f"On average {asleep} of the model slept in these steps"
+def _sleep_in_run(asleep: float, in_run: float | None) -> str:
+    """Return how much of a model sleeps in its own run, beside these steps."""
     if in_run is None:
-        return [f"{slept}: states do not hold what sleeps, so all of it is awake at each start"]
-    if abs(window.asleep - in_run) <= _SAME_SLEEP:
-        return [f"{slept}, as in its own run"]
-    return [
-        f"{slept}, and {short_percent(in_run)} in its own run: states do not hold what sleeps, so"
+        return ": states do not hold what sleeps, so all of it is awake at each start"
+    if abs(asleep - in_run) <= _SAME_SLEEP:
+        return ", as in its own run"
+    return (
+        f", and {short_percent(in_run)} in its own run: states do not hold what sleeps, so"
         " these steps do not show what sleeping saves; `mjbench ab` of the plain loop does"
-    ]
+    )

@@ -67,19 +67,13 @@ def failures(outcomes: Mapping[Cell, CellOutcome]) -> list[Conclusion]:
 
 
 def _nodes_table(summary: Summary) -> DataTable:
-    columns = (
-        Column("node"),
-        Column("machine"),
-        Column("results", formats.count),
-        Column("measured", duration),
-        Column("was busy", duration),
-        Column("why"),
-    )
-    rows = [
+    measured = [
         (node.name, node.label, node.cells, node.measured_s, node.busy_s or None, node.objection)
         for node in summary.nodes
     ]
     left_out = [
         (node.name, "", None, None, None, f"left out: {node.reason}") for node in summary.left_out
     ]
-    return DataTable("Nodes", columns, [*rows, *left_out])
+    times = Column("measured", duration), Column("was busy", duration)
+    names = Column("node"), Column("machine"), Column("results", formats.count)
+    return DataTable("Nodes", (*names, *times, Column("why")), [*measured, *left_out])

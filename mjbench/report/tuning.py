@@ -4,16 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
-from mjbench.report.content import (
-    Column,
-    Conclusion,
-    DataTable,
-    Figure,
-    Section,
-    Snippet,
-    Tone,
-    filled,
-)
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.report.formats import short_percent
 from mjbench.report.tuning_notes import in_units, notes, percent
 from mjbench.simulation import package_timer
@@ -32,7 +23,6 @@ from mjbench.tuning.records import (
 from mjbench.tuning.reference import SAME_SHARE, Present
 from mjbench.tuning.settings import (
     Edit,
-    LoopChange,
     Part,
     Setting,
     buffer_sizes_of,
@@ -78,17 +68,17 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
     for record in records:
         tone = Tone.GOOD if record.best() is not None else Tone.NEUTRAL
         first = Conclusion(conclusion(record), tone if record.status == Status.OK else Tone.BAD)
-        if not _is_measured(record):
+        present, batch = record.present, record.batch
+        if present is None and (batch is None or batch.facts is None or batch.present is None):
             yield Section(record.model, [first])
             continue
-        present, alone = record.present, faster_alone(record)[:_MOST_ALONE]
         yield Section(
             heading=f"{subject(record)}: settings",
-            conclusions=[*(_unconverged(present) if present else []), first, *slow_effects(record)],
+            conclusions=[*_conclusions(record, first)],
             figures=[_front_figure(record, present)] if present and present.error else [],
             tables=[
-                *([_front_table(record)] if record.front or record.batch else []),
-                *filled(_alone_table(record, alone)),
+                *([_front_table(record)] if record.front or batch else []),
+                _alone_table(record),
             ],
             notes=notes(record),
             snippets=[snippet for each in advised(record) for snippet in to_apply(each.settings)],
@@ -96,22 +86,18 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
         )
 
 
-def _unconverged(present: Present) -> list[Conclusion]:
-    if present.is_converged:
-        return []
-    return [
-        Conclusion(
+def _conclusions(record: TuneRecord, first: Conclusion) -> Iterator[Conclusion]:
+    """Yield what to know before the first conclusion, it, and what runs are too short to show."""
+    present = record.present
+    if present is not None and not present.is_converged:
+        yield Conclusion(
             f"The solver does not converge: it stops at its limit of iterations in"
             f" {short_percent(present.solver_limited)} of the steps. Results depend on that limit,"
             " so settings that change them are recommended only if they err no more than a solver"
             " that converges",
             Tone.UNSURE,
         )
-    ]
-
-
-def slow_effects(record: TuneRecord) -> Iterator[Conclusion]:
-    """Yield what recommended settings prevent that is slower than the runs show."""
+    yield first
     settings = [one for each in advised(record) for one in each.settings]
     for text in dict.fromkeys(slow_lines(settings)) if record.batch is None else ():
         yield Conclusion(text, Tone.UNSURE)
@@ -126,21 +112,8 @@ def slow_lines(settings: Sequence[Setting]) -> list[str]:
     ]
 
 
-def _is_measured(record: TuneRecord) -> bool:
-    batch = record.batch
-    return record.present is not None or (
-        batch is not None and batch.facts is not None and batch.present is not None
-    )
-
-
 def _front_figure(record: TuneRecord, present: Present) -> Figure:
     """Return time against error: what was tried from all starts, and what was confirmed."""
-    columns = (
-        Column("settings"),
-        Column("error, % of the motion", formats.digits(3)),
-        Column("time of a simulated second", formats.digits(4)),
-        Column("point"),
-    )
     judged = [(row, row.accuracy) for row in record.attempts if row.accuracy is not None]
     most = max((len(accuracy.run_errors) for _, accuracy in judged), default=0)
     assert present.error is not None, "it has a reference"
@@ -157,10 +130,16 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
         for each in record.front
         if each.error is not None
     ]
+    error, time = "error, % of the motion", "time of a simulated second"
+    columns = (
+        Column("settings"),
+        Column(error, formats.digits(3)),
+        Column(time, formats.digits(4)),
+        Column("point"),
+    )
     data = DataTable("Time and error", columns, rows)
-    error, time_ratio = columns[1].title, columns[2].title
     points = {
-        "x": charts.quantity(time_ratio, f"{time_ratio}, present settings = 1"),
+        "x": charts.quantity(time, f"{time}, present settings = 1"),
         "y": charts.quantity(error, error, log=all(row[1] > 0 for row in rows)),
         "color": charts.colour("point", _COLOURS),
     }
@@ -222,18 +201,18 @@ def _front_table(record: TuneRecord) -> DataTable:
     )
 
 
-def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
+def _alone_table(record: TuneRecord) -> DataTable:
     return DataTable.of(
         "Settings that alone are certainly faster",
-        [(each, each.settings[0]) for each in attempts],
-        (Column("setting alone"), lambda row: row[1].label),
-        (Column("results"), lambda row: _result(a) if (a := row[0].accuracy) else None),
+        faster_alone(record)[:_MOST_ALONE],
+        (Column("setting alone"), lambda row: row.settings[0].label),
+        (Column("results"), lambda row: _result(row.accuracy) if row.accuracy else None),
         (
             Column("time of a simulated second", formats.digits(4)),
-            lambda row: row[0].ratio.estimate if row[0].ratio else row[0].time_ratio,
+            lambda row: row.ratio.estimate if row.ratio else row.time_ratio,
         ),
-        (Column("why it helps", wraps=True, leaves=1), lambda row: why(row[0], record)),
-        (Column("what it may change", wraps=True, leaves=2), lambda row: changes(row[0])),
+        (Column("why it helps", wraps=True, leaves=1), lambda row: why(row, record)),
+        (Column("what it may change", wraps=True, leaves=2), changes),
     )
 
 
@@ -253,11 +232,15 @@ def conclusion(record: TuneRecord) -> str:
         return f"{model}: interrupted before settings could be recommended"
     if record.status not in (Status.OK, Status.INTERRUPTED):
         return f"{model}: {record.status}: {record.detail}"
-    listed = advised(record)
-    if not listed:
+    parts = [
+        f"{formats.factor(1 / each.ratio.estimate)} times as fast{_results(each, record)}:"
+        f" {label(each.settings)}"
+        for each in advised(record)
+    ]
+    if not parts:
         unknown = "; errors could not be measured" if record.no_reference else ""
         return f"{model}: no settings are certainly faster{_within(record)}{unknown}"
-    return f"{model}: {'; '.join(_part(each, record) for each in listed)}"
+    return f"{model}: {'; '.join(parts)}"
 
 
 def advised(record: TuneRecord) -> list[Recommendation]:
@@ -266,13 +249,6 @@ def advised(record: TuneRecord) -> list[Recommendation]:
         return []
     exact = [each for each in record.front if each.effect.rank < best.effect.rank]
     return [*(each for each in exact if each.is_allowed), best]
-
-
-def _part(each: Recommendation, record: TuneRecord) -> str:
-    return (
-        f"{formats.factor(1 / each.ratio.estimate)} times as fast{_results(each, record)}:"
-        f" {label(each.settings)}"
-    )
 
 
 def _within(record: TuneRecord) -> str:
@@ -333,11 +309,8 @@ def faster_alone(record: TuneRecord) -> list[Attempt]:
     faster = [
         (estimate, each)
         for estimate, each in alone
-        if label(each.settings) not in withdrawn
-        and (
-            label(each.settings) in confirmed
-            or saves_time(fresh_ratio(each.launches, count=len(alone)))
-        )
+        if (name := label(each.settings)) not in withdrawn
+        and (name in confirmed or saves_time(fresh_ratio(each.launches, count=len(alone))))
     ]
     return [each for _, each in sorted(faster, key=lambda pair: pair[0])]
 
@@ -356,16 +329,13 @@ def why(attempt: Attempt, record: TuneRecord) -> str:
     knob = knobs.find(setting.knob)
     parts = [setting.evidence] if setting.evidence else []
     parts += [knob.helps] if knob.helps else []
-    if not setting.saves and (saved := _saved(record.saved(attempt))):
-        parts.append(saved)
+    if not setting.saves:
+        saved = [(stage, share) for stage, share in record.saved(attempt).items() if share > 0]
+        most = [f"{100 * share:.0f} % less in {stage}" for stage, share in saved[:_MOST_STAGES]]
+        parts += [", ".join(most)] if most else []
     if setting.loses:
         parts.append(f"gives up {setting.loses}")
     return "; ".join(parts)
-
-
-def _saved(by_stage: Mapping[str, float]) -> str:
-    most = [(stage, share) for stage, share in by_stage.items() if share > 0][:_MOST_STAGES]
-    return ", ".join(f"{100 * share:.0f} % less in {stage}" for stage, share in most)
 
 
 def changes(attempt: Attempt) -> str:
@@ -381,7 +351,10 @@ def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
     edits, name = edits_of(settings), label(settings)
     if mjcf := [*_mjcf(edits)]:
         yield Snippet(f"To apply {name}, in the model, last in <mujoco>", "\n".join(mjcf))
-    code = _code(loop_change(settings))
+    loop = loop_change(settings)
+    code = [package_timer.OFF_SNIPPET] if loop.is_clock_off else []
+    if loop.engine_threads:
+        code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")
     if sizes := "".join(f", {name}={size}" for name, size in buffer_sizes_of(settings).items()):
         code.append(f"data = mujoco_warp.make_data(model, nworld=nworld{sizes})")
     if any((edit.part, edit.name) == (Part.OPTION, "timestep") for edit in edits):
@@ -404,10 +377,3 @@ def _mjcf(edits: Sequence[Edit]) -> Iterator[str]:
 
 def _attributes(edits: Sequence[Edit], part: Part) -> str:
     return "".join(f' {edit.name}="{edit.value}"' for edit in edits if edit.part == part)
-
-
-def _code(loop: LoopChange) -> list[str]:
-    code = [package_timer.OFF_SNIPPET] if loop.is_clock_off else []
-    if loop.engine_threads:
-        code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")
-    return code

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 from mjbench.report.formats import short_percent
 from mjbench.report.starts import starts_lines
-from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import Batch, BatchFacts, TuneRecord
@@ -17,8 +16,12 @@ _MOST_FAILED = 12
 
 
 def notes(record: TuneRecord) -> list[str]:
-    lines, starts = _basis(record)
-    lines += starts_lines(starts)
+    if record.present is not None:
+        lines = [*_basis_in_c(record.present), *starts_lines(record.present.starts)]
+    else:
+        assert record.batch is not None and record.batch.facts is not None, "it was measured"
+        lines = _basis_of_batch(record, record.batch, record.batch.facts)
+        lines += starts_lines(record.batch.facts.starts)
     lines += [
         f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
         for each in record.withdrawn
@@ -51,31 +54,24 @@ def left_out(record: TuneRecord) -> Iterator[str]:
         yield f"There was no time for {untried} of settings: give a longer --budget"
 
 
-def _basis(record: TuneRecord) -> tuple[list[str], Starts]:
-    if record.present is not None:
-        return _basis_in_c(record.present), record.present.starts
-    assert record.batch is not None and record.batch.facts is not None, "it was measured"
-    return _basis_of_batch(record, record.batch, record.batch.facts), record.batch.facts.starts
-
-
-def _basis_in_c(present: Present) -> list[str]:
+def _basis_in_c(present: Present) -> Iterator[str]:
     if present.error is None or present.solver is None:
-        return [
+        yield (
             f"No reference was run, so errors are unknown: settings were compared with the present"
             f" ones over {plain(present.run_s, 3)} s of {present.nrun} runs"
-        ]
-    lines = [
+        )
+        return
+    yield (
         f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
         f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
         f" it. Rounding alone: {percent(present.rounding.share)}. The solver alone:"
         f" {percent(present.solver.share)}."
-    ]
+    )
     if not present.is_comparable:
-        lines.append(
+        yield (
             "These runs part too soon to compare errors: no settings that change states by more"
             " than rounding are recommended"
         )
-    return lines
 
 
 def _basis_of_batch(record: TuneRecord, batch: Batch, facts: BatchFacts) -> list[str]:

@@ -1,5 +1,6 @@
 """What `mjbench web` comes to: WebAssembly builds beside C."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
@@ -29,8 +30,8 @@ def sections(records: Sequence[WebRecord]) -> Iterator[Section]:
                 Conclusion(conclusion(record), Tone.NEUTRAL if is_good else Tone.BAD),
             ],
             facts=_facts(record),
-            tables=[_table(record)] if record.paths else [],
-            notes=notes(record),
+            tables=[_table(record)],
+            notes=[*notes(record)],
         )
 
 
@@ -83,20 +84,15 @@ def _agreement(check: RoundingCheck) -> str:
     return f"after {check.nstep} steps its states are within {check.final.difference:.1e} of C's"
 
 
-def notes(record: WebRecord) -> list[str]:
-    lines = []
-    checks: dict[str, list[str]] = {}
+def notes(record: WebRecord) -> Iterator[str]:
+    checks = defaultdict[str, list[str]](list)
     for path in record.path_results:
-        if path.check is not None:
-            for line in _check_lines(path.check):
-                checks.setdefault(line, []).append(_name(path))
-    lines += [f"{', '.join(names)}: {line}" for line, names in checks.items()]
-    lines += [
-        f"{_name(path)}: {path.status}: {path.detail}"
-        for path in record.path_results
-        if path.status != Status.OK
-    ]
-    return lines
+        for line in _check_lines(path.check) if path.check else ():
+            checks[line].append(_name(path))
+    yield from (f"{', '.join(names)}: {line}" for line, names in checks.items())
+    for path in record.path_results:
+        if path.status != Status.OK:
+            yield f"{_name(path)}: {path.status}: {path.detail}"
 
 
 def _short_blocks(record: WebRecord) -> Iterator[str]:
