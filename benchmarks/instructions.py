@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks import stored
-from benchmarks.settings import Cached, Tracked
+from benchmarks.settings import Cached, Tracked, for_asv
 from mjbench.counts.instructions import InstructionCounter, ModelCount, unavailable
 from mjbench.releases import installs
 from mjbench.simulation import models, workload
@@ -27,6 +27,7 @@ class Instructions(Tracked):
     param_names = ("model",)
     timeout = 600
 
+    @for_asv(timeout=600)
     def setup_cache(self) -> dict[str, Cached[float]]:
         """Count all models at once; return the counts by model."""
         problem = unavailable()
@@ -49,18 +50,14 @@ class Instructions(Tracked):
                     cache |= {count.model: _cached(count) for count in counts}
         return cache
 
-    setup_cache.timeout = 600  # type: ignore[attr-defined]
-
     def setup(self, cache: dict[str, Cached[float]], model: str) -> None:
         """Skip a model that cannot be counted; fail for one that should have been."""
         cache[model].get()
 
+    @for_asv(unit="instructions/step", pretty_name="instructions per step")
     def track_instructions_per_step(self, cache: dict[str, Cached[float]], model: str) -> float:
         """Return the engine's instructions per step, a mean over all steps of all simulations."""
         return cache[model].get()
-
-    track_instructions_per_step.unit = "instructions/step"
-    track_instructions_per_step.pretty_name = "instructions per step"
 
 
 def _cached(count: ModelCount) -> Cached[float]:

@@ -80,8 +80,9 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
 
     if not file.exists():
         return None
+    kind: Any = WEB.document_type
     try:
-        document = msgspec.json.decode(file.read_bytes(), type=json_type(WEB.document_type))
+        document = msgspec.json.decode(file.read_bytes(), type=json_type(kind))
     except (OSError, msgspec.DecodeError) as error:
         raise InputError(f"cannot read {file}: {one_line(error)}") from error
     rows = [row for row in document.results if row.model in MODELS]

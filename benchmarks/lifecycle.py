@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 
 from benchmarks import stored
-from benchmarks.settings import Timed
+from benchmarks.settings import Timed, for_asv
 from mjbench.errors import UnavailableError
 from mjbench.paired import operations
 from mjbench.simulation import models, workload
@@ -48,11 +48,10 @@ class Load(Timed):
         """Find the file, and check that this release loads it."""
         self.run = _block(f"load {model}", 5)
 
+    @for_asv(pretty_name="5 × MjModel.from_xml_path")
     def time_5_loads(self, model: str) -> None:
         """Call `MjModel.from_xml_path` 5 times, in seconds."""
         self.run()
-
-    time_5_loads.pretty_name = "5 × MjModel.from_xml_path"
 
 
 class Data(Timed):
@@ -66,22 +65,21 @@ class Data(Timed):
         self.create, self.reset = _block(f"data {model}", 20), _block(f"reset {model}", 1000)
         self.data = _start_data(model)
 
+    @for_asv(pretty_name="20 × MjData(model)")
     def time_20_mjdata(self, model: str) -> None:
         """Create 20 MjData, in seconds."""
         self.create()
 
+    @for_asv(pretty_name="1000 × mj_resetData")
     def time_1000_resets(self, model: str) -> None:
         """Call `mj_resetData` 1000 times, in seconds."""
         self.reset()
 
+    @for_asv(pretty_name="20 × copy.copy(MjData)")
     def time_20_copies(self, model: str) -> None:
         """Copy an MjData 20 times by `copy.copy`, in seconds."""
         for _ in range(20):
             copy.copy(self.data)
-
-    time_20_mjdata.pretty_name = "20 × MjData(model)"
-    time_1000_resets.pretty_name = "1000 × mj_resetData"
-    time_20_copies.pretty_name = "20 × copy.copy(MjData)"
 
 
 class Ray(Timed):
@@ -94,11 +92,10 @@ class Ray(Timed):
         """Compute the geoms' poses, and draw the directions of the rays."""
         self.run = _block(f"rays {model}", 500)
 
+    @for_asv(pretty_name="500 × mj_ray")
     def time_500_rays(self, model: str) -> None:
         """Call `mj_ray` 500 times, in seconds."""
         self.run()
-
-    time_500_rays.pretty_name = "500 × mj_ray"
 
 
 class Spec(Timed):
@@ -108,18 +105,16 @@ class Spec(Timed):
         """Check that this release has MjSpec."""
         self.run = _block("spec", 2000)
 
+    @for_asv(pretty_name="MjSpec: add 2000 geoms and compile")
     def time_2000_geoms(self) -> None:
         """Add 2000 spheres to the world body and compile, in seconds."""
         self.run()
-
-    time_2000_geoms.pretty_name = "MjSpec: add 2000 geoms and compile"
 
 
 class Import(Timed):
     """Time of `import mujoco` in a new interpreter, in seconds."""
 
+    @for_asv(pretty_name="import mujoco")
     def timeraw_import(self) -> str:
         """Return the statement that asv times in an interpreter of its own, in seconds."""
         return "import mujoco"
-
-    timeraw_import.pretty_name = "import mujoco"

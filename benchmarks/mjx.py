@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import stored
-from benchmarks.settings import Cached, Tracked
+from benchmarks.settings import Cached, Tracked, for_asv
 from mjbench import paths
 from mjbench.errors import MjbenchError, describe
 from mjbench.host import isolate
@@ -61,29 +61,25 @@ class Mjx(Tracked):
     params = (["cartpole"], [NBATCH])
     param_names = ("model", "nbatch")
 
+    @for_asv(timeout=600)
     def setup_cache(self) -> MjxCache:
         """Measure each model and number of simulations once, in a child process."""
         return {case: _measured(*case) for case in itertools.product(*self.params)}
-
-    setup_cache.timeout = 600  # type: ignore[attr-defined]
 
     def setup(self, cache: MjxCache, model: str, nbatch: int) -> None:
         """Skip what this release cannot do; fail for what should have been measured."""
         cache[model, nbatch].get()
 
+    @for_asv(unit="ns", pretty_name="MJX, float32: a steady step of one simulation")
     def track_steady_ns_per_step(self, cache: MjxCache, model: str, nbatch: int) -> float:
         """Return nanoseconds per step of one simulation: the median block, compiled before."""
         block_s = float(np.median(cache[model, nbatch].get().block_s))
         return 1e9 * block_s / (nbatch * NSTEP)
 
+    @for_asv(unit="s", pretty_name="MJX, float32: tracing and compiling")
     def track_compile_s(self, cache: MjxCache, model: str, nbatch: int) -> float:
         """Return seconds of tracing, lowering and compiling."""
         return cache[model, nbatch].get().compile_s
-
-    track_steady_ns_per_step.unit = "ns"
-    track_steady_ns_per_step.pretty_name = "MJX, float32: a steady step of one simulation"
-    track_compile_s.unit = "s"
-    track_compile_s.pretty_name = "MJX, float32: tracing and compiling"
 
 
 class ByHand(Tracked):
@@ -95,6 +91,12 @@ class ByHand(Tracked):
         """Check that MJX is installed."""
         _require_mjx()
 
+    # it is of mjbench and not of a release, and takes a minute: pytest checks it, and asv does not
+    @for_asv(
+        skip_benchmark=True,
+        unit="path/by hand",
+        pretty_name="MJX: throughput over a program by hand",
+    )
     def track_throughput_over_handwritten(self) -> float:
         """Return the ratio of throughputs; above 1 the path is faster.
 
@@ -108,11 +110,6 @@ class ByHand(Tracked):
             limit_s=self.timeout,
             environment=_mjx_path().environment(),
         )
-
-    # it is of mjbench and not of a release, and takes a minute: pytest checks it, and asv does not
-    track_throughput_over_handwritten.skip_benchmark = True  # type: ignore[attr-defined]
-    track_throughput_over_handwritten.unit = "path/by hand"
-    track_throughput_over_handwritten.pretty_name = "MJX: throughput over a program by hand"
 
 
 def compare_with_handwritten(
@@ -150,16 +147,16 @@ def _handwritten(cartpoles: workload.Workload) -> Callable[[], None]:
     start = {name: jax.numpy.array(fields[name]) for name in ("qpos", "qvel", "qacc_warmstart")}
     control = jax.numpy.array(cartpoles.step_control)
 
-    @jax.jit
-    @jax.vmap
     def rollout(start: Any, control: Any) -> Any:
         def step(data: Any, ctrl: Any) -> Any:
             return mjx.step(model, data.replace(ctrl=ctrl)), None
 
         return jax.lax.scan(step, empty.replace(**start), control)[0]
 
+    rollouts = jax.jit(jax.vmap(rollout))
+
     def run() -> None:
-        jax.block_until_ready(rollout(start, control))
+        jax.block_until_ready(rollouts(start, control))
 
     return run
 

@@ -125,7 +125,10 @@ def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
     rate = ["--rate", str(rate_hz)] if rate_hz else []
     ordinary = _run(name, rate, lambda observers, of_program: _let_run(of_program))
     half = ["--rate", str(math.ceil((rate_hz or usual_hz) / 2))]
-    pairs = pairs_of(_run(name, half, lambda *both: _change_sides(*both, seconds)).windows)
+    divided = _run(
+        name, half, lambda observers, of_program: _change_sides(observers, of_program, seconds)
+    )
+    pairs = pairs_of(divided.windows)
     if not pairs:
         raise MachineError(f"{name}: no window had a block of steps; use more --seconds")
     sampled_s = sum(loop.time.seconds for loop in ordinary.row.loops if loop.time.in_main)

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable
 
 from benchmarks import stored
-from benchmarks.settings import Timed
+from benchmarks.settings import Timed, for_asv
 from mjbench.loop import habits
 from mjbench.simulation import models
 
@@ -40,8 +40,7 @@ class Overhead(Timed):
         """Compile the loop with the habit."""
         self.run = _loop(source, model)
 
+    @for_asv(pretty_name="1000 × mj_step with a habit in the loop")
     def time_1000_steps(self, source: str, model: str) -> None:
         """Reset to the start state, and step 1000 times with the habit after each step."""
         self.run()
-
-    time_1000_steps.pretty_name = "1000 × mj_step with a habit in the loop"

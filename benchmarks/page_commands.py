@@ -176,7 +176,8 @@ def make_readers_folder(folder: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
     model = mujoco.MjModel.from_xml_path(str(humanoid))
     data = mujoco.MjData(model)
-    np.savez(folder / "states.npz", **mjbench.record(model, data, 500, ["qpos", "qvel", "ctrl"]))
+    recorded = mjbench.record(model, data, 500, ["qpos", "qvel", "ctrl"])
+    np.savez(folder / "states.npz", **recorded)  # type: ignore[arg-type]
     _git(folder, "init", "--quiet", "--initial-branch", "main")
     for tag, count in {"v1.0": 100, "v1.2": 100, "v1.3": 2000}.items():
         text = _ADVANCE.format(count=count)

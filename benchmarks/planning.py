@@ -7,7 +7,7 @@ for 20. `mjbench plan` runs the closed loop, and compares what paths return.
 import numpy as np
 
 from benchmarks import stored
-from benchmarks.settings import Timed
+from benchmarks.settings import Timed, for_asv
 from mjbench import paths
 from mjbench.comparison.planner import Planner, PlannerSettings, PlannerStates, SwingUp
 from mjbench.simulation import compat
@@ -49,6 +49,7 @@ class Planning(Timed):
         settings = PlannerSettings(samples=samples, knots=KNOTS)
         self.planner = Planner(settings, np.array(self.data.ctrl), low, high)
 
+    @for_asv(pretty_name="an MPPI plan for the cart-pole's swing-up")
     def time_1_plan(self, path: str, samples: int) -> None:
         """Improve the plan once, from the start, in seconds."""
         assert self.prepared.step_outputs is not None
@@ -60,8 +61,6 @@ class Planning(Timed):
         assert physics is not None
         states = PlannerStates.of(self.columns, physics)
         self.planner.improve(candidates, self.task.cost(states, candidates))
-
-    time_1_plan.pretty_name = "an MPPI plan for the cart-pole's swing-up"
 
     def teardown(self, path: str, samples: int) -> None:
         """Stop pools."""

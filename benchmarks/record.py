@@ -2,13 +2,14 @@
 
 import functools
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 
 import mjbench
 from benchmarks import stored
-from benchmarks.settings import Tracked
+from benchmarks.settings import Tracked, for_asv
 from mjbench.loop.recording import Ragged
 from mjbench.measuring import timing
 from mjbench.simulation import workload
@@ -26,12 +27,10 @@ class Record(Tracked):
     into arrays allocated before it.
     """
 
+    @for_asv(unit="record/by hand", pretty_name="mjbench.record over a loop written by hand")
     def track_ratio_to_handwritten(self) -> float:
         """Return the median ratio over rounds in which both take turns; 1 is no overhead."""
         return _ratio(_handwritten, _recorded)
-
-    track_ratio_to_handwritten.unit = "record/by hand"
-    track_ratio_to_handwritten.pretty_name = "mjbench.record over a loop written by hand"
 
 
 class RecordOneMoment(Tracked):
@@ -40,6 +39,10 @@ class RecordOneMoment(Tracked):
     params = (["xpos", "sensordata", "qacc"],)
     param_names = ("field",)
 
+    @for_asv(
+        unit="one moment/two moments",
+        pretty_name="mjbench.record, rows of one moment over those of two",
+    )
     def track_ratio_to_two_moments(self, field: str) -> float:
         """Return the median ratio over rounds in which both take turns."""
         mixed, alike = (
@@ -48,11 +51,8 @@ class RecordOneMoment(Tracked):
         )
         return _ratio(mixed, alike)
 
-    track_ratio_to_two_moments.unit = "one moment/two moments"
-    track_ratio_to_two_moments.pretty_name = "mjbench.record, rows of one moment over those of two"
 
-
-_Recording = Callable[[mujoco.MjModel, mujoco.MjData], object]
+_Recording = Callable[[mujoco.MjModel, mujoco.MjData], Any]
 
 
 def _ratio(baseline: _Recording, candidate: _Recording) -> float:

@@ -7,7 +7,7 @@ keeps every launch.
 """
 
 from benchmarks import stored
-from benchmarks.settings import Cached, Tracked
+from benchmarks.settings import Cached, Tracked, for_asv
 from mjbench.paired import release_ratio
 from mjbench.paired.release_tasks import StepTask
 from mjbench.paired.worker_pool import WorkerPool
@@ -28,6 +28,7 @@ class Reference(Tracked):
     param_names = ("model",)
     version = "4"
 
+    @for_asv(timeout=600)  # the first one installs the reference
     def setup_cache(self) -> dict[str, Cached[float]]:
         """Measure all models in the same launches; return the ratios by model."""
         releases = (
@@ -46,18 +47,17 @@ class Reference(Tracked):
             records = release_ratio.measure(pool, tasks, LAUNCHES)
         return cache | {record.model: _cached(record) for record in records}
 
-    setup_cache.timeout = 600  # type: ignore[attr-defined]  # the first one installs the reference
-
     def setup(self, cache: dict[str, Cached[float]], model: str) -> None:
         """Skip a model that this release cannot load; fail for one that was not measured."""
         cache[model].get()
 
+    @for_asv(
+        unit="new/reference",
+        pretty_name=f"time of a step over that of MuJoCo {REFERENCE}, paired",
+    )
     def track_ratio_to_reference(self, cache: dict[str, Cached[float]], model: str) -> float:
         """Return the time of a step over the reference release's, a ratio without unit."""
         return cache[model].get()
-
-    track_ratio_to_reference.unit = "new/reference"
-    track_ratio_to_reference.pretty_name = f"time of a step over that of MuJoCo {REFERENCE}, paired"
 
 
 def _cached(record: RatioRecord) -> Cached[float]:

@@ -108,7 +108,7 @@ def key_lines() -> Iterator[str]:
     link = functools.partial(_link, types)
     yield "## Lines of a run file"
     yield ""
-    kinds = {"run": RunHeader, **RECORD_TYPES}
+    kinds: dict[str, type[Any]] = {"run": RunHeader, **RECORD_TYPES}
     records = ((f"`{name}`", link(_reference(kind.__name__))) for name, kind in kinds.items())
     yield from markdown.table_lines(["type", "keys"], records)
     yield ""

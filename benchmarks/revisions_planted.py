@@ -11,7 +11,6 @@ The exit code is 1 if one is missed or falsely called different, and 0 otherwise
 """
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.studies import tally_file
 from mjbench.paired import function_verdict, revision_sides
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
@@ -166,7 +166,6 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     options = parser.parse_args(arguments)
     # late: asv imports this module where few packages are
     from mjbench.report.verdicts import describe_verdict
-    from mjbench.store.json_form import json_form
 
     results, wrong = list[Result](), 0
     with tempfile.TemporaryDirectory() as folder:
@@ -183,11 +182,9 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
             line = describe_verdict(record.row())
             print(f"{mark}{case.name}, {case.metric}: {line}; {record.seconds:.0f} s", flush=True)
             wrong += bool(mark)
-            results.append(
-                {"case": case.name, "is_slower": case.is_slower, "verdict": record.row()}
-            )
+            results.append(Result(case.name, case.is_slower, record.row()))
     if options.json:
-        options.json.write_text(json.dumps(json_form(results), indent=1) + "\n")
+        options.json.write_text(tally_file.dumps(results))
     return ExitCode.FINDING if wrong else ExitCode.OK
 
 

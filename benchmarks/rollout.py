@@ -8,7 +8,7 @@ before anything is timed.
 from typing import Any
 
 from benchmarks import stored
-from benchmarks.settings import Timed
+from benchmarks.settings import Timed, for_asv
 from mjbench.simulation.workload import Product
 
 NBATCH, NSTEP = 64, 50
@@ -31,11 +31,10 @@ class RolloutThreads(_BatchBenchmark):
         """Start the pool and verify one call."""
         self.prepare("rollout", model, threads=threads, pool="kept")
 
+    @for_asv(pretty_name="rollout of 64 × 50 steps, by threads")
     def time_3200_steps(self, model: str, threads: int) -> None:
         """Make one call of 64 × 50 steps, in seconds."""
         self.run()
-
-    time_3200_steps.pretty_name = "rollout of 64 × 50 steps, by threads"
 
 
 class RolloutChunks(_BatchBenchmark):
@@ -51,11 +50,10 @@ class RolloutChunks(_BatchBenchmark):
         """Start the pool and verify one call."""
         self.prepare("rollout", model, threads=2, pool="kept", chunk=chunk)
 
+    @for_asv(pretty_name="rollout of 64 × 50 steps on 2 threads, by chunk size")
     def time_3200_steps(self, model: str, chunk: int) -> None:
         """Make one call of 64 × 50 steps, in seconds."""
         self.run()
-
-    time_3200_steps.pretty_name = "rollout of 64 × 50 steps on 2 threads, by chunk size"
 
 
 class RolloutPool(_BatchBenchmark):
@@ -68,11 +66,10 @@ class RolloutPool(_BatchBenchmark):
         """Prepare the call and verify it."""
         self.prepare("rollout", model, threads=2, pool=pool)
 
+    @for_asv(pretty_name="rollout of 64 × 50 steps on 2 threads, by pool")
     def time_3200_steps(self, model: str, pool: str) -> None:
         """Make one call of 64 × 50 steps, in seconds; `new` starts its threads in it."""
         self.run()
-
-    time_3200_steps.pretty_name = "rollout of 64 × 50 steps on 2 threads, by pool"
 
 
 class Batch(_BatchBenchmark):
@@ -91,13 +88,12 @@ class Batch(_BatchBenchmark):
         self.step = self.run
         self.prepare("batch_rollout", model, threads=2, data=data)
 
+    @for_asv(pretty_name="Batch.step, 64 × 50 steps on 2 threads")
     def time_3200_steps_by_step(self, model: str, data: str) -> None:
         """Call `Batch.step` once per control, which is 10 steps of all 64, in seconds."""
         self.step()
 
+    @for_asv(pretty_name="Batch.rollout, 64 × 50 steps on 2 threads")
     def time_3200_steps_by_rollout(self, model: str, data: str) -> None:
         """Make one call of `Batch.rollout`, in seconds."""
         self.run()
-
-    time_3200_steps_by_step.pretty_name = "Batch.step, 64 × 50 steps on 2 threads"
-    time_3200_steps_by_rollout.pretty_name = "Batch.rollout, 64 × 50 steps on 2 threads"

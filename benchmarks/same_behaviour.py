@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.odd_programs import ODD_PROGRAMS, OddProgram
+from mjbench.host import machine
 from mjbench.status import ExitCode
 
 # Seconds that a program may take at most.
@@ -69,10 +70,11 @@ def differences(program: OddProgram) -> Iterator[str]:
     if first.exit_code != second.exit_code:
         yield f"exit code {first.exit_code}, and {second.exit_code} under mjbench run"
     for kind in ("output", "error"):
-        texts = (getattr(first, kind), getattr(second, kind))
-        lines = [_ADDRESS.sub("0x", text).splitlines() for text in texts]
-        compared = difflib.unified_diff(*lines, kind, f"{kind} under mjbench run", lineterm="")
-        yield from compared
+        before, after = (
+            _ADDRESS.sub("0x", getattr(seen, kind)).splitlines() for seen in (first, second)
+        )
+        names = kind, f"{kind} under mjbench run"
+        yield from difflib.unified_diff(before, after, *names, lineterm="")
     for file in sorted(first.files.keys() | second.files.keys()):
         if first.files.get(file) != second.files.get(file):
             yield f"{file}: {first.files.get(file)!r}, and {second.files.get(file)!r}"
@@ -80,8 +82,8 @@ def differences(program: OddProgram) -> Iterator[str]:
 
 def _run(command: Sequence[str], program: OddProgram, folder: Path) -> Behaviour:
     shutil.rmtree(folder, ignore_errors=True)
-    text = program.text.encode() if isinstance(program.text, str) else program.text
-    for path, content in {"program.py": text, **program.files}.items():
+    contents: dict[str, str | bytes] = {"program.py": program.text, **program.files}
+    for path, content in contents.items():
         file = folder / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -96,14 +98,14 @@ def _run(command: Sequence[str], program: OddProgram, folder: Path) -> Behaviour
         text=True,
         start_new_session=True,  # so that the terminal's Ctrl-C is not its own
     )
-    assert process.stdout is not None, "there is a pipe"
-    begin = ""
+    stdout, begin = process.stdout, ""
+    assert stdout is not None, "there is a pipe"
     if program.closes_output:
-        process.stdout.close()
+        stdout.close()
         process.stdout = None
     if program.signal_number is not None:
         while not begin.endswith("ready\n"):
-            begin += process.stdout.readline()
+            begin += stdout.readline()
         process.send_signal(program.signal_number)
     output, error = process.communicate(program.stdin, timeout=_LIMIT_S)
     files = {
@@ -120,7 +122,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("programs", nargs="*", metavar="PROGRAM")
     names = parser.parse_args().programs or list(ODD_PROGRAMS)
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    with ThreadPoolExecutor(machine.usable_cores()) as pool:
         listed = list(pool.map(lambda name: list(differences(ODD_PROGRAMS[name])), names))
     for name, lines in zip(names, listed, strict=True):
         if lines:

@@ -9,12 +9,37 @@ asv forks every parameter of every round from one process (`launch_method` in as
 is measured for all parameters together is measured in `setup_cache`, once for each release.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypedDict, TypeVar, Unpack
 
 from mjbench.status import Status
 
 Value = TypeVar("Value")
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+
+class MethodAttributes(TypedDict, total=False):
+    """What asv reads from a method.
+
+    Attributes:
+      timeout: seconds of `setup_cache`; those of a benchmark are an attribute of its class.
+    """
+
+    pretty_name: str
+    unit: str
+    timeout: float
+    skip_benchmark: bool
+
+
+def for_asv(**attributes: Unpack[MethodAttributes]) -> Callable[[_Method], _Method]:
+    """Give a method attributes that asv reads; the method itself stays as it is."""
+
+    def with_attributes(method: _Method) -> _Method:
+        vars(method).update(attributes)
+        return method
+
+    return with_attributes
 
 
 class Timed:

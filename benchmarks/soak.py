@@ -128,7 +128,7 @@ def launch_once(pool: "WorkerPool") -> None:
         pair.launch()
     finally:
         pair.close()
-        if pair.work:
+        if pair.work and pair.work.baseline_workload:
             pair.work.baseline_workload.unlink()  # it would last as long as the pool
 
 

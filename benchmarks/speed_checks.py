@@ -137,8 +137,8 @@ def table(measured: Sequence[Measured]) -> list[str]:
         rows = [row for row in measured if row.function == name]
         logs = [row.log_ratio for row in rows]
         answers = [sum(row.answer == answer for row in rows) for answer in _ANSWERS]
-        cells = f"{_percent(np.std(logs))} | {_percent(np.max(np.abs(logs)))}"
-        spread = _percent(np.std([np.log(row.candidate_s) for row in rows]))
+        cells = f"{_percent(float(np.std(logs)))} | {_percent(max(map(abs, logs)))}"
+        spread = _percent(float(np.std([np.log(row.candidate_s) for row in rows])))
         counts = " | ".join(map(str, answers))
         lines.append(f"| {name} | {len(rows)} | {cells} | {counts} | {spread} |")
     return lines

@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Callable
 
 from benchmarks import stored
-from benchmarks.settings import Cached, Timed, Tracked
+from benchmarks.settings import Cached, Timed, Tracked, for_asv
 from mjbench.errors import describe
 from mjbench.simulation import models, work
 from mjbench.status import Status
@@ -25,11 +25,10 @@ class Step(Timed):
         """Prepare the loop, and compare its final states with the reference run's."""
         self.run = stored.prepared_run("python_loop", model).run
 
+    @for_asv(pretty_name="1000 × mj_step (ms read as µs per step)")
     def time_1000_steps(self, model: str) -> None:
         """Step 10 simulations 100 times each, in seconds."""
         self.run()
-
-    time_1000_steps.pretty_name = "1000 × mj_step (ms read as µs per step)"
 
 
 class HeavyStep(Timed):
@@ -42,11 +41,10 @@ class HeavyStep(Timed):
         """Prepare the loop, and compare its final states with the reference run's."""
         self.run = stored.prepared_run("python_loop", model, nstep=stored.HEAVY_NSTEP).run
 
+    @for_asv(pretty_name="100 × mj_step, heavy models")
     def time_100_steps(self, model: str) -> None:
         """Step 10 simulations 10 times each, in seconds."""
         self.run()
-
-    time_100_steps.pretty_name = "100 × mj_step, heavy models"
 
 
 class Memory(Tracked):
@@ -61,11 +59,10 @@ class Memory(Tracked):
         nstep = stored.nstep_of(model)
         self.run: Callable[[], None] = stored.prepared_run("python_loop", model, nstep=nstep).run
 
+    @for_asv(pretty_name="peak memory of load and step")
     def peakmem_stepping(self, model: str) -> None:
         """Step the stored workload; asv reads the peak memory of the process, in bytes."""
         self.run()
-
-    peakmem_stepping.pretty_name = "peak memory of load and step"
 
 
 class Work(Tracked):
@@ -78,34 +75,29 @@ class Work(Tracked):
     params = models.shipped()
     param_names = ("model",)
 
+    @for_asv(timeout=300)
     def setup_cache(self) -> dict[str, Cached[work.Work]]:
         """Step the stored workload of each model once, counting."""
         return {model: _counted(model) for model in self.params}
-
-    setup_cache.timeout = 300  # type: ignore[attr-defined]
 
     def setup(self, cache: dict[str, Cached[work.Work]], model: str) -> None:
         """Skip a model that this release cannot load."""
         cache[model].get()
 
+    @for_asv(unit="contacts/step", pretty_name="contacts per step")
     def track_contacts(self, cache: dict[str, Cached[work.Work]], model: str) -> float:
         """Return contacts (`data.ncon`) per step."""
         return cache[model].get().contacts
 
+    @for_asv(unit="constraints/step", pretty_name="constraints per step")
     def track_constraints(self, cache: dict[str, Cached[work.Work]], model: str) -> float:
         """Return scalar constraints (`data.nefc`) per step."""
         return cache[model].get().constraints
 
+    @for_asv(unit="iterations/step", pretty_name="solver iterations per step")
     def track_solver_iterations(self, cache: dict[str, Cached[work.Work]], model: str) -> float:
         """Return solver iterations per step, summed over constraint islands."""
         return cache[model].get().solver_iterations
-
-    track_contacts.unit = "contacts/step"
-    track_contacts.pretty_name = "contacts per step"
-    track_constraints.unit = "constraints/step"
-    track_constraints.pretty_name = "constraints per step"
-    track_solver_iterations.unit = "iterations/step"
-    track_solver_iterations.pretty_name = "solver iterations per step"
 
 
 def _counted(model: str) -> Cached[work.Work]:
@@ -132,9 +124,7 @@ class Drift(Tracked):
         """Check that this release can load the model."""
         stored.load(model)
 
+    @for_asv(unit="SI", pretty_name="largest difference of qpos, qvel, act after one step")
     def track_drift(self, model: str) -> float:
         """Return the largest difference of qpos, qvel and act after one step, in SI units."""
         return stored.drift(model)
-
-    track_drift.unit = "SI"
-    track_drift.pretty_name = "largest difference of qpos, qvel, act after one step"

@@ -383,7 +383,7 @@ def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceReco
         spent_s = 0.0
 
         def launch(self, positions: Sequence[int]) -> RaceLaunch:
-            drawn = stored.launches[rng.integers(len(stored.launches))]
+            drawn = stored.launches[int(rng.integers(len(stored.launches)))]
             ns = [[row[i] for i in positions] for row in drawn.ns]
             rounds = 1 + _PREPARING_BLOCKS / len(ns)
             self.spent_s += _START_S + 1e-9 * rounds * sum(map(sum, ns))

@@ -135,7 +135,7 @@ def score(plan: Plan, histories: int, seed: int = 0) -> Score:
     planted = detected = wrong = drifts = named = 0
     for _ in range(histories):
         history = draw(rng, plan)
-        seen = change_points.changes(history.log_ratios, history.deviations)
+        seen = change_points.changes(history.log_ratios.tolist(), history.deviations.tolist())
         listed = {point.index: point.change for point in seen.change_points}
         right = {i for i, change in history.changes.items() if listed.get(i, 0.0) * change > 0}
         planted += len(history.changes)

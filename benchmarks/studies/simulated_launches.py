@@ -41,12 +41,15 @@ def skewed(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
 
 def skewed_alike(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
     """Draw the difference of two exponential distributions, of deviation 1."""
-    return (skewed(rng, shape) - skewed(rng, shape)) / np.sqrt(2)
+    drawn: np.ndarray = (skewed(rng, shape) - skewed(rng, shape)) / np.sqrt(2)
+    return drawn
 
 
 def mixed(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
     """Draw the sum of a normal, a two-modal and a skewed distribution, of deviation 1."""
-    return (normal(rng, shape) + two_modes(rng, shape) + skewed(rng, shape)) / np.sqrt(3)
+    total = normal(rng, shape) + two_modes(rng, shape) + skewed(rng, shape)
+    drawn: np.ndarray = total / np.sqrt(3)
+    return drawn
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,7 @@ def simulate(
             conclude(e, plan.min_effect, plan.confidence, plan.precision, family) for e in judged
         ]
         ended = np.array([j.enough for j in judgements]) | (length == scenario.most)
-        for number in np.flatnonzero(ended):
+        for number in np.flatnonzero(ended).tolist():
             i, interval = active[number], judged[number].interval
             verdicts[i] = judgements[number].verdict
             errors[i] = interval.mean - truth

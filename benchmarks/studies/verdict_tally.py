@@ -92,11 +92,13 @@ class ScenarioRow:
     @classmethod
     def of(cls, scenario: str, change: float, outcomes: Outcomes) -> "ScenarioRow":
         """Return the row of simulated comparisons."""
-        verdicts = (Verdict.SLOWER, Verdict.FASTER, Verdict.SAME, Verdict.INCONCLUSIVE)
         return cls(
             scenario,
             change,
-            *map(outcomes.share, verdicts),
+            slower=outcomes.share(Verdict.SLOWER),
+            faster=outcomes.share(Verdict.FASTER),
+            same=outcomes.share(Verdict.SAME),
+            inconclusive=outcomes.share(Verdict.INCONCLUSIVE),
             launches=float(outcomes.launches.mean()),
             bias=float(outcomes.errors.mean()),
             covered=float(outcomes.covered.mean()),
@@ -167,14 +169,15 @@ def _slower(unchanged: Outcomes, changed: Outcomes, level: float | None) -> np.n
       level: of the family; None if each verdict stands alone.
     """
     shape = (-1, FAMILY)
-    is_slower = (unchanged.verdicts == Verdict.SLOWER).reshape(shape)
+    is_slower: np.ndarray = (unchanged.verdicts == Verdict.SLOWER).reshape(shape)
     is_slower[:, 0] = changed.verdicts == Verdict.SLOWER
     if level is None:
         return is_slower
     e_values = unchanged.e_slower.reshape(shape).copy()
     e_values[:, 0] = changed.e_slower
     rejected = [anytime.e_benjamini_hochberg(family, level) for family in e_values.tolist()]
-    return is_slower & np.array(rejected)
+    is_slower &= np.array(rejected)
+    return is_slower
 
 
 @dataclass(frozen=True)
