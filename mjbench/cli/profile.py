@@ -1,6 +1,6 @@
 """`mjbench profile`: where a step's time goes."""
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
@@ -13,10 +13,6 @@ from mjbench.cli.shared import (
     models_argument,
     with_options,
 )
-from mjbench.simulation.models import ModelSource
-
-if TYPE_CHECKING:
-    from mjbench.simulation.starts import StartPlan
 
 
 @cli.command()
@@ -25,13 +21,7 @@ if TYPE_CHECKING:
 @models_argument("cartpole")
 @budget(4, "Time for the steps of each model, and half of it for the frames of each backend.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
-def profile(
-    sources: list[ModelSource],
-    budget_s: float,
-    starts: "StartPlan",
-    time_limit: float,
-    output: OutputOptions,
-) -> None:
+def profile(time_limit: float, output: OutputOptions, **options: Any) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages, such as collision, constraint solver and kinematics, are from MuJoCo's own timers.
@@ -46,4 +36,4 @@ def profile(
     """
     from mjbench.api.profile import measurement
 
-    measure_and_print(measurement(sources, starts, time_limit, budget_s), output).exit()
+    measure_and_print(measurement(**options, limit_s=time_limit), output).exit()
