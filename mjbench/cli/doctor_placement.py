@@ -1,8 +1,6 @@
 """`mjbench doctor --placement`: how far a step's time depends on where the code lies."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -16,13 +14,6 @@ from mjbench.cli.shared import (
     models_argument,
     with_options,
 )
-from mjbench.simulation.models import ModelSource
-
-if TYPE_CHECKING:
-    from mjbench.api.session import Observer
-    from mjbench.measuring.progress import Progress
-    from mjbench.paired.run_sizes import Sizes
-    from mjbench.store.runs import Record
 
 
 @cli.command("doctor --placement")
@@ -48,14 +39,7 @@ if TYPE_CHECKING:
     is_renamed=True,
 )
 @with_options(SIZES_OF_STARTS, STORING)
-def doctor_placement(
-    sources: list[ModelSource],
-    release_name: str,
-    launches: int,
-    time_limit: float,
-    sizes: "Sizes",
-    output: OutputOptions,
-) -> None:
+def doctor_placement(time_limit: float, output: OutputOptions, **options: Any) -> None:
     """How far does the time of a step depend on where MuJoCo's machine code lies in memory?
 
     Compares a release as shipped with the same release moved by 0, 16, 32 and 48 bytes within a
@@ -67,35 +51,6 @@ def doctor_placement(
       mjbench doctor --placement robot.xml
       mjbench doctor --placement cloth pile --release 3.3.1
     """
-    from mjbench.api.session import Item, Measurement, in_turn, pinning_notes
-    from mjbench.paired import placement_spread
-    from mjbench.paired.placement_spread import SpreadPlan
-    from mjbench.paired.targets import Target
-    from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.releases.installs import parse_release
+    from mjbench.api.doctor import placements
 
-    release = parse_release(release_name)
-    targets = [Target(release, source) for source in sources]
-    plan = SpreadPlan(launches, time_limit, sizes)
-
-    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        with WorkerPool() as pool:
-
-            def measure(source: ModelSource, on_progress: "Progress") -> Item:
-                def on_launch(count: int) -> None:
-                    on_progress(source.name, count / plan.most_launches)
-
-                target = Target(release, source)
-                return Item([placement_spread.measure(pool, target, plan, on_launch)])
-
-            yield from in_turn(sources, measure, earlier, observer)
-
-    measurement = Measurement(
-        "placement",
-        {**asdict(plan), "targets": [target.row() for target in targets]},
-        [*(file for target in targets for file in target.files), *sizes.starts.files],
-        items,
-        placement_spread.finished,
-        pinning_notes(),
-    )
-    measure_and_print(measurement, output, at_end=True).exit()
+    measure_and_print(placements(**options, budget_s=time_limit), output, at_end=True).exit()
