@@ -106,7 +106,7 @@ def measurement(
 def of_habits(
     sources: Sequence[ModelSource], starts: StartPlan, limit_s: float, budget_s: float
 ) -> Measurement:
-    """Return the measurement of what the habits of a Python loop cost, `mjbench profile --habits`."""
+    """Return the measurement of what habits of a loop cost, `mjbench profile --habits`."""
 
     def measure_model(source: ModelSource) -> list[OverheadRow]:
         return [overhead.measure(source, limit_s, starts=starts, budget_s=budget_s)]

@@ -244,7 +244,8 @@ class Selection:
 
     @property
     def names(self) -> list[str]:
-        return [each.name for each in (*self.sources, *self.operations)]
+        models = [source.name for source in self.sources]
+        return [*models, *(operation.name for operation in self.operations)]
 
     @property
     def arguments(self) -> dict[str, object]:
