@@ -1,6 +1,6 @@
 """`mjbench history`: what happened to speed from one release to the next, and why."""
 
-import os
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -74,38 +74,18 @@ def history(
             option = given[0].replace("_", "-")
             raise click.UsageError(f"give --{option} after {ctx.invoked_subcommand}")
         return
-    from mjbench.pages import markdown
+    from mjbench.pages.history import page
     from mjbench.releases import known_causes
-    from mjbench.report import history as history_sections
-    from mjbench.report import history_across, history_files, history_plots
+    from mjbench.report import history_files
 
-    committed = known_causes.default_path()
-    causes = causes or (committed if committed.exists() else None)
+    causes = causes or known_causes.default_path()
     files = history_files.run_files(results)
     inputs = [*files, *([causes] if causes else [])]
-    page = OutputFile("--output", str(output) if output else "-", inputs)
     interrupts.enable()
-    page.open()
-    try:
-        each = history_files.read_each(files, causes, since)
-        if len(each) > 1 and machine is None and plots is None:
-            sections = iter([history_across.section(each)])
-        else:
-            measured = history_files.choose(each, machine)
-            if plots is not None:
-                history_plots.draw(measured, plots)
-            sections = history_sections.sections(measured, has_plots=plots is not None)
-        lines = markdown.document(sections, _link(plots, output))
-        page.write("\n".join(lines) + "\n")
-    finally:
-        page.close()
-
-
-def _link(plots: Path | None, output: Path | None) -> str:
-    if plots is None:
-        return ""
-    base = output.parent if output else Path()
-    return Path(os.path.relpath(plots, base)).as_posix()
+    with contextlib.closing(OutputFile("--output", str(output) if output else "-", inputs)) as file:
+        file.open()
+        folder = output.parent if output else Path()
+        file.write(page(files, causes, since, machine, plots, folder))
 
 
 def _select(
