@@ -60,8 +60,8 @@ def _rendering() -> Condition:
     return Condition("rendering", Grade.NOTE, "does not work", reasons)
 
 
-def noise(budget_s: float) -> NoiseRow:
-    """Return what a comparison of a model with itself shows, or why there is none."""
+def compare_with_itself(budget_s: float) -> NoiseRow:
+    """Return how noisy a comparison of the cart-pole with itself is, or why there is none."""
     try:
         with WorkerPool() as pool:
             return NoiseRow.of(machine_check.noise(pool, budget_s))
@@ -72,11 +72,7 @@ def noise(budget_s: float) -> NoiseRow:
 def placements(
     sources: Sequence[ModelSource], release_name: str, launches: int, budget_s: float, sizes: Sizes
 ) -> Measurement:
-    """Return the measurement of how far a step's time depends on where a release's code lies.
-
-    Raises:
-      InputError: there is no such release.
-    """
+    """Return the measurement of how far a step's time depends on where a release's code lies."""
     release = parse_release(release_name)
     targets = [Target(release, source) for source in sources]
     plan = SpreadPlan(launches, budget_s, sizes)
@@ -119,11 +115,6 @@ def trials(
       count: trials of each pair of targets.
       slowdowns: of the candidate, as shares; None for some, unless there are other differences.
       functions: that each step of the candidate calls once more.
-      between_builds: whether releases that execute equally many instructions are compared, too.
-      is_busy: whether a core is kept busy meanwhile.
-
-    Raises:
-      InputError: there is no such model.
     """
     if slowdowns is None:
         slowdowns = [] if functions or between_builds else _SLOWDOWNS

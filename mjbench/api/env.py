@@ -24,14 +24,7 @@ def measurement(
     budget_s: float,
     limit_s: float,
 ) -> Measurement:
-    """Return the measurement of environments.
-
-    Args:
-      nenv: numbers of environments in vectorised forms; None for powers of two, and all cores.
-
-    Raises:
-      InputError: there is no such environment.
-    """
+    """Return the measurement; `nenv`: None for powers of two, and all cores."""
     sources = [resolve(name, Path.cwd()) for name in names]
     cores = machine.usable_cores()
     counts = _doubled(cores) if nenv is None else nenv

@@ -1,38 +1,16 @@
 """What `mjbench history` measures: times and instructions of one release after the other."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
 from mjbench.counts import records, release_changes
 from mjbench.errors import InputError
-from mjbench.paired import operations, release_ratio
+from mjbench.paired import release_ratio
 from mjbench.paired.release_tasks import Selection
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import catalogue, installs, release_ratios
-from mjbench.simulation import models
+from mjbench.releases import release_ratios
 from mjbench.simulation.starts import DEFAULT_STARTS
 from mjbench.store.runs import Record
-
-
-def select(
-    names: Sequence[str],
-    since: str | None,
-    model_names: Sequence[str],
-    has_operations: bool,
-    history: Path,
-) -> Selection:
-    """Return what is measured in which releases; see `catalogue.named_or_since`.
-
-    Raises:
-      InputError: there is no such release or model.
-    """
-    return Selection(
-        installs.parse_release(release_ratios.REFERENCE),
-        catalogue.named_or_since(names, since, history),
-        [models.resolve(name) for name in model_names],
-        list(operations.registry().values()) if has_operations else [],
-    )
 
 
 def ratios(selection: Selection) -> Measurement:
@@ -54,11 +32,7 @@ def ratios(selection: Selection) -> Measurement:
 
 
 def changes(selection: Selection) -> Measurement:
-    """Return the count of instructions from release to release, `mjbench history explain`.
-
-    Raises:
-      InputError: there are fewer than two releases.
-    """
+    """Return the count of instructions from release to release, `mjbench history explain`."""
     if len(selection.releases) < 2:
         raise InputError("give two releases or more")
 

@@ -3,14 +3,8 @@
 import itertools
 from collections.abc import Iterator, Sequence
 
-from mjbench.api.session import (
-    Item,
-    Measurement,
-    Observer,
-    failure_of_model,
-    finished,
-    input_files,
-)
+from mjbench.api import session
+from mjbench.api.session import Item, Measurement, Observer
 from mjbench.comparison import planning_run, selection
 from mjbench.comparison.planner import Algorithm, PlannerSettings
 from mjbench.comparison.planning_run import PlanningRequest
@@ -35,11 +29,7 @@ def measurement(
     import_from: str | None,
     limit_s: float,
 ) -> Measurement:
-    """Return the measurement of a planner of each size on each model.
-
-    Args:
-      import_from: folder of the user's own paths; None without any.
-    """
+    """Return the measurement; `import_from`: folder of the user's own paths."""
     variants = selection.variants(path_names or [], threads)
     settings = [
         PlannerSettings(Algorithm(algorithm), nsample, nknot, seed=seed)
@@ -54,7 +44,7 @@ def measurement(
         try:
             return Item(planning_run.run(request, import_from, limit_s))
         except MjbenchError as error:
-            return Item(failure=failure_of_model(request.source.name, error))
+            return Item(failure=session.failure_of_model(request.source.name, error))
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
         for number, request in enumerate(requests):
@@ -63,7 +53,7 @@ def measurement(
             yield Item(known) if known else measured(request)
 
     def whole(records: Sequence[Record]) -> list[Record]:
-        ended = finished(records)
+        ended = session.finished(records)
         return [row for request in requests for row in planning_run.stored(request, ended)]
 
     arguments = {
@@ -75,4 +65,4 @@ def measurement(
         "budget_s": budget_s,
         "starts": starts,
     }
-    return Measurement("plan", arguments, input_files(sources, [], starts), measure, whole)
+    return Measurement("plan", arguments, session.input_files(sources, [], starts), measure, whole)

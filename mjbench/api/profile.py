@@ -118,12 +118,7 @@ def of_habits(
 def of_instructions(
     sources: Sequence[ModelSource], releases: Sequence[str], sizes: Sizes, limit_s: float
 ) -> Measurement:
-    """Return the count of instructions per step, `mjbench profile --instructions`.
-
-    Raises:
-      InputError: there is no such release.
-      MachineError: instructions cannot be counted here.
-    """
+    """Return the count of instructions per step, `mjbench profile --instructions`."""
     specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
     if problem := instructions.unavailable():
         raise MachineError(problem)

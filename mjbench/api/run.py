@@ -31,14 +31,9 @@ def measurement(
     """Return the measurement of a program with its arguments, or of a running one.
 
     Args:
-      seconds: for which it steps, or is sampled; None for its default.
-      pid: of a running program; None to run one.
-      interpreter: that runs it; None for this one.
+      seconds: for which it steps, or is sampled.
       flame_graph: file for the samples, too.
       is_confirmed: whether it runs again with and without remedies.
-
-    Raises:
-      InputError: there is no such program, or what is asked for does not go together.
     """
     if bool(program) == (pid is not None):
         raise InputError("give a program to run, or --attach PID")

@@ -52,10 +52,6 @@ def measure_missing(
       retry: whether cells that failed are missing, too.
       progress: begins to show progress, where something is missing.
       report: called with what people should know, in a line.
-
-    Raises:
-      InputError: the file is no run set, or no node has a label that the plan names.
-      MachineError: it cannot be written, or there is no cluster.
     """
     with contextlib.ExitStack() as on_error, contextlib.closing(_open(target, on_error)) as file:
         outcomes = stored(target, matrix)

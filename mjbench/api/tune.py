@@ -31,14 +31,7 @@ def measurement(
     limit_s: float,
     copy: Path | None = None,
 ) -> Measurement:
-    """Return the search for faster settings of models.
-
-    Args:
-      copy: file to write with the best ones later; the search begins only where that will work.
-
-    Raises:
-      InputError: what is asked for is not of that engine, or there is no such setting to skip.
-    """
+    """Return the search; it begins only where `copy`, if given, can be written later."""
     if engine == "c" and nbatch is not None:
         raise InputError("--nbatch needs --engine mjx or warp")
     if engine != "c" and only is not None:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from mjbench.api.session import Item, Measurement, Observer, finished, in_turn, input_files
 from mjbench.host import machine
-from mjbench.measuring.progress import Progress
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
@@ -25,16 +24,7 @@ def measurement(
     sizes: Sizes,
     limit_s: float,
 ) -> Measurement:
-    """Return the measurement of the builds on models.
-
-    Args:
-      release: whose builds; None for the one that mjbench pins.
-      package_folder: in which npm installed the builds; None for one in the cache.
-
-    Raises:
-      InputError: there is no such release or program.
-      MachineError: the builds or Node are missing.
-    """
+    """Return the measurement; without a release, it is that of the npm package."""
     spec = None if release is None else installs.parse_release(release)
     package = npm_package.find(None if spec is None else spec.version, package_folder)
     node = node_process.find_node(node_command)
@@ -44,11 +34,12 @@ def measurement(
 
     def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
         with WorkerPool(limit_s) as pool:
-
-            def measure(source: ModelSource, _: Progress) -> Item:
-                return Item([builds.measure(pool, source, plan)])
-
-            yield from in_turn(sources, measure, earlier, observer)
+            yield from in_turn(
+                sources,
+                lambda source, _: Item([builds.measure(pool, source, plan)]),
+                earlier,
+                observer,
+            )
 
     arguments = {
         "models": [source.name for source in sources],

@@ -1,10 +1,25 @@
-"""`mjbench doctor`: what on this machine spoils measurements."""
+"""`mjbench doctor`: what on this machine spoils measurements, and what verdicts are worth here."""
 
 import sys
+from typing import Any
 
-from mjbench.cli.context import RunContext
+import click
+
+from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, budget, mode
+from mjbench.cli.shared import (
+    COUNT,
+    JSON,
+    SHARES,
+    SIZES_OF_STARTS,
+    STORING,
+    TRIAL_PLAN,
+    budget,
+    mode,
+    models_argument,
+    with_options,
+)
+from mjbench.simulation import engine_library
 from mjbench.status import ExitCode
 
 
@@ -25,7 +40,7 @@ def doctor(budget_s: float, json_file: str | None) -> None:
     Example:
       mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
     """
-    from mjbench.api import doctor
+    from mjbench.api.doctor import all_conditions, compare_with_itself
     from mjbench.host import machine
     from mjbench.host.conditions import Grade
     from mjbench.host.neighbours import Presence
@@ -34,12 +49,104 @@ def doctor(budget_s: float, json_file: str | None) -> None:
     from mjbench.report.documents import DoctorDocument
 
     with Presence("doctor") as presence, RunContext(json_file) as run:
-        rows = doctor.all_conditions(presence.enter(wait=False))
+        rows = all_conditions(presence.enter(wait=False))
         print_lines(run.out, [*condition_lines(rows)])
-        noise = doctor.noise(budget_s)
+        noise = compare_with_itself(budget_s)
         run.show([noise_section(noise, rows)])
         run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
     if noise.decidable is None:
         sys.exit(ExitCode.ENVIRONMENT)
     is_fit = noise.trusted and all(row.grade != Grade.BAD for row in rows)
     sys.exit(ExitCode.OK if is_fit else ExitCode.FINDING)
+
+
+@cli.command("doctor --placement")
+@models_argument("cartpole", "humanoid")
+@click.option(
+    "--release",
+    "release_name",
+    default="installed",
+    show_default=True,
+    metavar="RELEASE",
+    help="A version such as 3.5.0, a wheel, a folder of wheels, or `installed`.",
+)
+@click.option(
+    "--launches",
+    type=COUNT,
+    default=14,
+    show_default=True,
+    help="Launches for each of the four placements; an interval needs at least 9.",
+)
+@budget(
+    180,
+    "Time for each model, once it is loaded; after it, no launch begins.",
+    is_renamed=True,
+)
+@with_options(SIZES_OF_STARTS, STORING)
+def doctor_placement(time_limit: float, output: OutputOptions, **options: Any) -> None:
+    """How far does the time of a step depend on where MuJoCo's machine code lies in memory?
+
+    Compares a release as shipped with the same release moved by 0, 16, 32 and 48 bytes within a
+    cache line. A benchmark of one build cannot tell smaller differences than these from a change of
+    the code. Without a MODEL: cartpole and humanoid.
+
+    \b
+    Examples:
+      mjbench doctor --placement robot.xml
+      mjbench doctor --placement cloth pile --release 3.3.1
+    """
+    from mjbench.api.doctor import placements
+
+    measure_and_print(placements(**options, budget_s=time_limit), output, at_end=True).exit()
+
+
+@cli.command("doctor --verdicts")
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option(
+    "--trials",
+    "count",
+    type=COUNT,
+    default=20,
+    show_default=True,
+    help="Comparisons for each row of the table.",
+)
+@click.option(
+    "--slowdowns",
+    type=SHARES,
+    help="Slowdowns to inject: by how much longer each block of the candidate lasts; 0 compares"
+    " identical targets  [default: 0,0.5,1,2,5; none with --inside-step or --between-builds]",
+)
+@click.option(
+    "--inside-step",
+    "functions",
+    type=click.Choice(list(engine_library.FUNCTIONS)),
+    multiple=True,
+    metavar="FUNCTION",
+    help="Slow the candidate down inside mj_step, by one more call of this C function of MuJoCo:"
+    f" {', '.join(engine_library.FUNCTIONS)}. Can be given several times.",
+)
+@click.option(
+    "--between-builds",
+    is_flag=True,
+    help="Compare releases whose steps execute equally many instructions, which should be `same`.",
+)
+@click.option("--busy", "is_busy", is_flag=True, help="Keep the last core busy during the trials.")
+@with_options(TRIAL_PLAN, STORING)
+def doctor_verdicts(output: OutputOptions, **options: Any) -> None:
+    """How often are verdicts wrong or undecided on this machine, now, and how long do they take?
+
+    Compares the installed release with itself, with a slowdown of known size injected or none, and
+    reports false alarms, power, the error of the estimate, and seconds per verdict. As between
+    releases, the machine code of both targets is moved from launch to launch, unless --as-shipped
+    is given.
+
+    Without a MODEL: cartpole and humanoid, and all shipped models for --between-builds.
+
+    \b
+    Examples:
+      mjbench doctor --verdicts
+      mjbench doctor --verdicts cartpole --slowdowns 0,1 --trials 20
+    """
+    from mjbench.api.doctor import trials
+
+    measure_and_print(trials(**options), output, at_end=True).exit()

@@ -13,7 +13,7 @@ from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
 from mjbench.cli.shared import FILE, JSON, PAGE, RESUME, WAIT, as_one, results_option, with_options
-from mjbench.simulation.models import shipped
+from mjbench.simulation.models import resolve, shipped
 
 if TYPE_CHECKING:
     from mjbench.paired.release_tasks import Selection
@@ -96,15 +96,21 @@ def _select(
     steps: bool,
     operations: bool | None,
 ) -> "Selection":
-    from mjbench.api.history import select
+    from mjbench.paired.operations import registry
+    from mjbench.paired.release_tasks import Selection
+    from mjbench.releases import catalogue, installs, release_ratios
 
     if not steps and models:
         raise click.UsageError("--model is for steps; leave it out with --no-steps")
     if not steps and operations is False:
         raise click.UsageError("without steps and operations, nothing is left")
-    model_names = (models or shipped()) if steps else ()
     has_operations = not models if operations is None else operations
-    return select(names, since, model_names, has_operations, history)
+    return Selection(
+        installs.parse_release(release_ratios.REFERENCE),
+        catalogue.named_or_since(names, since, history),
+        [resolve(name) for name in models or shipped()] if steps else [],
+        list(registry().values()) if has_operations else [],
+    )
 
 
 _RESULTS = results_option(_RESULTS_FOLDER, "Folder for the run file.")

@@ -1,4 +1,4 @@
-"""`mjbench results`, and `results merge`: run files of several machines in one run set."""
+"""`mjbench results`: run files of several machines in one run set, and a site of all results."""
 
 from pathlib import Path
 
@@ -54,3 +54,43 @@ def merge(files: tuple[Path, ...], output: Path, json_file: str | None) -> None:
         document = MergeDocument.of(output, merged)
         run.out.print(f"{output}: {document.summary}", soft_wrap=True)
         run.write(document)
+
+
+@results.command(short_help="write a static site of results and documents")
+@click.option(
+    "-o",
+    "--output",
+    metavar="DIR",
+    default="site",
+    show_default=True,
+    type=FILE,
+    help="Folder of the site. A site that is there is replaced; another folder is not.",
+)
+@click.option(
+    "--project",
+    metavar="DIR",
+    default=".",
+    show_default=True,
+    type=FILE,
+    help="Folder that holds results/runs, results/history, docs, .asv/html and build/lab, or some.",
+)
+def site(output: Path, project: Path) -> None:
+    """Write a static site: the history of releases, reports of all runs, and the documents.
+
+    The first page has the conclusions. Each release and each run file has its own page. If
+    `asv publish` wrote pages, or `make lab` its page, they are on the site, too. It needs Sphinx,
+    MyST and Furo: the extra `site`.
+
+    \b
+    Examples:
+      mjbench results site -o build/site
+      python -m http.server --directory build/site
+    """
+    from mjbench.host import scratch
+    from mjbench.pages import site as pages
+
+    pages.check_output(output, project)
+    with RunContext() as run, scratch.folder() as folder:
+        for warning in pages.build(pages.read(project, report_line), folder, output):
+            report_line(warning)
+        run.out.print(f"Site: {output / 'index.html'}", soft_wrap=True)

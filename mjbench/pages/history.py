@@ -16,17 +16,14 @@ def page(
     plots: Path | None,
     folder: Path,
 ) -> str:
-    """Return the page of what run files and run sets hold.
+    """Return the page of what run files and run sets hold; see `history_files.read_each`.
 
     Args:
-      causes: table of causes that no measurement names; None without one.
-      since: version from which on changes are listed; None for all.
       machine: name of the one to report; None for the only one, or for all side by side.
       plots: folder to draw in; None for a page without plots.
       folder: of the page.
 
     Raises:
-      InputError: a file cannot be read; nothing was measured, not `since`, or not on `machine`.
       MachineError: plots cannot be drawn or written.
     """
     each = history_files.read_each(files, causes, since)
