@@ -108,13 +108,9 @@ def trials(
     is_busy: bool,
     plan: VerdictPlan,
 ) -> Measurement:
-    """Return the measurement of verdicts on targets that differ by what is known.
+    """Return the measurement of `count` verdicts on each pair of targets that differ as is known.
 
-    Args:
-      names: of models; none for those that are usual for such targets.
-      count: trials of each pair of targets.
-      slowdowns: of the candidate, as shares; None for some, unless there are other differences.
-      functions: that each step of the candidate calls once more.
+    The candidate has slowdowns, as shares, and calls a function once more in each step.
     """
     if slowdowns is None:
         slowdowns = [] if functions or between_builds else _SLOWDOWNS

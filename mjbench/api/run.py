@@ -28,13 +28,7 @@ def measurement(
     flame_graph: Path | None,
     is_confirmed: bool,
 ) -> Measurement:
-    """Return the measurement of a program with its arguments, or of a running one.
-
-    Args:
-      seconds: for which it steps, or is sampled.
-      flame_graph: file for the samples, too.
-      is_confirmed: whether it runs again with and without remedies.
-    """
+    """Return the measurement of a program with its arguments, or of a running one."""
     if bool(program) == (pid is not None):
         raise InputError("give a program to run, or --attach PID")
     to_run = Program(program, interpreter or sys.executable) if program else None

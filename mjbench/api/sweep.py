@@ -48,10 +48,8 @@ def measure_missing(
     """Measure the cells that a run set lacks, and append each to it as it comes.
 
     Args:
-      address: of the cluster; None for this machine alone.
       retry: whether cells that failed are missing, too.
       progress: begins to show progress, where something is missing.
-      report: called with what people should know, in a line.
     """
     with contextlib.ExitStack() as on_error, contextlib.closing(_open(target, on_error)) as file:
         outcomes = stored(target, matrix)

@@ -22,11 +22,7 @@ _TOP = 12
 def count_rest(
     selection: Selection, earlier: Sequence[object], on_progress: Progress
 ) -> Iterator[list[ExplainRecord]]:
-    """Count each release, and yield what changed since the one before and is not known yet.
-
-    Raises:
-      MachineError: instructions cannot be counted here.
-    """
+    """Count each release, and yield what changed since the one before and is not known yet."""
     done = {(record.old, record.new, record.series) for record in finished(earlier)}
     missing = _releases_to_count(selection, done)
     operations = [

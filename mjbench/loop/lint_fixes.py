@@ -113,10 +113,9 @@ def lint_all(
     fixes: bool = False,
     writes: bool = False,
 ) -> Iterator[LintedFile | UncheckedFile]:
-    """Yield what is found in each file; in place of one that cannot be checked, why.
+    """Yield what is found in each file, and by `fixes` what can be changed, by `writes` is changed.
 
-    Args:
-      fixes: whether to say what can be changed; writes: and to change it.
+    In place of a file that cannot be checked, it yields why.
     """
     for file in files:
         if isinstance(file, UncheckedFile):

@@ -232,11 +232,7 @@ RULES = (
 
 
 def explained(code: str) -> str:
-    """Return what a rule finds, why, and what to write instead; for `all`, what each finds.
-
-    Raises:
-      InputError: there is no such rule.
-    """
+    """Return what a rule finds, why, and what to write instead; for `all`, what each finds."""
     if code.lower() == "all":
         return "".join(f"{each.title}\n" for each in RULES)
     for each in RULES:

@@ -99,14 +99,7 @@ class Project:
 
 
 def read(folder: Path, report: Callable[[str], None]) -> Project:
-    """Return what a project's folder has for a site.
-
-    Args:
-      report: called with what is left out, and why, in a line.
-
-    Raises:
-      InputError: it has neither results nor documents.
-    """
+    """Return what a folder has for a site; `report` is called with what is left out, in a line."""
 
     def own(files: Iterable[Path]) -> list[Path]:
         chosen = []

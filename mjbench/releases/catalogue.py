@@ -100,14 +100,7 @@ def releases_between(baseline: ReleaseSpec, candidate: ReleaseSpec, history: Pat
 
 
 def named_or_since(names: Sequence[str], since: str | None, history: Path) -> list[ReleaseSpec]:
-    """Return the releases with these names; without names, those of a history from one on.
-
-    Args:
-      since: the version of that one; None for the oldest that can be measured.
-
-    Raises:
-      InputError: there is no such release, or names and a version are given.
-    """
+    """Return the releases with these names; without names, those of a history from `since` on."""
     if names and since:
         raise InputError("give RELEASEs or --since, not both")
     if names:
