@@ -1,6 +1,5 @@
 """`mjbench doctor`: what on this machine spoils measurements, and what verdicts are worth here."""
 
-import sys
 from typing import Any
 
 import click
@@ -55,9 +54,9 @@ def doctor(budget_s: float, json_file: str | None) -> None:
         run.show([noise_section(noise, rows)])
         run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
     if noise.decidable is None:
-        sys.exit(ExitCode.ENVIRONMENT)
+        run.exit_with(ExitCode.ENVIRONMENT)
     is_fit = noise.trusted and all(row.grade != Grade.BAD for row in rows)
-    sys.exit(ExitCode.OK if is_fit else ExitCode.FINDING)
+    run.exit_with(ExitCode.OK if is_fit else ExitCode.FINDING)
 
 
 @cli.command("doctor --placement")

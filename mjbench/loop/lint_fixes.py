@@ -113,10 +113,7 @@ def lint_all(
     fixes: bool = False,
     writes: bool = False,
 ) -> Iterator[LintedFile | UncheckedFile]:
-    """Yield what is found in each file, and by `fixes` what can be changed, by `writes` is changed.
-
-    In place of a file that cannot be checked, it yields why.
-    """
+    """Yield what is found, and with `fixes` can be changed, in each file; or why none is known."""
     for file in files:
         if isinstance(file, UncheckedFile):
             yield file

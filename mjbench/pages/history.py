@@ -22,6 +22,9 @@ def page(
       machine: name of the one to report; None for the only one, or for all side by side.
       plots: folder to draw in; None for a page without plots.
       folder: of the page.
+
+    Raises:
+      MachineError: plots cannot be drawn or written.
     """
     each = history_files.read_each(files, causes, since)
     if len(each) > 1 and machine is None and plots is None:

@@ -87,8 +87,7 @@ def measure_rest(
     pool: WorkerPool, selection: Selection, earlier: Sequence[object], on_progress: Progress
 ) -> Iterator[list[RatioRecord]]:
     """Compare selected releases with the reference in what earlier records do not have."""
-    finished = release_ratios.finished(earlier)
-    done = {(record.record_type, record.build, record.series) for record in finished}
+    done = {(r.record_type, r.build, r.series) for r in release_ratios.finished(earlier)}
     by_release = [
         [
             task
