@@ -12,7 +12,7 @@ from benchmarks import stored
 from benchmarks.settings import Timed, for_asv
 from mjbench.errors import UnavailableError
 from mjbench.paired import operations
-from mjbench.simulation import models, workload
+from mjbench.simulation import workload
 
 SMALL, BIG = "cartpole", "pile"
 
@@ -29,7 +29,7 @@ def _block(name: str, repeats: int) -> Callable[[], None]:
     A release that cannot do it skips the benchmark.
     """
     operation = replace(operations.registry()[name], repeats=repeats)
-    source = models.resolve(operation.model) if operation.model else None
+    source = operation.source
     try:
         if source is not None:
             stored.load(operation.model)

@@ -23,6 +23,10 @@ def duration(ns: float) -> str:
     return f"{ns:.0f} ns"
 
 
+def mebibytes(size_bytes: int) -> str:
+    return f"{size_bytes / 2**20:,.0f} MiB"
+
+
 def count_of(number: int, noun: str) -> str:
     """Return a number of things, such as `1 run` or `3 runs`."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

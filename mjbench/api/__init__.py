@@ -1,4 +1,5 @@
-"""What a program measures by `import mjbench`: functions that return what the commands print.
+"""What is measured: a `Measurement` for each command, and functions for `import mjbench`.
 
-They print nothing, write no file unless asked to, and leave no process behind.
+The functions return what the commands print. They print nothing, write no file unless asked to, and
+leave no process behind.
 """

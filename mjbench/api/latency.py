@@ -1,7 +1,7 @@
 """`mjbench.latency`: how long single steps take, and which are late."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mjbench.api import checks, model_sources, start_states
@@ -11,6 +11,7 @@ from mjbench.limits import HERTZ, SECONDS, SEED, TIME_LIMIT_S
 from mjbench.loop import latency as loop_latency
 from mjbench.loop.latency import BUDGET_S, LatencyRequest, LatencyRow, Pace
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import StartPlan
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -79,35 +80,44 @@ def latency(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
     deadline_s = checks.optional(checks.number, "deadline_s", deadline_s, SECONDS)
     rate_hz = checks.optional(checks.number, "rate_hz", rate_hz, HERTZ)
     nstep = checks.optional(checks.whole, "nstep", nstep)
     budget_s = checks.number("budget_s", budget_s, SECONDS)
     hold, seed = checks.whole("hold", hold), checks.whole("seed", seed, SEED)
+    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
     with (
-        model_sources.sources([model]) as (source,),
+        model_sources.sources([model]) as sources,
         start_states.plan(settle_s, states, actions) as starts,
     ):
-        request = LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget_s)
-        return Latency.of(measurement([request], deadline_s, limit_s), wait)
+        work = measurement(
+            sources, starts, deadline_s, rate_hz, nstep, budget_s, hold, seed, limit_s
+        )
+        return Latency.of(work, wait)
 
 
 def measurement(
-    requests: Sequence[LatencyRequest], deadline_s: float | None, limit_s: float
+    sources: Sequence[ModelSource],
+    starts: StartPlan,
+    deadline_s: float | None,
+    rate_hz: float | None,
+    nstep: int | None,
+    budget_s: float,
+    hold: int,
+    seed: int,
+    limit_s: float,
 ) -> Measurement:
-    first, sources = requests[0], [request.source for request in requests]
-
     def measure_model(source: ModelSource) -> list[LatencyRow]:
-        samples = loop_latency.measure(replace(first, source=source), limit_s)
+        request = LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget_s)
+        samples = loop_latency.measure(request, limit_s)
         return [loop_latency.row(source.name, of_pace, deadline_s) for of_pace in samples]
 
     arguments = {
-        "nstep": first.nstep,
-        "budget_s": first.budget_s,
-        "rate_hz": first.rate_hz,
+        "nstep": nstep,
+        "budget_s": budget_s,
+        "rate_hz": rate_hz,
         "deadline_s": deadline_s,
-        "hold": first.hold,
-        "seed": first.seed,
+        "hold": hold,
+        "seed": seed,
     }
-    return of_each_model("latency", sources, first.starts, LatencyRow, measure_model, arguments)
+    return of_each_model("latency", sources, starts, LatencyRow, measure_model, arguments)

@@ -1,18 +1,27 @@
-"""`mjbench.profile`: where the time of a model's steps goes."""
+"""`mjbench.profile`: where the time of a model's steps goes; and its modes, which commands have."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Measurement, of_each_model
+from mjbench.api.session import Item, Measurement, Observer, input_files, of_each_model
+from mjbench.counts import instructions
+from mjbench.counts.instructions import InstructionCounter
+from mjbench.counts.records import counted
+from mjbench.errors import MachineError
 from mjbench.limits import SECONDS, TIME_LIMIT_S
+from mjbench.loop import overhead
 from mjbench.loop import profile as loop_profile
+from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
+from mjbench.paired.run_sizes import Sizes
+from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
+from mjbench.store.runs import Record
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -92,3 +101,46 @@ def measurement(
 
     arguments = {"budget_s": budget_s}
     return of_each_model("profile", sources, starts, ProfileRow, measure_model, arguments)
+
+
+def of_habits(
+    sources: Sequence[ModelSource], starts: StartPlan, limit_s: float, budget_s: float
+) -> Measurement:
+    """Return the measurement of what habits of a loop cost, `mjbench profile --habits`."""
+
+    def measure_model(source: ModelSource) -> list[OverheadRow]:
+        return [overhead.measure(source, limit_s, starts=starts, budget_s=budget_s)]
+
+    arguments = {"budget_s": budget_s}
+    return of_each_model("overhead", sources, starts, OverheadRow, measure_model, arguments)
+
+
+def of_instructions(
+    sources: Sequence[ModelSource], releases: Sequence[str], sizes: Sizes, limit_s: float
+) -> Measurement:
+    """Return the count of instructions per step, `mjbench profile --instructions`."""
+    specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
+    if problem := instructions.unavailable():
+        raise MachineError(problem)
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        known = {(record.build, record.model) for record in counted(earlier)}
+        remaining = {(spec.key, source.name) for spec in specs for source in sources} - known
+        with InstructionCounter(sizes) as counter:
+            for number, spec in enumerate(specs):
+                names = {model for build, model in remaining if number == 0 or build == spec.key}
+                to_count = [source for source in sources if source.name in names]
+                for position, count in enumerate(counter.count(spec, to_count, limit_s), 1):
+                    share = (number + position / len(to_count)) / len(specs)
+                    observer(f"{count.model}, MuJoCo {spec.version}", share)
+                    # the first release draws the work of models that remain for others, too
+                    if (spec.key, count.model) in remaining:
+                        yield Item([count.record()])
+
+    arguments = {
+        "sizes": sizes,
+        "releases": [spec.key for spec in specs],
+        "models": [source.name for source in sources],
+    }
+    files = input_files(sources, specs, sizes.starts)
+    return Measurement("instructions", arguments, files, measure, counted)

@@ -1,22 +1,25 @@
-"""`mjbench doctor`: what on this machine spoils measurements."""
+"""`mjbench doctor`: what on this machine spoils measurements, and what verdicts are worth here."""
 
-import sys
-from typing import TYPE_CHECKING
+from typing import Any
 
-from mjbench.cli.context import RunContext
+import click
+
+from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, budget, mode
-from mjbench.simulation import models
+from mjbench.cli.shared import (
+    COUNT,
+    JSON,
+    SHARES,
+    SIZES_OF_STARTS,
+    STORING,
+    TRIAL_PLAN,
+    budget,
+    mode,
+    models_argument,
+    with_options,
+)
+from mjbench.simulation import engine_library
 from mjbench.status import ExitCode
-
-# Seconds after which a backend that renders nothing does not work.
-_FRAME_LIMIT_S = 20.0
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from mjbench.host.conditions import Condition
-    from mjbench.report.doctor import NoiseRow
 
 
 @cli.command()
@@ -36,64 +39,113 @@ def doctor(budget_s: float, json_file: str | None) -> None:
     Example:
       mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
     """
-    from mjbench.host import conditions, machine
+    from mjbench.api.doctor import all_conditions, compare_with_itself
+    from mjbench.host import machine
+    from mjbench.host.conditions import Grade
     from mjbench.host.neighbours import Presence
     from mjbench.pages.terminal import print_lines
     from mjbench.report.doctor import condition_lines, noise_section
     from mjbench.report.documents import DoctorDocument
 
     with Presence("doctor") as presence, RunContext(json_file) as run:
-        others = presence.enter(wait=False)
-        rows = [*conditions.all_conditions(others), *_mujoco_conditions()]
+        rows = all_conditions(presence.enter(wait=False))
         print_lines(run.out, [*condition_lines(rows)])
-        noise = _noise(budget_s)
+        noise = compare_with_itself(budget_s)
         run.show([noise_section(noise, rows)])
         run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
     if noise.decidable is None:
-        sys.exit(ExitCode.ENVIRONMENT)
-    is_fit = noise.trusted and all(row.grade != conditions.Grade.BAD for row in rows)
-    sys.exit(ExitCode.OK if is_fit else ExitCode.FINDING)
+        run.exit_with(ExitCode.ENVIRONMENT)
+    is_fit = noise.trusted and all(row.grade != Grade.BAD for row in rows)
+    run.exit_with(ExitCode.OK if is_fit else ExitCode.FINDING)
 
 
-def _mujoco_conditions() -> "Iterator[Condition]":
-    from mjbench.counts import instructions
-    from mjbench.host.conditions import Condition, Grade
-    from mjbench.paired import machine_check
-    from mjbench.simulation import package_timer
+@cli.command("doctor --placement")
+@models_argument("cartpole", "humanoid")
+@click.option(
+    "--release",
+    "release_name",
+    default="installed",
+    show_default=True,
+    metavar="RELEASE",
+    help="A version such as 3.5.0, a wheel, a folder of wheels, or `installed`.",
+)
+@click.option(
+    "--launches",
+    type=COUNT,
+    default=14,
+    show_default=True,
+    help="Launches for each of the four placements; an interval needs at least 9.",
+)
+@budget(
+    180,
+    "Time for each model, once it is loaded; after it, no launch begins.",
+    is_renamed=True,
+)
+@with_options(SIZES_OF_STARTS, STORING)
+def doctor_placement(time_limit: float, output: OutputOptions, **options: Any) -> None:
+    """How far does the time of a step depend on where MuJoCo's machine code lies in memory?
 
-    share = machine_check.clock_share()
-    if share is not None:
-        detail = f"takes {100 * share:.0f} % of a cart-pole's step"
-        yield Condition("MuJoCo's timer", Grade.NOTE, detail, package_timer.OFF_NOTE)
-    missing = instructions.unavailable()
-    if missing:
-        yield Condition("valgrind", Grade.NOTE, "is missing", missing)
-    else:
-        yield Condition("valgrind", Grade.GOOD, "is there: instructions can be counted")
-    yield _rendering()
+    Compares a release as shipped with the same release moved by 0, 16, 32 and 48 bytes within a
+    cache line. A benchmark of one build cannot tell smaller differences than these from a change of
+    the code. Without a MODEL: cartpole and humanoid.
+
+    \b
+    Examples:
+      mjbench doctor --placement robot.xml
+      mjbench doctor --placement cloth pile --release 3.3.1
+    """
+    from mjbench.api.doctor import placements
+
+    measure_and_print(placements(**options, budget_s=time_limit), output, at_end=True).exit()
 
 
-def _rendering() -> "Condition":
-    from mjbench.host.conditions import Condition, Grade
-    from mjbench.loop import rendering
+@cli.command("doctor --verdicts")
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option(
+    "--trials",
+    "count",
+    type=COUNT,
+    default=20,
+    show_default=True,
+    help="Comparisons for each row of the table.",
+)
+@click.option(
+    "--slowdowns",
+    type=SHARES,
+    help="Slowdowns to inject: by how much longer each block of the candidate lasts; 0 compares"
+    " identical targets  [default: 0,0.5,1,2,5; none with --inside-step or --between-builds]",
+)
+@click.option(
+    "--inside-step",
+    "functions",
+    type=click.Choice(list(engine_library.FUNCTIONS)),
+    multiple=True,
+    metavar="FUNCTION",
+    help="Slow the candidate down inside mj_step, by one more call of this C function of MuJoCo:"
+    f" {', '.join(engine_library.FUNCTIONS)}. Can be given several times.",
+)
+@click.option(
+    "--between-builds",
+    is_flag=True,
+    help="Compare releases whose steps execute equally many instructions, which should be `same`.",
+)
+@click.option("--busy", "is_busy", is_flag=True, help="Keep the last core busy during the trials.")
+@with_options(TRIAL_PLAN, STORING)
+def doctor_verdicts(output: OutputOptions, **options: Any) -> None:
+    """How often are verdicts wrong or undecided on this machine, now, and how long do they take?
 
-    source = models.resolve("cartpole")
-    frames = [rendering.measure(source, name, _FRAME_LIMIT_S) for name in rendering.BACKENDS]
-    speeds = [f"{f.backend} {1e3 * f.seconds:.1f} ms a frame" for f in frames if f.seconds]
-    if speeds:
-        return Condition("rendering", Grade.GOOD, f"works: {', '.join(speeds)}")
-    reasons = "; ".join(f"{frame.backend}: {frame.detail}" for frame in frames)
-    return Condition("rendering", Grade.NOTE, "does not work", reasons)
+    Compares the installed release with itself, with a slowdown of known size injected or none, and
+    reports false alarms, power, the error of the estimate, and seconds per verdict. As between
+    releases, the machine code of both targets is moved from launch to launch, unless --as-shipped
+    is given.
 
+    Without a MODEL: cartpole and humanoid, and all shipped models for --between-builds.
 
-def _noise(budget_s: float) -> "NoiseRow":
-    from mjbench.errors import MjbenchError
-    from mjbench.paired import machine_check
-    from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.doctor import NoiseRow
+    \b
+    Examples:
+      mjbench doctor --verdicts
+      mjbench doctor --verdicts cartpole --slowdowns 0,1 --trials 20
+    """
+    from mjbench.api.doctor import trials
 
-    try:
-        with WorkerPool() as pool:
-            return NoiseRow.of(machine_check.noise(pool, budget_s))
-    except MjbenchError as error:
-        return NoiseRow(detail=str(error))
+    measure_and_print(trials(**options), output, at_end=True).exit()

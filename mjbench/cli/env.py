@@ -1,8 +1,6 @@
 """`mjbench env`: where the time of an environment's step goes."""
 
-import functools
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -19,14 +17,7 @@ from mjbench.cli.shared import (
     count,
     with_options,
 )
-from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.limits import Bounds
-from mjbench.status import Status
-
-if TYPE_CHECKING:
-    from mjbench.api.session import Item
-    from mjbench.environment.run import EnvironmentPlan
-    from mjbench.environment.source import EnvironmentSource
 
 # Steps of an environment that are recorded at most: each holds two states and its controls.
 MAX_NSTEP = 100_000
@@ -67,15 +58,11 @@ MAX_NSTEP = 100_000
 @click.option("--no-vector", is_flag=True, help="Leave out vectorised forms.")
 @with_options(LIMIT, STORING)
 def env(
-    names: tuple[str, ...],
-    nstep: int | None,
-    seed: int,
-    threads: list[int] | None,
     nenv: list[int] | None,
-    budget_s: float,
     no_vector: bool,
     time_limit: float,
     output: OutputOptions,
+    **options: Any,
 ) -> None:
     """Where does the time of env.step go, and how fast is the same physics without it?
 
@@ -90,44 +77,12 @@ def env(
       mjbench env dm_control:humanoid-walk --nstep 500
       mjbench env my_env:make --no-vector
     """
-    from mjbench.api.session import Measurement, finished, in_turn
+    from mjbench.api.env import measurement
     from mjbench.environment.records import EnvironmentRecord
-    from mjbench.environment.run import EnvironmentPlan
-    from mjbench.environment.source import resolve
-    from mjbench.host import machine
 
     if no_vector and nenv:
         raise click.UsageError("give --nbatch or --no-vector, not both")
-    sources = [resolve(name, Path.cwd()) for name in names]
-    cores = machine.usable_cores()
-    counts = tuple(nenv or _doubled(cores)) if not no_vector else ()
-    nthread = tuple(threads or sorted({1, cores}))
-    plan = EnvironmentPlan(nstep, seed, nthread, counts, budget_s, time_limit)
-
-    def measure(source: "EnvironmentSource", _: object) -> "Item":
-        return _measure_environment(source, plan)
-
-    items = functools.partial(in_turn, sources, measure, attribute="environment")
-    arguments = {"environments": list(names), "plan": plan}
-    measurement = Measurement("env", arguments, [], items, finished)
-    run = measure_and_print(measurement, output)
+    work = measurement(**options, nenv=[] if no_vector else nenv, limit_s=time_limit)
+    run = measure_and_print(work, output)
     records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())
-
-
-def _measure_environment(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
-    from mjbench.api.session import Item
-    from mjbench.environment import measurement
-    from mjbench.environment.records import EnvironmentRecord
-
-    try:
-        record = measurement.measure(source, plan)
-    except MjbenchError as error:
-        record = EnvironmentRecord.failed(source.name, failure_of(error))
-    if record.facts is None and record.status != Status.INTERRUPTED:
-        return Item([record], Failure(record.status, f"{source.name}: {record.detail}"))
-    return Item([record])
-
-
-def _doubled(most: int) -> list[int]:
-    return sorted({most, *(2**i for i in range(most.bit_length()) if 2**i <= most)})

@@ -1,6 +1,6 @@
 """`mjbench latency`: how long single steps take, and which are late."""
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -19,10 +19,6 @@ from mjbench.cli.shared import (
     seconds,
     with_options,
 )
-from mjbench.simulation.models import ModelSource
-
-if TYPE_CHECKING:
-    from mjbench.simulation.starts import StartPlan
 
 
 @cli.command()
@@ -40,18 +36,7 @@ if TYPE_CHECKING:
 )
 @budget(10, "Time for the steps of each pace, if there are more than 1,000.")
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)
-def latency(
-    sources: list[ModelSource],
-    deadline_s: float | None,
-    rate_hz: float | None,
-    nstep: int | None,
-    budget_s: float,
-    hold: int,
-    seed: int,
-    starts: "StartPlan",
-    time_limit: float,
-    output: OutputOptions,
-) -> None:
+def latency(time_limit: float, output: OutputOptions, **options: Any) -> None:
     """How long do single steps take, which miss their deadline, and what do slow ones share?
 
     Steps are measured free-running, each after the other, and paced: due at a fixed rate, as in a
@@ -63,10 +48,5 @@ def latency(
       mjbench latency robot.xml --rate 1000 --deadline 500us
     """
     from mjbench.api.latency import measurement
-    from mjbench.loop.latency import LatencyRequest
 
-    requests = [
-        LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget_s) for source in sources
-    ]
-    measured = measurement(requests, deadline_s, time_limit)
-    measure_and_print(measured, output).exit()
+    measure_and_print(measurement(**options, limit_s=time_limit), output).exit()

@@ -1,42 +1,23 @@
 """`mjbench lint`: what makes a stepping loop slow or its log wrong."""
 
 import sys
-from typing import TYPE_CHECKING
 
 import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import JSON
-from mjbench.errors import InputError, MachineError, printable
+from mjbench.errors import InputError, printable
 from mjbench.status import ExitCode, Status, exit_code
 from mjbench.units import count_of
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from mjbench.loop.lint_fixes import LintedFile, Unfixed
-    from mjbench.loop.lint_rule import Rule
-
 
 def _explain(context: click.Context, _: click.Parameter, code: str | None) -> None:
-    if code is None:
-        return
-    from mjbench.loop.lint_rules import RULES
+    if code is not None:
+        from mjbench.loop.lint_rules import explained
 
-    if code.lower() == "all":
-        for rule in RULES:
-            click.echo(_title(rule))
+        click.echo(explained(code), nl=False)
         context.exit()
-    for rule in RULES:
-        if rule.code == code.upper():
-            click.echo(f"{_title(rule)}\n\n{rule.explanation}", nl=False)
-            context.exit()
-    raise InputError(f"no rule {code!r}; there are {', '.join(rule.code for rule in RULES)}")
-
-
-def _title(rule: "Rule") -> str:
-    return f"{rule.code} ({'wrong result' if rule.is_wrong_result else 'time'}): {rule.message}"
 
 
 @cli.command()
@@ -113,10 +94,10 @@ def lint(
       mjbench lint --explain MJB007
     """
     from mjbench.loop.lint import Finding
-    from mjbench.loop.lint_fixes import LintedFile, lint_all
+    from mjbench.loop.lint_fixes import lint_all
     from mjbench.loop.lint_settings import RuleChoice
     from mjbench.loop.script_files import UncheckedFile, regular_files, script_files
-    from mjbench.report.lint import FORMATS, LintDocument, finding_line, statistics_lines
+    from mjbench.report import lint as report
 
     if not names:
         raise InputError("no file or folder is given; for this folder: mjbench lint .")
@@ -135,29 +116,29 @@ def lint(
     unchecked: list[UncheckedFile] = []
     fixed, is_unwritten = 0, False
     with RunContext(json_file, regular_files(files)) as run:
-        for result in lint_all(files, choice, fixes=fix or diff):
+        for result in lint_all(files, choice, fixes=fix or diff, writes=fix and not diff):
             if isinstance(result, UncheckedFile):
                 unchecked.append(result)
                 report_line(f"{result.file}: {result.detail}")
                 continue
+            if result.problem:
+                is_unwritten = True
+                report_line(result.problem)
+            fixed += result.fixed
             if diff:
                 click.echo(_shown(result.diff()), nl=False)
-            elif not _write(result):
-                is_unwritten = True
-                codes = choice.codes_for(result.file)
-                result = LintedFile.unchanged(result.file, result.before, codes)
-            fixed += result.fixed
-            if not diff:
+            else:
                 findings += result.findings
             if form == "text" and not statistics and not diff:
                 for finding in result.findings:
-                    run.out.print(finding_line(finding), soft_wrap=True)
-            _report_unfixed(result.unfixed)
-        document = LintDocument(findings=findings, unchecked=unchecked)
-        for line in statistics_lines(findings) if statistics else ():
+                    run.out.print(report.finding_line(finding), soft_wrap=True)
+            for unfixed in result.unfixed:
+                report_line(report.unfixed_line(unfixed))
+        document = report.LintDocument(findings=findings, unchecked=unchecked)
+        for line in report.statistics_lines(findings) if statistics else ():
             run.out.print(line, soft_wrap=True)
         if form != "text":
-            click.echo(FORMATS[form](document), nl=False)
+            click.echo(report.FORMATS[form](document), nl=False)
         run.write(document)
     if fix or diff:
         report_line(f"{'would fix' if diff else 'fixed'} {count_of(fixed, 'finding')}")
@@ -170,24 +151,6 @@ def lint(
 
 def _split(text: str) -> tuple[str, ...]:
     return tuple(code.strip() for code in text.split(",") if code.strip())
-
-
-def _write(file: "LintedFile") -> bool:
-    """Change a file where something is to be changed; return whether it could be written."""
-    try:
-        file.write()
-    except MachineError as error:
-        report_line(str(error))
-        return False
-    return True
-
-
-def _report_unfixed(unfixed: "Sequence[Unfixed]") -> None:
-    from mjbench.report.lint import finding_place
-
-    for each in unfixed:
-        place = finding_place(each.finding)
-        report_line(f"{place}: {each.finding.code} is not fixed: {each.reason}")
 
 
 def _shown(diff: str) -> str:

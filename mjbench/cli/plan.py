@@ -1,8 +1,6 @@
 """`mjbench plan`: plans per second of a sampling planner, by the path that rolls out."""
 
-import itertools
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -24,14 +22,6 @@ from mjbench.cli.shared import (
     seconds,
     with_options,
 )
-from mjbench.errors import MjbenchError
-from mjbench.simulation.models import ModelSource
-
-if TYPE_CHECKING:
-    from mjbench.api.session import Item, Observer
-    from mjbench.comparison.planning_run import PlanningRequest
-    from mjbench.simulation.starts import StartPlan
-    from mjbench.store.runs import Record
 
 
 @cli.command()
@@ -82,19 +72,7 @@ if TYPE_CHECKING:
 @budget(60, "Time for the plans of each model and size; after it, the closed loop ends.")
 @with_options(SEED, PLANNING_STARTS, LIMIT, STORING)
 def plan(
-    sources: list[ModelSource],
-    algorithm: str,
-    samples: list[int],
-    knots: list[int],
-    hold: int,
-    duration_s: float,
-    path_names: list[str] | None,
-    threads: list[int] | None,
-    budget_s: float,
-    seed: int,
-    starts: "StartPlan",
-    time_limit: float,
-    output: OutputOptions,
+    path_names: list[str] | None, time_limit: float, output: OutputOptions, **options: Any
 ) -> None:
     """How many plans per second does a sampling planner make, by the path that rolls them out?
 
@@ -110,56 +88,19 @@ def plan(
       mjbench plan --nbatch 16,64,256 --knots 10,25 --threads 1,2
       mjbench plan robot.mjb --states states.npz
     """
-    from mjbench.api.session import Item, Measurement, finished, input_files
-    from mjbench.comparison import planning_run, selection
-    from mjbench.comparison.planner import Algorithm, PlannerSettings
-    from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
+    from mjbench.api.plan import measurement
+    from mjbench.comparison.planning_run import PlanningRow
     from mjbench.report import planning
 
-    import_from = own_path_folder(path_names)
-    variants = selection.variants(path_names or [], threads)
-    settings = [
-        PlannerSettings(Algorithm(algorithm), nsample, nknot, seed=seed)
-        for nsample, nknot in itertools.product(samples, knots)
-    ]
-    requests = [
-        PlanningRequest(source, variants, each, hold, duration_s, starts.file, budget_s)
-        for source, each in itertools.product(sources, settings)
-    ]
-
-    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        for number, request in enumerate(requests):
-            observer(request.source.name, number / len(requests))
-            known = planning_run.stored(request, earlier)
-            yield Item(known) if known else _plan_model(request, import_from, time_limit)
-
-    def whole(records: "Sequence[Record]") -> "list[Record]":
-        ended = finished(records)
-        return [row for request in requests for row in planning_run.stored(request, ended)]
-
-    arguments = {
-        "models": [source.name for source in sources],
-        "variants": variants,
-        "settings": list(dict.fromkeys(settings)),
-        "hold": hold,
-        "duration_s": duration_s,
-        "budget_s": budget_s,
-        "starts": starts,
-    }
-    files = input_files(sources, [], starts)
+    work = measurement(
+        **options,
+        path_names=path_names,
+        import_from=own_path_folder(path_names),
+        limit_s=time_limit,
+    )
     measure_and_print(
-        Measurement("plan", arguments, files, items, whole),
+        work,
         output,
         each=lambda run: [planning.section(run.of_type(PlanningRow))],
         summary=lambda run: planning.sizes_sections(run.of_type(PlanningRow)),
     ).exit()
-
-
-def _plan_model(request: "PlanningRequest", import_from: str | None, limit_s: float) -> "Item":
-    from mjbench.api.session import Item, failure_of_model
-    from mjbench.comparison import planning_run
-
-    try:
-        return Item(planning_run.run(request, import_from, limit_s))
-    except MjbenchError as error:
-        return Item(failure=failure_of_model(request.source.name, error))

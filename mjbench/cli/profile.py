@@ -1,22 +1,24 @@
-"""`mjbench profile`: where a step's time goes."""
+"""`mjbench profile`: where a step's time goes; and what habits and functions of the engine cost."""
 
-from typing import TYPE_CHECKING
+from typing import Any
+
+import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
+    COUNT,
+    COUNTS_OUTPUT,
     LIMIT,
     LOOP_STARTS,
+    SIZES,
     STORING,
     budget,
     mode,
     models_argument,
+    seconds,
     with_options,
 )
-from mjbench.simulation.models import ModelSource
-
-if TYPE_CHECKING:
-    from mjbench.simulation.starts import StartPlan
 
 
 @cli.command()
@@ -25,13 +27,7 @@ if TYPE_CHECKING:
 @models_argument("cartpole")
 @budget(4, "Time for the steps of each model, and half of it for the frames of each backend.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
-def profile(
-    sources: list[ModelSource],
-    budget_s: float,
-    starts: "StartPlan",
-    time_limit: float,
-    output: OutputOptions,
-) -> None:
+def profile(time_limit: float, output: OutputOptions, **options: Any) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages, such as collision, constraint solver and kinematics, are from MuJoCo's own timers.
@@ -46,4 +42,67 @@ def profile(
     """
     from mjbench.api.profile import measurement
 
-    measure_and_print(measurement(sources, starts, time_limit, budget_s), output).exit()
+    measure_and_print(measurement(**options, limit_s=time_limit), output).exit()
+
+
+@cli.command("profile --habits")
+@models_argument("cartpole")
+@click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
+@budget(30, "About how long to time the habits of each model.")
+@with_options(LOOP_STARTS, LIMIT, STORING)
+def profile_habits(code: bool, time_limit: float, output: OutputOptions, **options: Any) -> None:
+    """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
+
+    Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
+    Loops start from states along the model's own run, or from those of --states, and hold their
+    controls.
+    Without a MODEL: cartpole.
+
+    \b
+    Examples:
+      mjbench profile --habits cartpole
+      mjbench profile --habits robot.mjb --states states.npz
+    """
+    from mjbench.api.profile import of_habits
+
+    measure_and_print(of_habits(**options, limit_s=time_limit), output, code=code).exit()
+
+
+@cli.command("profile --instructions")
+@models_argument()
+@click.option(
+    "--release",
+    "releases",
+    multiple=True,
+    metavar="RELEASE",
+    help="Release to count in; may be given several times.  [default: installed]",
+)
+@click.option("--top", type=COUNT, default=15, show_default=True, help="List this many functions.")
+@click.option(
+    "--time-limit",
+    "limit_s",
+    type=seconds(),
+    default="600s",
+    show_default=True,
+    help="Kill a release's process that finishes no model for this long.",
+)
+@with_options(SIZES, COUNTS_OUTPUT)
+def profile_instructions(top: int, output: OutputOptions, **options: Any) -> None:
+    """Count instructions per step, by function and stage; within 0.1 % the same on a busy machine.
+
+    Needs valgrind. The first RELEASE draws start states and controls; every other one does the same
+    work. Without a MODEL: all shipped models.
+
+    \b
+    Example:
+      mjbench profile --instructions humanoid --release 3.3.0 --release 4.0.0
+    """
+    from mjbench.api.profile import of_instructions
+    from mjbench.counts.records import InstructionsRecord
+    from mjbench.report import counts
+
+    measure_and_print(
+        of_instructions(**options),
+        output,
+        summary=lambda run: counts.sections(run.of_type(InstructionsRecord), top),
+    ).exit()

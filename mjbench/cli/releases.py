@@ -12,8 +12,7 @@ from mjbench.cli.shared import FILE, JSON, count
 from mjbench.errors import InputError, MachineError
 from mjbench.limits import Bounds
 from mjbench.status import ExitCode
-
-_DAY_S = 86_400.0
+from mjbench.units import mebibytes
 
 
 def _bundle() -> Path:
@@ -118,19 +117,12 @@ def list_installs(json_file: str | None) -> None:
     """List the installs in the cache folder, with their size and when they were last used."""
     from mjbench.releases import installs
     from mjbench.report.documents import InstallsDocument
+    from mjbench.report.listings import install_lines
 
     with RunContext(json_file) as run:
-        lines = [f"In {installs.cache_folder()}:"]
-        sizes = installs.install_sizes()
-        for install in sizes:
-            days = int(install.unused_s / _DAY_S)
-            used = "today" if days < 1 else f"{days} day{'s' * (days > 1)} ago"
-            lines.append(f"{install.name}  {_mebibytes(install.size_bytes)}, used {used}")
-        if len(sizes) > 1:
-            total_bytes = sum(size.size_bytes for size in sizes)
-            lines.append(f"{len(sizes)} installs, {_mebibytes(total_bytes)}")
-        run.out.print("\n".join(lines), soft_wrap=True)
-        run.write(InstallsDocument(folder=str(installs.cache_folder()), installs=sizes))
+        folder, sizes = installs.cache_folder(), installs.install_sizes()
+        run.out.print("\n".join([f"In {folder}:", *install_lines(sizes)]), soft_wrap=True)
+        run.write(InstallsDocument(folder=str(folder), installs=sizes))
 
 
 @releases.command("prune", short_help="remove installs not used for some time")
@@ -154,17 +146,13 @@ def prune_installs(days: int) -> None:
     from mjbench.releases import installs
 
     freed_bytes = 0
-    for install in installs.install_sizes():
-        if install.unused_s < days * _DAY_S:
-            continue
-        try:
-            installs.remove(install.name)
-        except MachineError as error:  # it is in use
-            click.echo(f"kept {install.name}: {error}", err=True)
-            continue
-        freed_bytes += install.size_bytes
-        click.echo(f"removed {install.name}")
-    click.echo(f"freed {_mebibytes(freed_bytes)}")
+    for install, problem in installs.prune(days):
+        if problem:
+            click.echo(f"kept {install.name}: {problem}", err=True)
+        else:
+            freed_bytes += install.size_bytes
+            click.echo(f"removed {install.name}")
+    click.echo(f"freed {mebibytes(freed_bytes)}")
 
 
 @releases.command("remove", short_help="remove installs")
@@ -184,13 +172,7 @@ def remove_releases(names: tuple[str, ...], all_installs: bool) -> None:
 
     if not names and not all_installs:
         raise InputError("name what to remove (`mjbench releases installs`), or use --all")
-    present = installs.install_names()
-    for name in present if all_installs else names:
-        matches = [p for p in present if p == name or p.startswith((f"{name}-", f"{name}+"))]
-        for match in matches or [name]:
-            installs.remove(match)
-            click.echo(f"removed {match}")
-
-
-def _mebibytes(size_bytes: int) -> str:
-    return f"{size_bytes / 2**20:,.0f} MiB"
+    matching = [install for name in names for install in installs.matching(name)]
+    for name in installs.install_names() if all_installs else matching:
+        installs.remove(name)
+        click.echo(f"removed {name}")

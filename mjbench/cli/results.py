@@ -1,7 +1,6 @@
-"""`mjbench results`, and `results merge`: run files of several machines in one run set."""
+"""`mjbench results`: run files of several machines in one run set, and a site of all results."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -9,10 +8,6 @@ from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import FILE, JSON
 from mjbench.errors import InputError
-
-if TYPE_CHECKING:
-    from mjbench.report.documents import MergeDocument
-    from mjbench.store.run_set import Merged
 
 
 @cli.group()
@@ -46,6 +41,7 @@ def merge(files: tuple[Path, ...], output: Path, json_file: str | None) -> None:
       mjbench results merge runs-*/*.jsonl -o all.jsonl
       mjbench show all.jsonl --html
     """
+    from mjbench.report.documents import MergeDocument
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.store import run_set
 
@@ -55,37 +51,46 @@ def merge(files: tuple[Path, ...], output: Path, json_file: str | None) -> None:
         merged = run_set.merge(files, output, RECORD_TYPES)
         for path in merged.torn:
             report_line(f"{path}: its end was cut short; the incomplete part is left out")
-        document = _document(output, merged)
-        run.out.print(f"{output}: {_summary(document)}", soft_wrap=True)
+        document = MergeDocument.of(output, merged)
+        run.out.print(f"{output}: {document.summary}", soft_wrap=True)
         run.write(document)
 
 
-def _document(output: Path, merged: "Merged") -> "MergeDocument":
-    from mjbench.report.documents import MergeDocument
-    from mjbench.store.machine_identity import identify
+@results.command(short_help="write a static site of results and documents")
+@click.option(
+    "-o",
+    "--output",
+    metavar="DIR",
+    default="site",
+    show_default=True,
+    type=FILE,
+    help="Folder of the site. A site that is there is replaced; another folder is not.",
+)
+@click.option(
+    "--project",
+    metavar="DIR",
+    default=".",
+    show_default=True,
+    type=FILE,
+    help="Folder that holds results/runs, results/history, docs, .asv/html and build/lab, or some.",
+)
+def site(output: Path, project: Path) -> None:
+    """Write a static site: the history of releases, reports of all runs, and the documents.
 
-    return MergeDocument(
-        file=str(output),
-        runs=len(merged.runs),
-        machines=len(set(identify([run.header.machine for run in merged.runs]))),
-        added=merged.added,
-        repeated=merged.repeated,
-        earlier=merged.earlier,
-        torn=[str(path) for path in merged.torn],
-    )
+    The first page has the conclusions. Each release and each run file has its own page. If
+    `asv publish` wrote pages, or `make lab` its page, they are on the site, too. It needs Sphinx,
+    MyST and Furo: the extra `site`.
 
+    \b
+    Examples:
+      mjbench results site -o build/site
+      python -m http.server --directory build/site
+    """
+    from mjbench.host import scratch
+    from mjbench.pages import site as pages
 
-def _summary(merged: "MergeDocument") -> str:
-    from mjbench.units import count_of
-
-    skipped = [
-        f"{count} {why}"
-        for count, why in (
-            (merged.repeated, "that it already holds"),
-            (merged.earlier, "of which it holds a later state"),
-        )
-        if count
-    ]
-    end = f", skipped {' and '.join(skipped)}" if skipped else ""
-    runs, machines = count_of(merged.runs, "run"), count_of(merged.machines, "machine")
-    return f"{runs} of {machines}; added {merged.added}{end}"
+    pages.check_output(output, project)
+    with RunContext() as run, scratch.folder() as folder:
+        for warning in pages.build(pages.read(project, report_line), folder, output):
+            report_line(warning)
+        run.out.print(f"Site: {output / 'index.html'}", soft_wrap=True)

@@ -1,9 +1,8 @@
 """`mjbench run`: where the time of the user's own program goes."""
 
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -13,12 +12,6 @@ from mjbench.cli.shared import COUNT, OUTPUT, RenamedOption, count, seconds
 from mjbench.errors import InputError
 from mjbench.limits import Bounds
 from mjbench.status import ExitCode
-
-if TYPE_CHECKING:
-    from mjbench.api.session import Item, Observer
-    from mjbench.program.launch import Program
-    from mjbench.program.records import ProgramRow
-    from mjbench.store.runs import Record
 
 
 class _ProgramCommand(click.Command):
@@ -92,22 +85,13 @@ class _ProgramCommand(click.Command):
 )
 @click.option(
     "--confirm",
+    "is_confirmed",
     is_flag=True,
     help="Measure the savings from changes that mjbench can make itself: run the program 8 times"
     " with and 8 times without each.",
 )
 @OUTPUT
-def run(
-    program: tuple[str, ...],
-    seconds: float | None,
-    pid: int | None,
-    rate_hz: int | None,
-    has_native: bool,
-    interpreter: str | None,
-    flame_graph: Path | None,
-    confirm: bool,
-    output: OutputOptions,
-) -> None:
+def run(flame_graph: Path | None, output: OutputOptions, **options: Any) -> None:
     """Where does the time of my own program go, and what should I change first?
 
     PROGRAM is a Python file, or -m and a module, as after `python`. Its arguments follow it;
@@ -123,79 +107,14 @@ def run(
       mjbench run --output flame.svg train.py
       mjbench run --attach 4242
     """
-    from mjbench.api.session import Item, Measurement
-    from mjbench.program import launch
-    from mjbench.program.profiling import Sampling
-    from mjbench.program.records import ProgramRow
+    from mjbench.api.run import exit_code_of, measurement
     from mjbench.report import flame
 
     if flame_graph is not None:
         flame.check(flame_graph)
     if output.json_file == "-":
         raise InputError("--json -: standard output is the program's own; name a file")
-    if bool(program) == (pid is not None):
-        raise InputError("give a program to run, or --attach PID")
-    of_program = launch.Program(program, interpreter or sys.executable) if program else None
-    if of_program is not None:
-        launch.check(of_program)
-    if confirm and of_program is None:
-        raise InputError("--confirm runs the program again, which --attach cannot")
-    sampling = Sampling(rate_hz, has_native)
-
-    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        if of_program is not None:
-            name, seen = of_program.name, launch.run(of_program, seconds, sampling)
-        else:
-            assert pid is not None, "one of both is given"
-            name, seen = f"process {pid}", launch.attach(pid, seconds or 10.0, sampling)
-        row = ProgramRow.of(name, seen)
-        if flame_graph is not None:
-            flame.write(flame_graph, seen.threads)
-        if confirm and of_program is not None:
-            yield from _confirm_remedies(of_program, row, observer)
-        else:
-            yield Item([row])
-
-    arguments = {
-        "program": program,
-        "seconds": seconds,
-        "attach": pid,
-        "rate_hz": rate_hz,
-        "has_native": has_native,
-        "confirm": confirm,
-    }
-    files = [Path(program[0])] if program and Path(program[0]).is_file() else []
-    measurement = Measurement("run", arguments, files, items)
-    context = measure_and_print(measurement, output, to_stderr=True)
-    codes = [
-        ExitCode.OK if row.was_ended else row.exit_code
-        for row in context.session.run().of_type(ProgramRow)
-    ]
-    context.exit_with(codes[0] if codes else ExitCode.INTERRUPTED)
-
-
-def _confirm_remedies(
-    program: "Program", row: "ProgramRow", observer: "Observer"
-) -> "Iterator[Item]":
-    from mjbench.api.session import Item
-    from mjbench.host import machine
-    from mjbench.program import confirm, remedies
-
-    if not row.loops:
-        yield Item([row])
-        return
-    tried = list(row.loops[0].remedies)
-    copies = remedies.copies(row.steps, machine.usable_cores())
-    if copies is not None:
-        tried.append(copies)
-    most = confirm.most_runs(tried)
-
-    def advance(number: int, name: str) -> None:
-        observer(name, number / most)
-
-    try:
-        confirmed = confirm.confirm(program, tried, advance)
-    except KeyboardInterrupt:
-        yield Item([row])
-        raise
-    yield Item([row.with_remedies(confirmed)])
+    work = measurement(**options, flame_graph=flame_graph)
+    context = measure_and_print(work, output, to_stderr=True)
+    code = exit_code_of(context.session.run())
+    context.exit_with(ExitCode.INTERRUPTED if code is None else code)

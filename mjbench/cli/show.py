@@ -1,6 +1,5 @@
 """`mjbench show`: run files and run sets again, printed, as a page, or beside an earlier run."""
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,6 @@ from mjbench.errors import InputError
 from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
-    from mjbench.store.run_set import RunSet
     from mjbench.store.runs import Run
 
 # Runs that are printed; of more there is a list.
@@ -123,11 +121,7 @@ def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: Fa
     from mjbench.store import run_set
 
     with RunContext(json_file, files) as run:
-        if len(files) == 1:
-            stored = run_set.read(files[0], RECORD_TYPES)
-        else:
-            sections = [section for _, section in run_set.load_files(files, RECORD_TYPES)]
-            stored = run_set.RunSet(tuple(sections))
+        stored = run_set.read_together(files, RECORD_TYPES)
         if stored.is_run_file:
             run.write(_shown(run, stored.runs[0], code))
         else:
@@ -195,13 +189,13 @@ def _show_differences(
 ) -> None:
     from mjbench.report.documents import DiffDocument
     from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.report.run_differences import differences, differences_section
+    from mjbench.report.run_differences import differences, differences_section, left_out
     from mjbench.store import run_set
 
     with RunContext(json_file, [old, new]) as run:
         stored = [run_set.read(path, RECORD_TYPES) for path in (old, new)]
         rows = differences(stored[0], stored[1], across)
-        if line := _left_out(stored):
+        if line := left_out(stored):
             report_line(line)
         if rows:
             run.show([differences_section(rows)])
@@ -212,20 +206,3 @@ def _show_differences(
             )
         run.write(DiffDocument(results=rows))
     run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))
-
-
-def _left_out(stored: "Sequence[RunSet]") -> str:
-    """Return which runs of sets are not compared, in a line; empty where all are."""
-    from mjbench.comparison.records import ModelRecord
-
-    commands = Counter(
-        each.header.command
-        for one in stored
-        if not one.is_run_file
-        for each in one.runs
-        if not each.of_type(ModelRecord)
-    )
-    if not commands:
-        return ""
-    counts = ", ".join(f"{count} of {command}" for command, count in commands.items())
-    return f"left out: runs of other commands than compare ({counts})"

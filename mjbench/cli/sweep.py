@@ -1,8 +1,5 @@
 """`mjbench sweep`: a matrix of models, releases, paths and machines, on the nodes of a cluster."""
 
-import contextlib
-import itertools
-import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,14 +11,10 @@ from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, command_line, report_line
 from mjbench.cli.shared import FILE, JSON, check_sizes
 from mjbench.errors import InputError, MachineError
-from mjbench.status import FINISHED
 
 if TYPE_CHECKING:
-    from mjbench.store.run_set import RunSetFile
-    from mjbench.sweep.cells import Cell
+    from mjbench.api.sweep import Swept
     from mjbench.sweep.matrix import Matrix
-    from mjbench.sweep.results import CellOutcome, CellResult
-    from mjbench.sweep.run import Summary
 
 # Where run sets of sweeps are stored unless -o says otherwise.
 SWEEPS_FOLDER = Path("results/sweeps")
@@ -78,6 +71,8 @@ def sweep(
       mjbench sweep plan.toml
       mjbench sweep plan.toml --address auto
     """
+    from mjbench.api import sweep as sweeps
+    from mjbench.cli.progress import progress
     from mjbench.report import sweep as report
     from mjbench.report.documents import SweepDocument
     from mjbench.sweep import matrix, software
@@ -87,13 +82,33 @@ def sweep(
     with RunContext(json_file, [plan, target]) as run:
         cells = matrix.build(plans.load(plan, check_command), software.installed())
         if dry_run:
-            stored = _stored(target, cells)
+            stored = sweeps.stored(target, cells)
             words = [word for word in command_line() if word != "--dry-run"]
             command = shlex.join(["mjbench", *words])
             run.show([report.cells_section(cells.cells, stored, command)])
             run.write(SweepDocument.of(cells.cells, stored))
             return
-        _sweep(run, cells, target, address, retry)
+        swept = sweeps.measure_missing(
+            cells, target, address, retry, lambda: progress(run.out), report_line
+        )
+        run.show([report.section(swept.outcomes, swept.summary)])
+        run.write(SweepDocument.of(cells.cells, swept.outcomes))
+        run.out.print(f"\nRun set: {target}", soft_wrap=True)
+        run.out.print(f"Report: mjbench show {target} --html", soft_wrap=True)
+        _end(run, cells, swept)
+
+
+def _end(run: RunContext, matrix: "Matrix", swept: "Swept") -> None:
+    """End with the exit code of the results, or say why some are missing."""
+    summary = swept.summary
+    if summary and summary.is_interrupted:
+        run.interrupt(is_saved=True)
+    elif summary and summary.missing:
+        reasons = "; ".join(summary.reasons)
+        raise MachineError(
+            f"{len(summary.missing)} of {len(matrix.cells)} results are missing: {reasons}"
+        )
+    run.exit(outcome.status for outcome in swept.outcomes.values())
 
 
 def check_command(arguments: Sequence[str]) -> None:
@@ -112,95 +127,3 @@ def check_command(arguments: Sequence[str]) -> None:
     except click.UsageError as error:
         raise InputError(error.format_message()) from None
     check_sizes(values.get("nstep"), values.get("hold") or 1)
-
-
-def _sweep(
-    run: RunContext, matrix: "Matrix", target: Path, address: str | None, retry: bool
-) -> None:
-    from mjbench.report import sweep as report
-    from mjbench.report.content import Conclusion, Section
-    from mjbench.report.documents import SweepDocument
-
-    with contextlib.ExitStack() as on_error, contextlib.closing(_open(target, on_error)) as file:
-        stored = _stored(target, matrix)
-        done = [cell for cell, how in stored.items() if not retry or how.status in FINISHED]
-        if len(done) == len(matrix.cells):
-            text = "The run set has all results of the plan; nothing was measured."
-            run.show([Section("Results", [Conclusion(text), *report.failures(stored)])])
-            summary = None
-        else:
-            summary = _measure(run, matrix, done, file, address)
-            on_error.pop_all()
-            stored |= summary.outcomes
-            run.show([report.summary_section(summary, stored)])
-    run.write(SweepDocument.of(matrix.cells, stored))
-    run.out.print(f"\nRun set: {target}", soft_wrap=True)
-    run.out.print(f"Report: mjbench show {target} --html", soft_wrap=True)
-    if summary and summary.is_interrupted:
-        run.interrupt(is_saved=True)
-    elif summary and summary.missing:
-        reasons = "; ".join(summary.reasons)
-        raise MachineError(
-            f"{len(summary.missing)} of {len(matrix.cells)} results are missing: {reasons}"
-        )
-    run.exit(outcome.status for outcome in stored.values())
-
-
-def _measure(
-    run: RunContext,
-    matrix: "Matrix",
-    done: "Sequence[Cell]",
-    file: "RunSetFile",
-    address: str | None,
-) -> "Summary":
-    from mjbench.cli.progress import progress
-    from mjbench.sweep.ray_cluster import RayCluster
-    from mjbench.sweep.run import Sweep
-
-    count = len(matrix.cells)
-    with progress(run.out) as observer, RayCluster(address, matrix.plan.rules.tries) as cluster:
-        for left_out in cluster.left_out:
-            report_line(f"{left_out.name} is left out: {left_out.reason}")
-
-        def on_result(result: "CellResult", node: str, ndone: int) -> None:
-            file.append(result.section)
-            text = f"{ndone} of {count} results; {result.cell.name} from {node}"
-            observer(text, ndone / count)
-
-        return Sweep(matrix, done, cluster, on_result).measure()
-
-
-def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
-    from mjbench.errors import writing
-    from mjbench.store.run_set import RunSetFile
-
-    # not Path.exists, which fails where a name is too long; create has a message for that
-    if os.path.lexists(target):
-        return RunSetFile.open(target)
-    with writing(target):
-        target.parent.mkdir(parents=True, exist_ok=True)
-    file = RunSetFile.create(target)
-    on_error.callback(_remove_empty, target)
-    return file
-
-
-def _remove_empty(target: Path) -> None:
-    """Remove a run set that has no section: nothing began to measure."""
-    with contextlib.suppress(OSError):
-        with target.open("rb") as file:
-            lines = list(itertools.islice(file, 2))
-        if len(lines) < 2:
-            target.unlink()
-
-
-def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, CellOutcome]":
-    """Return how the cells in a run set ended; the last result of each counts."""
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import run_set
-    from mjbench.sweep import results
-
-    if not os.path.lexists(target):
-        return {}
-    sections = run_set.read(target, RECORD_TYPES).sections
-    by_key = {section.cell: section.run for section in sections if section.cell}
-    return {cell: results.outcome(by_key[cell.key]) for cell in matrix.cells if cell.key in by_key}

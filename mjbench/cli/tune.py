@@ -1,13 +1,12 @@
 """`mjbench tune`: which settings make a model faster, and what they cost in accuracy."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
-from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import (
@@ -22,17 +21,8 @@ from mjbench.cli.shared import (
     share,
     with_options,
 )
-from mjbench.errors import InputError
 from mjbench.simulation.models import ModelSource
-
-if TYPE_CHECKING:
-    from mjbench.api.session import Observer
-    from mjbench.measuring.progress import Progress
-    from mjbench.simulation.starts import StartPlan
-    from mjbench.store.runs import Record
-
-# Simulations of a batched step of MJX or Warp.
-NBATCH = 64
+from mjbench.tuning.settings import NBATCH
 
 
 @cli.command()
@@ -86,18 +76,10 @@ NBATCH = 64
 @with_options(SEED, STARTS, LIMIT, STORING)
 def tune(
     sources: list[ModelSource],
-    engine: str,
-    nbatch: int | None,
-    only: str | None,
-    skip: list[str] | None,
-    max_error: float | None,
-    budget_s: float,
     target: str | None,
-    hold: int,
-    seed: int,
-    starts: "StartPlan",
     time_limit: float,
     output: OutputOptions,
+    **options: Any,
 ) -> None:
     """Which settings make a model faster, and what do they cost in accuracy?
 
@@ -116,69 +98,17 @@ def tune(
       mjbench tune robot.xml --max-error 1% --budget 600s
       mjbench tune robot.xml --engine mjx --nbatch 1024
     """
-    from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
-    from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.tuning import knobs, variants
-    from mjbench.tuning.records import Effect
-    from mjbench.tuning.search_base import PARTS, SearchPlan
-    from mjbench.tuning.tune import tune as tune_model
+    from mjbench.api.tune import measurement, write_best
 
-    _check_engine(engine, nbatch, only, skip)
-    effect = Effect(only or Effect.APPROXIMATE)
-    skipped = knobs.known(skip or ())
-    plan = SearchPlan(
-        seed, starts, budget_s, max_error, effect, hold, skipped, engine, nbatch or NBATCH
-    )
-    files = input_files(sources, [], starts)
-    if target is not None:
-        if len(sources) > 1:
-            raise InputError("--write takes one model")
-        variants.check_source(sources[0])
-        with contextlib.closing(OutputFile("--write", target, files)) as file:
-            file.open()  # fails now, rather than after the search, where it cannot be written
-
-    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        if target is not None:
-            variants.copy_in_child(sources[0], None, Path(target), time_limit)
-        with WorkerPool() as pool:
-
-            def tuned(source: ModelSource, on_progress: "Progress") -> Item:
-                def advance(done: int, text: str, share: float) -> None:
-                    on_progress(text, (done + share) / PARTS)
-
-                return Item([tune_model(pool, source, plan, time_limit, advance)])
-
-            yield from in_turn(sources, tuned, earlier, observer)
-
-    arguments = {"models": [source.name for source in sources], "plan": plan}
-    measurement = Measurement("tune", arguments, files, items, finished)
-    run = measure_and_print(measurement, output)
-    if target is not None and not run.is_stopped:
-        _write(run, sources[0], Path(target), time_limit)
+    copy = None if target is None else Path(target)
+    work = measurement(sources, **options, limit_s=time_limit, copy=copy)
+    with contextlib.closing(OutputFile("--write", target, work.files)) as file:
+        file.open()  # fails now, rather than after the search, where it cannot be written
+    run = measure_and_print(work, output)
+    if copy is not None and not run.is_stopped:
+        if write_best(run.session.run(), sources[0], copy, time_limit):
+            run.out.print(f"Wrote {target}", soft_wrap=True)
+        else:
+            reason = "no settings of the file are recommended"
+            report_line(f"{target}: not written, because {reason}")
     run.exit()
-
-
-def _check_engine(
-    engine: str, nbatch: int | None, only: str | None, skip: list[str] | None
-) -> None:
-    if engine == "c" and nbatch is not None:
-        raise InputError("--nbatch needs --engine mjx or warp")
-    if engine != "c" and only is not None:
-        raise InputError("--only works with --engine c; use --max-error instead")
-    if engine != "c" and skip is not None:
-        raise InputError("--skip works with --engine c")
-
-
-def _write(run: RunContext, source: ModelSource, target: Path, limit_s: float) -> None:
-    from mjbench.tuning import variants
-    from mjbench.tuning.records import TuneRecord
-    from mjbench.tuning.settings import edits_of
-
-    (record,) = run.session.run().of_type(TuneRecord)
-    best = record.best()
-    edits = edits_of(best.settings) if best else []
-    if not edits:
-        report_line(f"{target}: not written, because no settings of the file are recommended")
-        return
-    variants.copy_in_child(source, edits, target, limit_s)
-    run.out.print(f"Wrote {target}", soft_wrap=True)

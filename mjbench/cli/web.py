@@ -1,22 +1,12 @@
 """`mjbench web`: MuJoCo's WebAssembly builds beside C of the same release."""
 
-from collections.abc import Iterator, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import FILE, LIMIT, SIZES, STORING, budget, models_argument, with_options
-from mjbench.simulation.models import ModelSource
-
-if TYPE_CHECKING:
-    from mjbench.api.session import Observer
-    from mjbench.paired.run_sizes import Sizes
-    from mjbench.releases.installs import ReleaseSpec
-    from mjbench.store.runs import Record
-    from mjbench.web.build_run import Engine
 
 
 @cli.command()
@@ -43,16 +33,7 @@ if TYPE_CHECKING:
 )
 @budget(5, "Time to spend on timing each model.", zero=True)
 @with_options(SIZES, LIMIT, STORING)
-def web(
-    sources: list[ModelSource],
-    release: str | None,
-    package_folder: Path | None,
-    node_command: str,
-    budget_s: float,
-    sizes: "Sizes",
-    time_limit: float,
-    output: OutputOptions,
-) -> None:
+def web(time_limit: float, output: OutputOptions, **options: Any) -> None:
     """How fast is MuJoCo in WebAssembly, and does it compute what the C engine does?
 
     Steps the builds of the npm package @mujoco/mujoco under Node.js, and the C engine of the same
@@ -68,45 +49,9 @@ def web(
       mjbench web robot.xml --release 3.12.0
       mjbench web --package path/to/your/app --json web.json
     """
-    from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
-    from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.releases import installs
-    from mjbench.web import measure as builds
+    from mjbench.api.web import measurement
     from mjbench.web.records import WebRecord
 
-    spec = None if release is None else installs.parse_release(release)
-    engine = _engine(spec, package_folder, node_command, time_limit)
-    spec = spec or installs.parse_release(engine.package.version)
-    plan = builds.WebPlan(spec, engine, sizes, budget_s)
-
-    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        with WorkerPool(time_limit) as pool:
-
-            def measure(source: ModelSource, _: object) -> Item:
-                return Item([builds.measure(pool, source, plan)])
-
-            yield from in_turn(sources, measure, earlier, observer)
-
-    arguments = {
-        "models": [source.name for source in sources],
-        "release": spec.key,
-        "node": engine.node.version,
-        "sizes": sizes,
-        "budget_s": budget_s,
-    }
-    files = input_files(sources, [], sizes.starts)
-    measurement = Measurement("web", arguments, files, items, finished)
-    run = measure_and_print(measurement, output)
+    run = measure_and_print(measurement(**options, limit_s=time_limit), output)
     records = run.session.run().of_type(WebRecord)
     run.exit(status for record in records for status in record.statuses())
-
-
-def _engine(
-    release: "ReleaseSpec | None", package_folder: Path | None, node_command: str, limit_s: float
-) -> "Engine":
-    from mjbench.host import machine
-    from mjbench.web import node_process, npm_package
-    from mjbench.web.build_run import Engine
-
-    package = npm_package.find(None if release is None else release.version, package_folder)
-    return Engine(package, node_process.find_node(node_command), limit_s, machine.usable_cores())

@@ -17,7 +17,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, one_line, printable, writing
+from mjbench.errors import InputError, MachineError, one_line, printable, writing
 from mjbench.loop import lint
 from mjbench.loop.certain_names import CertainNames
 from mjbench.loop.copying import Copying
@@ -71,6 +71,7 @@ class LintedFile:
     Attributes:
       after: as it is with all changes; `before` itself where there are none.
       unfixed: those of them that have a remedy.
+      problem: why the file could not be written; empty where it could, or was not to be.
     """
 
     file: str
@@ -79,10 +80,13 @@ class LintedFile:
     fixed: int
     findings: Sequence[lint.Finding]
     unfixed: Sequence[Unfixed]
+    problem: str = ""
 
     @classmethod
-    def unchanged(cls, file: str, program: PythonProgram, codes: Collection[str]) -> "LintedFile":
-        return cls(file, program, program, 0, lint.findings_of(file, program, codes), ())
+    def unchanged(
+        cls, file: str, program: PythonProgram, codes: Collection[str], problem: str = ""
+    ) -> "LintedFile":
+        return cls(file, program, program, 0, lint.findings_of(file, program, codes), (), problem)
 
     def write(self) -> None:
         """Store the changed file in place of the old one; MachineError if that fails."""
@@ -104,17 +108,28 @@ class LintedFile:
 
 
 def lint_all(
-    files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES, fixes: bool = False
+    files: Iterable[str | UncheckedFile],
+    choice: RuleChoice = ALL_RULES,
+    fixes: bool = False,
+    writes: bool = False,
 ) -> Iterator[LintedFile | UncheckedFile]:
-    """Yield what is found in each file; in place of one that cannot be checked, why."""
+    """Yield what is found, and with `fixes` can be changed, in each file; or why none is known."""
     for file in files:
         if isinstance(file, UncheckedFile):
             yield file
             continue
         try:
-            yield (fix if fixes else _check)(file, choice.codes_for(file))
+            codes = choice.codes_for(file)
+            linted = (fix if fixes else _check)(file, codes)
         except InputError as error:
             yield UncheckedFile(file, str(error).removeprefix(f"{file}: "))
+            continue
+        if writes:
+            try:
+                linted.write()
+            except MachineError as error:
+                linted = LintedFile.unchanged(file, linted.before, codes, str(error))
+        yield linted
 
 
 def _check(file: str, codes: Collection[str]) -> LintedFile:

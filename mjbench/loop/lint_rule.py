@@ -50,6 +50,10 @@ class Rule:
     is_wrong_result: bool = False
 
     @property
+    def title(self) -> str:
+        return f"{self.code} ({'wrong result' if self.is_wrong_result else 'time'}): {self.message}"
+
+    @property
     def explanation(self) -> str:
         """What happens, why, what to write instead, and what that changes in results."""
         # from the source, because `python -OO` drops docstrings

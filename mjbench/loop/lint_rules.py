@@ -7,6 +7,7 @@ line of `RULES`.
 import ast
 from collections.abc import Iterator, Sequence
 
+from mjbench.errors import InputError
 from mjbench.loop.lint_forward import forward_after_step
 from mjbench.loop.lint_moments import rows_of_two_moments
 from mjbench.loop.lint_new_objects import (
@@ -228,3 +229,13 @@ RULES = (
     written_views,
     steps_in_a_row,
 )
+
+
+def explained(code: str) -> str:
+    """Return what a rule finds, why, and what to write instead; for `all`, what each finds."""
+    if code.lower() == "all":
+        return "".join(f"{each.title}\n" for each in RULES)
+    for each in RULES:
+        if each.code == code.upper():
+            return f"{each.title}\n\n{each.explanation}"
+    raise InputError(f"no rule {code!r}; there are {', '.join(each.code for each in RULES)}")

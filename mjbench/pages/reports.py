@@ -211,10 +211,8 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     timed = [named for named in named_runs if named.run.of_type(RatioRecord)]
     if not timed:
         return []
-    causes = known_causes.default_path()
-    each = history_files.of_runs(
-        [named.run for named in named_runs], causes if causes.exists() else None
-    )
+    runs = [named.run for named in named_runs]
+    each = history_files.of_runs(runs, known_causes.default_path())
     command = timed[0].command
     first, *others = (
         replace(section, command=command) for section in history_across.sections(each)

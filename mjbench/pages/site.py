@@ -16,7 +16,7 @@ import shutil
 import subprocess
 import sys
 import urllib.parse
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from mjbench.host.neighbours import Disturbance
 from mjbench.pages import html, markdown, reports
 from mjbench.pages.markdown import escaped
 from mjbench.pages.reports import NamedRun
-from mjbench.report import comparison, history, history_plots
+from mjbench.report import comparison, history, history_files, history_plots
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
@@ -96,6 +96,63 @@ class Project:
     history: SpeedHistory | None = None
     asv_pages: Path | None = None
     lab: Path | None = None
+
+
+def read(folder: Path, report: Callable[[str], None]) -> Project:
+    """Return what a folder has for a site; `report` is called with what is left out, in a line."""
+
+    def own(files: Iterable[Path]) -> list[Path]:
+        chosen = []
+        for file in files:
+            if _is_foreign(file, folder):
+                report(_left_out(file, folder))
+            elif file.exists():
+                chosen.append(file)
+        return chosen
+
+    named_runs: list[NamedRun] = []
+    for file in own((folder / "results/runs").glob("*.jsonl")):
+        with _reporting_unreadable(report):
+            named_runs += reports.read([file])
+    named_runs.sort(key=lambda named: (named.run.header.began, named.file.name))
+    measured = None
+    causes = next(iter(own([folder / "benchmarks/causes.toml"])), None)
+    if files := own(history_files.run_files(folder / "results/history")):
+        with _reporting_unreadable(report):
+            measured, *others = history_files.read_each(files, causes)
+            if others:
+                names = ", ".join(each.name for each in others)
+                report(f"the history is that of {measured.name}; left out: {names}")
+    asv_pages = own([folder / ".asv/html/index.html"])
+    if not (named_runs or measured or (folder / "docs").is_dir()):
+        raise InputError(
+            f"{folder} has neither results nor docs: measure something first, or give --project"
+        )
+    lab = own([folder / "build/lab/mujoco-lab.html"])
+    return Project(
+        folder,
+        named_runs,
+        measured,
+        asv_pages[0].parent if asv_pages else None,
+        lab[0] if lab else None,
+    )
+
+
+@contextlib.contextmanager
+def _reporting_unreadable(report: Callable[[str], None]) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        report(f"left out: {error}")
+
+
+def check_output(output: Path, folder: Path) -> None:
+    """Refuse to replace what is no site, or the folder of the project."""
+    if output.exists() and any(output.iterdir() if output.is_dir() else [output]):
+        if not (output / MARKER).is_file():
+            raise InputError(f"{output} exists and is no site of mjbench: choose another folder")
+        if output.resolve() in (Path.cwd(), folder.resolve()):
+            raise InputError(f"{output} is the folder of the project: choose another folder")
 
 
 def build(project: Project, scratch: Path, output: Path) -> list[str]:
@@ -207,8 +264,8 @@ def _copy_documents(folder: Path, source: Path) -> list[str]:
     lines = _copy_tree(folder, folder / "docs", source / "docs")
     for name in (*_BESIDE, *(f"{name}/README.md" for name in _FOLDERS_BESIDE)):
         file = folder / name
-        if is_foreign(file, folder):
-            lines.append(left_out(file, folder))
+        if _is_foreign(file, folder):
+            lines.append(_left_out(file, folder))
         elif file.is_file():
             (source / name).parent.mkdir(exist_ok=True)
             shutil.copy(file, source / name)
@@ -221,18 +278,18 @@ def _copy_tree(project: Path, folder: Path, target: Path) -> list[str]:
 
     def foreign(parent: str, names: list[str]) -> list[str]:
         files = [Path(parent) / name for name in names]
-        chosen = [f for f in files if is_foreign(f, project) or (f.is_symlink() and f.is_dir())]
-        lines.extend(left_out(file, project) for file in chosen)
+        chosen = [f for f in files if _is_foreign(f, project) or (f.is_symlink() and f.is_dir())]
+        lines.extend(_left_out(file, project) for file in chosen)
         return [file.name for file in chosen]
 
-    if is_foreign(folder, project):
+    if _is_foreign(folder, project):
         target.mkdir(parents=True)
-        return [left_out(folder, project)]
+        return [_left_out(folder, project)]
     shutil.copytree(folder, target, ignore=foreign)
     return lines
 
 
-def is_foreign(file: Path, project: Path) -> bool:
+def _is_foreign(file: Path, project: Path) -> bool:
     """Return whether a file is outside a project, which a link may lead to, or a pipe or device."""
     own = Path(os.path.realpath(file))
     if not own.is_relative_to(os.path.realpath(project)):
@@ -240,7 +297,7 @@ def is_foreign(file: Path, project: Path) -> bool:
     return own.exists() and not (own.is_file() or own.is_dir())
 
 
-def left_out(file: Path, project: Path) -> str:
+def _left_out(file: Path, project: Path) -> str:
     """Return the line that says that a file is not on the site."""
     why = (
         "links out of the project or to folders are not followed"

@@ -53,6 +53,11 @@ class Operation:
     repeats: int
     prepare: Prepare
 
+    @property
+    def source(self) -> ModelSource | None:
+        """The model; None where it builds its own."""
+        return models.resolve(self.model) if self.model else None
+
     def prepared(self, file: Path) -> PreparedOperation:
         """Return a block of it; `file` is of the model, and not read where there is none."""
         return self.prepare(ModelSource(self.model, file), self.repeats)

@@ -93,7 +93,7 @@ def search(
 def _with_causes(change: BisectChange, source: ModelSource) -> BisectChange:
     """Return a change with what is known of it: of shipped models, in a checkout of mjbench."""
     file = known_causes.default_path()
-    if source.name not in models.shipped() or not file.exists():
+    if source.name not in models.shipped() or file is None:
         return change
     known = known_causes.explaining(change.version.name, source.name, known_causes.load(file))
     return replace(change, known_causes=[cause.text for cause in known])

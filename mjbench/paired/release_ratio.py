@@ -14,6 +14,7 @@ import numpy as np
 
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.measuring import stats
+from mjbench.measuring.progress import Progress
 from mjbench.paired import cores, moved_check
 from mjbench.paired.launches import StopRule, Targets
 from mjbench.paired.launches import launch as launch_until_enough
@@ -21,7 +22,7 @@ from mjbench.paired.moved_check import Averaging
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.protocol import time_quads
 from mjbench.paired.records import section_numbers
-from mjbench.paired.release_tasks import ReleaseTask
+from mjbench.paired.release_tasks import ReleaseTask, Selection
 from mjbench.paired.time_limit import ending_of, quad_count
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
@@ -80,6 +81,30 @@ def measure_each(
         yield from _measure_in_turns(group)
         if any(each.is_interrupted for each in group):
             return
+
+
+def measure_rest(
+    pool: WorkerPool, selection: Selection, earlier: Sequence[object], on_progress: Progress
+) -> Iterator[list[RatioRecord]]:
+    """Compare selected releases with the reference in what earlier records do not have."""
+    done = {(r.record_type, r.build, r.series) for r in release_ratios.finished(earlier)}
+    by_release = [
+        [
+            task
+            for task in selection.tasks(release)
+            if (task.record_type, release.key, task.series) not in done
+        ]
+        for release in selection.releases
+    ]
+    remaining = [tasks for tasks in by_release if tasks]
+    shares = [0.0] * len(remaining)
+
+    def on_launch(index: int, share: float) -> None:
+        shares[index] = share
+        _, release = remaining[index][0].releases
+        on_progress(f"MuJoCo {release.version}", sum(shares) / len(remaining))
+
+    yield from measure_each(pool, remaining, on_launch)
 
 
 def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRecord]]:

@@ -10,7 +10,8 @@ import pickle
 import random
 import statistics
 from abc import ABC, abstractmethod
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -197,10 +198,10 @@ class OperationTask(ReleaseTask):
 
     record_type = OperationRatioRecord.record_type
 
-    def __init__(self, releases: Releases, operation: Operation, model: ModelSource | None):
+    def __init__(self, releases: Releases, operation: Operation):
         super().__init__(releases)
         self.operation = operation
-        self._file = model.path if model else Path()
+        self._file = operation.source.path if operation.source else Path()
         self._drift: float | None = None
 
     @property
@@ -230,3 +231,35 @@ class OperationTask(ReleaseTask):
             repeats=operation.repeats,
         )
         return replace(record, drift=self._drift, reference_s=self._reference_s(operation.repeats))
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What the history measures: steps of models, and operations, in each of the releases."""
+
+    reference: ReleaseSpec
+    releases: Sequence[ReleaseSpec]
+    sources: Sequence[ModelSource]
+    operations: Sequence[Operation]
+
+    @property
+    def names(self) -> list[str]:
+        models = [source.name for source in self.sources]
+        return [*models, *(operation.name for operation in self.operations)]
+
+    @property
+    def arguments(self) -> dict[str, object]:
+        """What the header of the run file says."""
+        return {
+            "reference": self.reference.key,
+            "releases": [release.key for release in self.releases],
+            "models": [source.name for source in self.sources],
+            "operations": bool(self.operations),
+        }
+
+    def tasks(self, release: ReleaseSpec) -> list[ReleaseTask]:
+        releases = self.reference, release
+        return [
+            *(StepTask(releases, source) for source in self.sources),
+            *(OperationTask(releases, operation) for operation in self.operations),
+        ]

@@ -23,7 +23,8 @@ from mjbench.paired.targets import Target
 from mjbench.paired.verdict import PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
-from mjbench.releases.release import NoChangePair
+from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
+from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
@@ -70,6 +71,19 @@ def between_builds(model: ModelSource, pair: NoChangePair) -> Case:
         Target(installs.parse_release(release), model) for release in (pair.old, pair.new)
     )
     return Case(Arm.BETWEEN_BUILDS, baseline, candidate)
+
+
+def cases(
+    names: Sequence[str], slowdowns: Sequence[float], functions: Sequence[str], builds: bool
+) -> list[Case]:
+    """Return the cases of models by name; without names, of those that are usual for each arm."""
+    few = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
+    cases = [slowed(source, share) for source in few for share in slowdowns]
+    cases += [inside_step(source, name) for source in few for name in functions]
+    if builds:
+        sources = [models.resolve(name) for name in names or models.shipped()]
+        cases += [between_builds(source, pair) for source in sources for pair in NO_CHANGE_PAIRS]
+    return cases
 
 
 def remaining(cases: Sequence[Case], trials: int, records: Sequence[TrialRecord]) -> Iterator[Case]:

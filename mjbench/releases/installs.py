@@ -192,6 +192,12 @@ def install_names() -> list[str]:
     return sorted(folder.name for folder in folders if not folder.name.startswith("."))
 
 
+def matching(name: str) -> list[str]:
+    """Return the installs of a version, or the one of this name; the name itself without any."""
+    versions = f"{name}-", f"{name}+"
+    return [each for each in install_names() if each == name or each.startswith(versions)] or [name]
+
+
 def package_versions(release: ReleaseSpec) -> dict[str, str]:
     folder = None if release.name == INSTALLED else cache_folder() / release.key
     return packages.versions(folder)
@@ -205,6 +211,10 @@ class InstallSize:
     size_bytes: int
     unused_s: float
 
+    @property
+    def unused_days(self) -> float:
+        return self.unused_s / 86_400
+
 
 def install_sizes() -> list[InstallSize]:
     sizes = []
@@ -215,6 +225,18 @@ def install_sizes() -> list[InstallSize]:
             unused_s = time.time() - (folder / MARKER).stat().st_mtime
             sizes.append(InstallSize(name, size_bytes, unused_s))
     return sizes
+
+
+def prune(days: int) -> Iterator[tuple[InstallSize, str]]:
+    """Remove what was not used for so many days; yield each with why it is still there, or ""."""
+    for install in install_sizes():
+        if install.unused_days >= days:
+            try:
+                remove(install.name)
+            except MachineError as error:  # it is in use
+                yield install, str(error)
+            else:
+                yield install, ""
 
 
 @contextlib.contextmanager

@@ -30,8 +30,10 @@ class KnownCause:
     text: str
 
 
-def default_path() -> Path:
-    return bundle.default_path().with_name("causes.toml")
+def default_path() -> Path | None:
+    """Return the table of a checkout of mjbench; None outside of one."""
+    file = bundle.default_path().with_name("causes.toml")
+    return file if file.exists() else None
 
 
 def load(file: Path) -> list[KnownCause]:

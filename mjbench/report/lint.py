@@ -10,6 +10,7 @@ from typing import Any
 import mjbench
 from mjbench.errors import printable
 from mjbench.loop.lint import Finding
+from mjbench.loop.lint_fixes import Unfixed
 from mjbench.loop.lint_rules import RULES
 from mjbench.loop.script_files import UncheckedFile
 from mjbench.store.runs import SCHEMA, to_json
@@ -38,6 +39,11 @@ def finding_place(finding: Finding) -> str:
     # a runner of GitHub takes a line that begins with two colons for a command
     place = f"./{file}" if file.startswith("::") else file
     return f"{place}:{cell}{finding.line}:{finding.col}"
+
+
+def unfixed_line(unfixed: Unfixed) -> str:
+    place = finding_place(unfixed.finding)
+    return f"{place}: {unfixed.finding.code} is not fixed: {unfixed.reason}"
 
 
 def statistics_lines(findings: Sequence[Finding]) -> list[str]:

@@ -1,13 +1,15 @@
-"""Tables of what there is: models, paths and releases."""
+"""Lists of what there is: models, paths, releases and installs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.comparison.listing import ListedModel
 from mjbench.paths import SteppingPath
 from mjbench.releases.catalogue import ReleaseRow
+from mjbench.releases.installs import InstallSize
 from mjbench.report.content import Column, DataTable
 from mjbench.report.formats import yes_no
+from mjbench.units import mebibytes
 
 
 @dataclass(frozen=True)
@@ -88,3 +90,14 @@ def releases_table(rows: Sequence[ReleaseRow]) -> DataTable:
         (Column("in the history", leaves=1), lambda row: yes_no(row.in_history)),
         (Column("here"), lambda row: "installed" if row.installed else ""),
     )
+
+
+def install_lines(installs: Sequence[InstallSize]) -> Iterator[str]:
+    """Yield installs, a line each, and the size of several together."""
+    for install in installs:
+        days = int(install.unused_days)
+        used = "today" if days < 1 else f"{days} day{'s' * (days > 1)} ago"
+        yield f"{install.name}  {mebibytes(install.size_bytes)}, used {used}"
+    if len(installs) > 1:
+        total_bytes = sum(install.size_bytes for install in installs)
+        yield f"{len(installs)} installs, {mebibytes(total_bytes)}"

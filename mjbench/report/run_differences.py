@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from mjbench.comparison.plan import Variant, describe_options
-from mjbench.comparison.records import MeasurementRecord
+from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.errors import InputError
 from mjbench.host.machine import Machine
 from mjbench.measuring import stats
@@ -283,3 +283,18 @@ def _table(rows: Sequence[RunDifference]) -> DataTable:
         (Column("verdict"), lambda row: row.verdict.value if row.verdict else None),
         (Column("detail"), lambda row: row.detail),
     )
+
+
+def left_out(stored: Sequence[RunSet]) -> str:
+    """Return which runs of sets are not compared, in a line; empty where all are."""
+    commands = Counter(
+        each.header.command
+        for one in stored
+        if not one.is_run_file
+        for each in one.runs
+        if not each.of_type(ModelRecord)
+    )
+    if not commands:
+        return ""
+    counts = ", ".join(f"{count} of {command}" for command, count in commands.items())
+    return f"left out: runs of other commands than compare ({counts})"

@@ -42,7 +42,11 @@ def cells_section(cells: Sequence[Cell], done: Mapping[Cell, CellOutcome], comma
     )
 
 
-def summary_section(summary: Summary, outcomes: Mapping[Cell, CellOutcome]) -> Section:
+def section(outcomes: Mapping[Cell, CellOutcome], summary: Summary | None) -> Section:
+    """Return what all results come to, and what a sweep did, unless none was missing."""
+    if summary is None:
+        text = "The run set has all results of the plan; nothing was measured."
+        return Section("Results", [Conclusion(text), *_failures(outcomes)])
     missing = []
     if summary.missing:
         count = len(summary.missing)
@@ -50,11 +54,11 @@ def summary_section(summary: Summary, outcomes: Mapping[Cell, CellOutcome]) -> S
         rest = f" and {count - _MOST_MISSING} more" if count > _MOST_MISSING else ""
         missing.append(f"Missing: {names}{rest}; the same command measures what is missing")
     numbers = f"{count_of(len(outcomes), 'result')} stored, {len(summary.missing)} missing"
-    conclusions = [Conclusion(numbers), *failures(outcomes)]
+    conclusions = [Conclusion(numbers), *_failures(outcomes)]
     return Section("Nodes", conclusions, tables=[_nodes_table(summary)], notes=missing)
 
 
-def failures(outcomes: Mapping[Cell, CellOutcome]) -> list[Conclusion]:
+def _failures(outcomes: Mapping[Cell, CellOutcome]) -> list[Conclusion]:
     failed = [item for item in outcomes.items() if item[1].status in _FAILED]
     conclusions = [
         Conclusion(f"{cell.name}: {outcome.status}, {outcome.detail}", Tone.BAD)

@@ -186,6 +186,13 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
     return RunSet(tuple(sections), end < len(lines))
 
 
+def read_together(paths: Sequence[Path], record_types: Mapping[str, type]) -> RunSet:
+    """Return what a file holds, or what several hold as one set."""
+    if len(paths) == 1:
+        return read(paths[0], record_types)
+    return RunSet(tuple(section for _, section in load_files(paths, record_types)))
+
+
 def load_files(
     paths: Iterable[Path], record_types: Mapping[str, type]
 ) -> list[tuple[Path, RunSection]]:

@@ -4,6 +4,9 @@ import enum
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+# Simulations of a batched step of MJX or Warp, unless the user says.
+NBATCH = 64
+
 
 @dataclass(frozen=True)
 class LoopChange:

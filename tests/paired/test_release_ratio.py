@@ -46,7 +46,7 @@ def test_a_release_against_itself_does_the_same_in_launches_that_tasks_share(
     enough_after(monkeypatch, 2)
     launches: list[tuple[int, float]] = []
     clock = itertools.count(10.0).__next__
-    tasks = [StepTask(BOTH, CARTPOLE.model), OperationTask(BOTH, SPEC, None)]
+    tasks = [StepTask(BOTH, CARTPOLE.model), OperationTask(BOTH, SPEC)]
 
     def on_launch(index: int, share: float) -> None:
         launches.append((index, share))

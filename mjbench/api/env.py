@@ -1,0 +1,50 @@
+"""What `mjbench env` measures: environments, one after the other."""
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+from mjbench.api.session import Item, Measurement, finished, in_turn
+from mjbench.environment import measurement as environments
+from mjbench.environment.records import EnvironmentRecord
+from mjbench.environment.run import EnvironmentPlan
+from mjbench.environment.source import EnvironmentSource, resolve
+from mjbench.errors import Failure, MjbenchError, failure_of
+from mjbench.host import machine
+from mjbench.measuring.progress import Progress
+from mjbench.status import Status
+
+
+def measurement(
+    names: Sequence[str],
+    nstep: int | None,
+    seed: int,
+    threads: Sequence[int] | None,
+    nenv: Sequence[int] | None,
+    budget_s: float,
+    limit_s: float,
+) -> Measurement:
+    """Return the measurement; `nenv`: None for powers of two, and all cores."""
+    sources = [resolve(name, Path.cwd()) for name in names]
+    cores = machine.usable_cores()
+    counts = _doubled(cores) if nenv is None else nenv
+    plan = EnvironmentPlan(
+        nstep, seed, tuple(threads or sorted({1, cores})), tuple(counts), budget_s, limit_s
+    )
+
+    def measure(source: EnvironmentSource, _: Progress) -> Item:
+        try:
+            record = environments.measure(source, plan)
+        except MjbenchError as error:
+            record = EnvironmentRecord.failed(source.name, failure_of(error))
+        if record.facts is None and record.status != Status.INTERRUPTED:
+            return Item([record], Failure(record.status, f"{source.name}: {record.detail}"))
+        return Item([record])
+
+    items = functools.partial(in_turn, sources, measure, attribute="environment")
+    arguments = {"environments": list(names), "plan": plan}
+    return Measurement("env", arguments, [], items, finished)
+
+
+def _doubled(most: int) -> list[int]:
+    return sorted({most, *(2**i for i in range(most.bit_length()) if 2**i <= most)})

@@ -1,0 +1,44 @@
+"""What `mjbench history` measures: times and instructions of one release after the other."""
+
+from collections.abc import Iterator, Sequence
+
+from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
+from mjbench.counts import records, release_changes
+from mjbench.errors import InputError
+from mjbench.paired import release_ratio
+from mjbench.paired.release_tasks import Selection
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import release_ratios
+from mjbench.simulation.starts import DEFAULT_STARTS
+from mjbench.store.runs import Record
+
+
+def ratios(selection: Selection) -> Measurement:
+    """Return the measurement of times over those of the reference, `mjbench history measure`."""
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        with WorkerPool() as pool:
+            for measured in release_ratio.measure_rest(pool, selection, earlier, observer):
+                yield Item(measured)
+
+    return Measurement(
+        "history",
+        selection.arguments,
+        input_files(selection.sources, selection.releases, DEFAULT_STARTS),
+        measure,
+        release_ratios.finished,
+        pinning_notes(),
+    )
+
+
+def changes(selection: Selection) -> Measurement:
+    """Return the count of instructions from release to release, `mjbench history explain`."""
+    if len(selection.releases) < 2:
+        raise InputError("give two releases or more")
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        for counted in release_changes.count_rest(selection, earlier, observer):
+            yield Item(counted)
+
+    files = [source.path for source in selection.sources]
+    return Measurement("history-explain", selection.arguments, files, measure, records.finished)
