@@ -2,9 +2,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# When what measures was installed, and when what tests, too, was.
+# When the environment was made, when what measures was installed, and when what tests, too, was.
+EMPTY := $(VENV)/.made
 BASE := $(VENV)/.measures
 STAMP := $(VENV)/.up-to-date
+# Python compiles what is imported, on all cores; pip would compile everything, on one.
+INSTALL := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check \
+  -c constraints.txt
 
 UPGRADE := build/upgrade
 SITE := build/site
@@ -104,18 +108,19 @@ foreign: $(STAMP)
 	$(BIN)/python -m benchmarks.foreign
 
 # Rebuilt when its inputs change, or when an earlier set-up did not finish.
-$(BASE): pyproject.toml constraints.txt
+$(EMPTY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "mjbench needs Python 3.11 or newer; name one: make PYTHON=python3.12"; exit 2; }
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
 	@touch $@
 
-# Python compiles what is imported, on all cores; pip would compile everything, on one.
-$(STAMP): $(BASE)
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check \
-	  -c constraints.txt -e ".[dev]"
+$(BASE): $(EMPTY)
+	$(INSTALL) -e .
 	@touch $@
+
+$(STAMP): $(EMPTY)
+	$(INSTALL) -e ".[dev]"
+	@touch $(BASE) $@
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache

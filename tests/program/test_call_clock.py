@@ -291,8 +291,11 @@ def test_a_damaged_file_is_left_out(tmp_path):
     assert read(tmp_path).calls == []
 
 
+# Its bursts may cost what they like, so no call passes between two of them untimed.
 PROGRAM = """
+import sys
 import mujoco
+sys.modules["mjbench_hook.pacing"].FREE_COST_NS = sys.maxsize
 model = mujoco.MjModel.from_xml_string('''
 <mujoco>
   <option integrator="RK4"/>
@@ -355,9 +358,9 @@ def test_calls_of_a_program_are_known_by_line(observed):
         counts[call.callee] = counts.get(call.callee, 0) + round(call.calls)
     assert counts["from_xml_string"] == 1
     assert counts["MjData"] == 63
-    assert counts["mj_step"] == pytest.approx(1501, rel=0.05)
-    assert counts["mj_forward"] == pytest.approx(300, rel=0.05)
-    assert counts["mj_step2"] == pytest.approx(250, rel=0.05)
+    assert counts["mj_step"] == 1501
+    assert counts["mj_forward"] == 300
+    assert counts["mj_step2"] == 250
     assert counts["callback mjcb_control"] >= 3 * 4 * 200
 
 
