@@ -179,13 +179,13 @@ def _confirm_remedies(
 ) -> "Iterator[Item]":
     from mjbench.api.session import Item
     from mjbench.host import machine
-    from mjbench.program import confirm, remedies
+    from mjbench.program.remedies import confirm, listing
 
     if not row.loops:
         yield Item([row])
         return
     tried = list(row.loops[0].remedies)
-    copies = remedies.copies(row.steps, machine.usable_cores())
+    copies = listing.copies(row.steps, machine.usable_cores())
     if copies is not None:
         tried.append(copies)
     most = confirm.most_runs(tried)

@@ -17,7 +17,7 @@ from mjbench.measuring.stats import Estimate
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.program.records import ProgramRow
-from mjbench.program.remedy import Basis, Remedy, RemedyKind
+from mjbench.program.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
