@@ -133,8 +133,8 @@ class ProgramRow:
             if not activities.package_of(file)
         )
         findings = listing.findings_of(files)
-        questions = listing.questions(times, findings, incidents)
-        measured = trials.measure(observation.models, questions)
+        asked = listing.trials(times, findings, incidents)
+        measured = trials.measure(observation.models, asked)
         physics = None
         if times and times[0].is_mostly_physics:
             most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))

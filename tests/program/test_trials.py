@@ -1,5 +1,6 @@
 """What mjbench suggests computes the same as what the program does, and both are timed."""
 
+import inspect
 from dataclasses import replace
 
 import mujoco
@@ -7,17 +8,32 @@ import numpy as np
 import pytest
 
 from mjbench.errors import InputError
+from mjbench.program.hook import call_clock
 from mjbench.program.recorded_models import RecordedModel
 from mjbench.program.remedies import call_remedies, line_remedies, loop_remedies, trials
-from mjbench.program.remedies.trials import Question, Trial
+from mjbench.program.remedies.trials import Trial, Way
 from mjbench.simulation import compat
 
-TRIALS = {
-    name: value
-    for module in (call_remedies, line_remedies, loop_remedies)
-    for name, value in vars(module).items()
-    if isinstance(value, Trial)
-}
+# What each row tries; the names are those of the call clock.
+TRIALS = [
+    Trial(call_remedies.functions, ("mj_kinematics",)),
+    *(
+        Trial(getattr(call_remedies, name))
+        for name in ("inverse", "uncentered", "one_call", "rays", "no_rollout", "renderer")
+    ),
+    Trial(call_remedies.rollouts, ("rollout", "Rollout.rollout")),
+    Trial(call_remedies.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),
+    Trial(call_remedies.rollouts, ("Rollout.rollout", "Batch.step")),
+    Trial(call_remedies.new_data, ("MjData", "mj_resetData")),
+    Trial(call_remedies.new_data, ("MjData", "mj_copyData")),
+    Trial(call_remedies.new_data, (call_clock.COPY_OF_DATA, "mj_copyData"), of_copied=True),
+    Trial(call_remedies.new_data, (call_clock.DEEP_COPY_OF_DATA, "mj_copyData"), of_copied=True),
+    Trial(line_remedies.named_access, by_wall_time=True),
+    *(Trial(getattr(line_remedies, name)) for name in ("new_array", "concatenation", "contacts")),
+    Trial(loop_remedies.no_timer),
+    Trial(loop_remedies.batch, on_threads=True),
+]
+WITHOUT_GRAPHICS = [trial for trial in TRIALS if trial.ways is not call_remedies.renderer]
 
 FALLING = """
 <mujoco>
@@ -31,8 +47,8 @@ FALLING = """
 """
 
 
-def ways(of_model, question):
-    return question.trial.ways(of_model, question)
+def ways(function, of_model):
+    return function(of_model, Trial(function))
 
 
 def model(integrator="Euler"):
@@ -42,7 +58,7 @@ def model(integrator="Euler"):
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
 def test_inverse_dynamics_within_a_step_leaves_the_same_state(integrator):
     states = []
-    for way in ways(model(integrator), Question(call_remedies.INVERSE)):
+    for way in ways(call_remedies.inverse, model(integrator)):
         data = mujoco.MjData(model(integrator))
         for _ in range(200):
             way.run(data)
@@ -52,26 +68,36 @@ def test_inverse_dynamics_within_a_step_leaves_the_same_state(integrator):
 
 def test_halves_of_a_step_are_not_suggested_for_runge_kutta():
     with pytest.raises(InputError, match="Euler"):
-        ways(model("RK4"), Question(call_remedies.INVERSE))
+        ways(call_remedies.inverse, model("RK4"))
 
 
 def test_contacts_one_by_one_and_as_arrays_are_the_same():
     data = mujoco.MjData(model())
     mujoco.mj_step(model(), data, 200)
-    one_by_one, arrays = ways(model(), Question(line_remedies.CONTACTS))
+    one_by_one, arrays = ways(line_remedies.contacts, model())
     assert data.ncon
     assert np.array_equal(one_by_one.run(data), arrays.run(data))
 
 
-@pytest.mark.parametrize("name", [name for name in TRIALS if name != "RENDERER"])
-def test_both_ways_of_each_trial_run(name):
-    functions = ("mj_kinematics",) if name == "FUNCTIONS" else None
-    for way in ways(model(), Question(TRIALS[name], functions, simulations=2)):
+@pytest.mark.parametrize("trial", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
+def test_both_ways_of_each_trial_run(trial):
+    for way in trial.ways(model(), replace(trial, simulations=2)):
         way.run(mujoco.MjData(model()))
 
 
+def test_each_pair_of_ways_is_tried_here():
+    declared = {
+        function
+        for module in (call_remedies, line_remedies, loop_remedies)
+        for function in vars(module).values()
+        if inspect.isfunction(function)
+        and function.__annotations__.get("return") == tuple[Way, Way]
+    }
+    assert {trial.ways for trial in TRIALS} == declared
+
+
 def test_a_mistake_in_a_trial_is_no_lack_of_a_release():
-    """A TypeError ends the child of `replacements`, which says so."""
+    """A TypeError ends the child of `trials`, which says so."""
     assert not issubclass(TypeError, trials.LACKING)
 
 
@@ -95,7 +121,7 @@ def test_a_step_with_controls_is_that_of_a_rollout():
         .replace("<joint axis", '<joint name="hinge" axis')
     )
     ends = []
-    for way in ways(actuated, Question(call_remedies.NO_ROLLOUT)):
+    for way in ways(call_remedies.no_rollout, actuated):
         data = mujoco.MjData(actuated)
         way.prepare(data)
         for _ in range(3):
@@ -145,15 +171,13 @@ def answers(questions, model=MODEL):
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("name", TRIALS)
-def test_every_pair_can_be_timed(name):
-    if name == "RENDERER":
-        pytest.skip("it needs OpenGL; benchmarks.own_programs tries it")
-    if name == "BATCH":
+@pytest.mark.parametrize("trial", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
+def test_every_pair_can_be_timed(trial):
+    if trial.ways is loop_remedies.batch or "Batch.step" in (trial.functions or ()):
         pytest.importorskip("mujoco.batch", reason="this MuJoCo has no Batch")
-    question = Question(TRIALS[name], ("mj_kinematics",), simulations=2, steps=2)
-    _, answer = answers([question])
-    ratio = answer.ratios[question]
+    asked = replace(trial, simulations=2, steps=2)
+    _, answer = answers([asked])
+    ratio = answer.ratios[asked]
     assert 0 < ratio.low <= ratio.estimate <= ratio.high
 
 
@@ -161,10 +185,10 @@ def test_every_pair_can_be_timed(name):
 def test_a_pair_that_the_model_or_the_release_lacks_is_left_out():
     runge_kutta = mujoco.MjModel.from_xml_string("<mujoco><option integrator='RK4'/></mujoco>")
     asked = [
-        Question(call_remedies.INVERSE),
-        Question(call_remedies.FUNCTIONS, ("mj_of_another_release",)),
+        Trial(call_remedies.inverse),
+        Trial(call_remedies.functions, ("mj_of_another_release",)),
     ]
-    known = Question(loop_remedies.NO_TIMER)
+    known = Trial(loop_remedies.no_timer)
     _, *rest = answers([*asked, known], runge_kutta)
     assert [list(answer.ratios) for answer in rest] == [[known]]
 
@@ -180,17 +204,17 @@ def test_whether_a_step_computes_forces_follows_from_the_sensors():
 
 def test_a_model_of_another_release_is_not_loaded():
     other = replace(recorded(), release="2.3.7")
-    assert trials.measure([other], [Question(loop_remedies.NO_TIMER)]).ratios == {}
+    assert trials.measure([other], [Trial(loop_remedies.no_timer)]).ratios == {}
 
 
 def test_a_model_that_crashes_the_child_costs_only_its_ratios():
     damaged = replace(recorded(), mjb=b"no model")
-    measured = trials.measure([damaged], [Question(loop_remedies.NO_TIMER)])
+    measured = trials.measure([damaged], [Trial(loop_remedies.no_timer)])
     assert measured == trials.MeasuredRatios({})
 
 
 def test_a_pair_on_threads_is_the_median_launch_with_the_interval_of_all(monkeypatch):
-    threaded, alone = Question(call_remedies.POOL), Question(call_remedies.ONE_CALL)
+    threaded, alone = Trial(call_remedies.rollouts, on_threads=True), Trial(call_remedies.one_call)
     estimates = iter((0.9, 0.5, 1.4, 0.7, 0.6, 0.8))
 
     def launch(function, arguments, on_message, *_, **__):

@@ -7,7 +7,7 @@ row, and what it asks of the program, stand before the rows.
 import copy
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -18,7 +18,7 @@ from mjbench.program.call_times import CallTime
 from mjbench.program.hook import call_clock
 from mjbench.program.remedies import call_savings
 from mjbench.program.remedies.call_savings import CallRemedy, CallsInLoop, count_of
-from mjbench.program.remedies.trials import Question, Trial, Way
+from mjbench.program.remedies.trials import Trial, Way
 from mjbench.simulation import compat
 
 # The arguments of a call on a line. Counts of calls that are estimated from bursts vary by this.
@@ -27,6 +27,11 @@ _ARGUMENTS, _ABOUT = re.compile(r"mj_inverse\(([^()]*)\)"), 0.1
 _LEAST_SPREAD = 0.25
 # Steps after a new MjData that tell what its memory costs them, at most.
 _MOST_STEPS = 50
+# What copies an MjData, by the names of the call clock.
+_COPIERS: Mapping[str, Callable[[mujoco.MjData], mujoco.MjData]] = {
+    call_clock.COPY_OF_DATA: copy.copy,
+    call_clock.DEEP_COPY_OF_DATA: copy.deepcopy,
+}
 # Rays of a pair where nothing steps between them, and at most.
 _USUAL_RAYS, _MOST_RAYS = 32, 1000
 
@@ -46,14 +51,14 @@ def _calling(
     return run
 
 
-def _functions(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def functions(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     """Return `mj_forward`, and the functions that are enough, each after a step if there is one."""
-    assert question.functions is not None, "the question names them"
-    present = _calling(model, ["mj_forward"], question.steps)
-    return Way(present), Way(_calling(model, question.functions, question.steps))
+    assert trial.functions is not None, "the trial names them"
+    present = _calling(model, ["mj_forward"], trial.steps)
+    return Way(present), Way(_calling(model, trial.functions, trial.steps))
 
 
-def _inverse(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def inverse(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     """Return inverse dynamics before a step, and within it; halves are no Runge-Kutta."""
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         raise InputError("mj_step1 and mj_step2 integrate by Euler")
@@ -71,7 +76,7 @@ def _inverse(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     return Way(before), Way(within)
 
 
-def _uncentered(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def uncentered(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     size = 2 * model.nv + model.na
     by_state, by_control = np.empty((size, size)), np.empty((size, model.nu))
 
@@ -85,7 +90,7 @@ def _uncentered(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     return way(True), way(False)
 
 
-def _one_call(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def one_call(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     def ten_steps(data: mujoco.MjData) -> None:
         for _ in range(10):
             mujoco.mj_step(model, data)
@@ -93,9 +98,9 @@ def _one_call(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     return Way(ten_steps), Way(lambda data: mujoco.mj_step(model, data, 10))
 
 
-def _rays(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def rays(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     origin = np.array(model.stat.center)
-    nray = question.simulations
+    nray = trial.simulations
     vectors = np.random.default_rng(0).normal(size=(nray, 3))
     geoms, distances = np.empty(nray, np.int32), np.empty(nray)
     geom = np.empty(1, np.int32)
@@ -112,51 +117,40 @@ def _rays(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 # -- rollouts --------------------------------------------------------------------------------------
 
 
-def _rollouts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way, Way]:
-    """Return simulations on threads of their own, on one thread, and on those of a pool."""
+def rollouts(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    """Return two ways of stepping simulations, by the names that the call clock gives them."""
     if (problem := compat.rollout_threads_unavailable()) is not None:
         raise InputError(problem)
     from mujoco import rollout
 
-    threads, nstep = machine.usable_cores(), question.steps
+    threads, nstep = machine.usable_cores(), trial.steps
     datas = [mujoco.MjData(model) for _ in range(threads)]
     one, pool = datas[0], rollout.Rollout(nthread=threads)
-    starts = np.empty((question.simulations, compat.state_size(model, compat.FULLPHYSICS)))
+    starts = np.empty((trial.simulations, compat.state_size(model, compat.FULLPHYSICS)))
 
     def take_state(data: mujoco.MjData) -> None:
         compat.get_state(model, data, starts[0], compat.FULLPHYSICS)
         starts[1:] = starts[0]
 
-    def way(call: Callable[[], object]) -> Way:
+    def way(name: str) -> Way:
+        if name == "Batch.step":
+            from mujoco.batch import Batch
+
+            batch = Batch(model, trial.simulations)
+            return Way(lambda data: batch.step(nstep=nstep))
+        call = {
+            "rollout": lambda: rollout.rollout(model, one, starts, nstep=nstep),
+            call_clock.THREADED_ROLLOUT: lambda: rollout.rollout(model, datas, starts, nstep=nstep),
+            "Rollout.rollout": lambda: pool.rollout(model, datas, starts, nstep=nstep),
+        }[name]
         return Way(lambda data: call(), prepare=take_state)
 
-    return (
-        way(lambda: rollout.rollout(model, datas, starts, nstep=nstep)),
-        way(lambda: rollout.rollout(model, one, starts, nstep=nstep)),
-        way(lambda: pool.rollout(model, datas, starts, nstep=nstep)),
-    )
+    assert trial.functions is not None, "there are two"
+    present, suggested = trial.functions
+    return way(present), way(suggested)
 
 
-def _pool(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    on_threads, _, in_pool = _rollouts(model, question)
-    return on_threads, in_pool
-
-
-def _more_threads(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    _, on_one, in_pool = _rollouts(model, question)
-    return on_one, in_pool
-
-
-def _batch_or_rollout(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return a pool, and a batch, which has no states to copy."""
-    _, _, in_pool = _rollouts(model, question)
-    from mujoco.batch import Batch
-
-    batch, nstep = Batch(model, question.simulations), question.steps
-    return in_pool, Way(lambda data: batch.step(nstep=nstep))
-
-
-def _no_rollout(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def no_rollout(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     """Return one step of one simulation."""
     from mujoco import rollout
 
@@ -180,17 +174,15 @@ def _no_rollout(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 # -- objects that are created ----------------------------------------------------------------------
 
 
-def _renewed_data(
-    model: mujoco.MjModel,
-    question: Question,
-    copier: Callable[[mujoco.MjData], mujoco.MjData] | None = None,
-    is_copy: bool = True,
-) -> tuple[Way, Way]:
+def new_data(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     """Return an MjData that is new each time, and one that stays; both are stepped.
 
     Steps are timed, too: memory that is new costs them.
     """
+    assert trial.functions is not None, "there are two"
+    present, suggested = trial.functions
     scratch = mujoco.MjData(model)
+    copier, is_copy = _COPIERS.get(present), suggested == "mj_copyData"
     is_new_copy = is_copy and copier is None
 
     def create(data: mujoco.MjData) -> mujoco.MjData:
@@ -202,7 +194,7 @@ def _renewed_data(
         step(fresh)
 
     def step(stepped: mujoco.MjData) -> None:
-        for _ in range(question.steps):
+        for _ in range(trial.steps):
             mujoco.mj_step(model, stepped)
 
     def again(data: mujoco.MjData) -> None:
@@ -215,21 +207,8 @@ def _renewed_data(
     return Way.creating(create, use), Way(again)
 
 
-def _new_data_or_reset(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    return _renewed_data(model, question, is_copy=False)
-
-
-def _copy_or_copy(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    return _renewed_data(model, question, copy.copy)
-
-
-def _deep_copy_or_copy(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return a deep copy, which copies the model, too, and `mj_copyData`."""
-    return _renewed_data(model, question, copy.deepcopy)
-
-
-def _renderer(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    height, width = question.frame
+def renderer(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    height, width = trial.frame
     model.vis.global_.offheight = max(height, model.vis.global_.offheight)
     model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
     permanent = mujoco.Renderer(model, height, width)
@@ -244,55 +223,48 @@ def _renderer(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     return Way.creating(create, draw), Way(lambda data: draw(permanent, data))
 
 
-# The trials of the rows below.
-FUNCTIONS, INVERSE = Trial(_functions), Trial(_inverse)
-UNCENTERED, ONE_CALL, RAYS = Trial(_uncentered), Trial(_one_call), Trial(_rays)
-POOL, MORE_THREADS = Trial(_pool, on_threads=True), Trial(_more_threads, on_threads=True)
-BATCH_OR_ROLLOUT, NO_ROLLOUT = Trial(_batch_or_rollout, on_threads=True), Trial(_no_rollout)
-NEW_DATA_OR_RESET, NEW_DATA_OR_COPY = Trial(_new_data_or_reset), Trial(_renewed_data)
-COPY_OR_COPY = Trial(_copy_or_copy, of_copied=True)
-DEEP_COPY_OR_COPY = Trial(_deep_copy_or_copy, of_copied=True)
-RENDERER = Trial(_renderer, by_wall_time=True)
-
-
 # -- what rows ask, and whether they apply ---------------------------------------------------------
 
 
-def _functions_question(calls: CallsInLoop) -> Question:
-    functions = () if calls.finding is None else tuple(calls.finding.instead)
-    return Question(FUNCTIONS, functions, steps=int(calls.nstep > 0))
+def _functions_trial(calls: CallsInLoop) -> Trial:
+    enough = () if calls.finding is None else tuple(calls.finding.instead)
+    return Trial(functions, enough, steps=int(calls.nstep > 0))
 
 
-def _rays_question(calls: CallsInLoop) -> Question:
+def _rays_trial(calls: CallsInLoop) -> Trial:
     of_step = calls.count / calls.nstep if calls.nstep else _USUAL_RAYS
-    return Question(RAYS, simulations=min(_MOST_RAYS, max(1, round(of_step))))
+    return Trial(rays, simulations=min(_MOST_RAYS, max(1, round(of_step))))
 
 
-def _renderer_question(calls: CallsInLoop) -> Question:
-    frame = next((call.frame for call in calls.calls if call.frame), None)
-    return Question(RENDERER, frame=frame or (240, 320), backend=calls.calls[0].backend)
+def _renderer_trial(calls: CallsInLoop) -> Trial:
+    frame = next((call.frame for call in calls.calls if call.frame), None) or (240, 320)
+    return Trial(renderer, frame=frame, backend=calls.calls[0].backend, by_wall_time=True)
 
 
-def _data_question(calls: CallsInLoop) -> Question:
-    longest = max(calls.calls, key=lambda call: call.seconds).callee
-    trial = {
-        call_clock.COPY_OF_DATA: COPY_OR_COPY,
-        call_clock.DEEP_COPY_OF_DATA: DEEP_COPY_OR_COPY,
-    }.get(longest, NEW_DATA_OR_COPY)
+def _data_trial(calls: CallsInLoop) -> Trial:
+    steps = min(_MOST_STEPS, round(calls.nstep / max(1.0, calls.count)))
     if calls.finding is not None and calls.finding.code == "MJB005":
-        trial = NEW_DATA_OR_RESET
-    after_each = round(calls.nstep / max(1.0, calls.count))
-    return Question(trial, steps=min(_MOST_STEPS, after_each))
+        return Trial(new_data, ("MjData", "mj_resetData"), steps=steps)
+    longest = max(calls.calls, key=lambda call: call.seconds).callee
+    present = longest if longest in _COPIERS else "MjData"
+    is_copied = present in _COPIERS
+    return Trial(new_data, (present, "mj_copyData"), steps=steps, of_copied=is_copied)
 
 
-def _rollout_question(trial: Trial) -> Callable[[CallsInLoop], Question]:
-    def question(calls: CallsInLoop) -> Question:
+def _rollout_trial(
+    ways: Callable[[mujoco.MjModel, Trial], tuple[Way, Way]], *names: str
+) -> Callable[[CallsInLoop], Trial]:
+    def trial(calls: CallsInLoop) -> Trial:
         steps = max(1.0, sum(call.steps for call in calls.calls))
-        simulations = sum(call.all_steps for call in calls.calls) / steps
-        of_call = steps / max(1.0, calls.count)
-        return Question(trial, simulations=max(1, round(simulations)), steps=max(1, round(of_call)))
+        return Trial(
+            ways,
+            names,
+            simulations=max(1, round(sum(call.all_steps for call in calls.calls) / steps)),
+            steps=max(1, round(steps / max(1.0, calls.count))),
+            on_threads=ways is rollouts,
+        )
 
-    return question
+    return trial
 
 
 def _is_of_stepped_data(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
@@ -320,7 +292,7 @@ CALL_REMEDIES = (
     CallRemedy(
         callees=("mj_step",),
         text="nothing happens between these steps: call mj_step(model, data, nstep) once",
-        question=lambda calls: Question(ONE_CALL),
+        trial=lambda calls: Trial(one_call),
         saving=call_savings.of_call_alone,
         codes=("MJB017",),
         needs_finding=True,
@@ -330,7 +302,7 @@ CALL_REMEDIES = (
         text="mj_forward computes what the next mj_step computes again",
         effect="nothing since MuJoCo 3.10.0; in 3.3.1 and before, later states within the solver's"
         " tolerance",
-        question=_functions_question,
+        trial=_functions_trial,
         saving=call_savings.of_functions,
         is_bound=True,
         codes=("MJB007",),
@@ -341,7 +313,7 @@ CALL_REMEDIES = (
         text="mj_inverse computes what depends on positions and velocities, and mj_step computes it"
         " again: call mj_step1, set data.qacc, call mj_inverseSkip(model, data,"
         " mujoco.mjtStage.mjSTAGE_VEL, 1), and then mj_step2",
-        question=lambda calls: Question(INVERSE),
+        trial=lambda calls: Trial(inverse),
         saving=call_savings.of_functions,
         applies=_is_of_stepped_data,
     ),
@@ -350,20 +322,20 @@ CALL_REMEDIES = (
         text="with flg_centered=False, half as many steps are taken; None in place of C and D"
         " leaves out sensors",
         effect="derivatives, which are less exact",
-        question=lambda calls: Question(UNCENTERED),
+        trial=lambda calls: Trial(uncentered),
         applies=lambda calls, of_loop: "True" in calls[0].place.text,
     ),
     CallRemedy(
         callees=("mj_ray",),
         text="mj_multiRay casts all rays from one point in one call",
-        question=_rays_question,
+        trial=_rays_trial,
         saving=call_savings.of_rays,
         applies=_are_several_a_step,
     ),
     CallRemedy(
         callees=("MjData", *call_clock.COPIES_OF_DATA),
         text="create one MjData before the loop, and use mj_copyData or mj_setState in it",
-        question=_data_question,
+        trial=_data_trial,
         saving=call_savings.of_new_data,
         is_bound=True,
         codes=("MJB005", "MJB010"),
@@ -389,7 +361,7 @@ CALL_REMEDIES = (
     CallRemedy(
         callees=("Renderer",),
         text="create one Renderer before the loop; each creates a graphics context",
-        question=_renderer_question,
+        trial=_renderer_trial,
         saving=call_savings.of_renderers,
         is_bound=True,
         codes=("MJB012",),
@@ -427,14 +399,14 @@ CALL_REMEDIES = (
         callees=(call_clock.THREADED_ROLLOUT,),
         text="rollout starts threads for each call: keep a pool, rollout.Rollout(nthread=n), and"
         " give it initial_warmstart where one call continues another",
-        question=_rollout_question(POOL),
+        trial=_rollout_trial(rollouts, call_clock.THREADED_ROLLOUT, "Rollout.rollout"),
         codes=("MJB014",),
     ),
     CallRemedy(
         callees=("rollout",),
         text="rollout takes these simulations one after the other: give it a list with an MjData"
         " for each core, and keep a pool, rollout.Rollout(nthread=n)",
-        question=_rollout_question(MORE_THREADS),
+        trial=_rollout_trial(rollouts, "rollout", "Rollout.rollout"),
         applies=lambda calls, of_loop: any(c.all_steps > c.steps for c in calls),
     ),
     CallRemedy(
@@ -442,7 +414,7 @@ CALL_REMEDIES = (
         text="rollout copies states for each step of one simulation: write data.ctrl, and call"
         " mj_step(model, data)",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
-        question=_rollout_question(NO_ROLLOUT),
+        trial=_rollout_trial(no_rollout),
         applies=lambda calls, of_loop: all(c.all_steps == c.calls for c in calls),
     ),
     CallRemedy(
@@ -450,7 +422,7 @@ CALL_REMEDIES = (
         text="rollout copies all states for each step: mujoco.batch.Batch keeps them, and its step"
         " takes controls",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
-        question=_rollout_question(BATCH_OR_ROLLOUT),
+        trial=_rollout_trial(rollouts, "Rollout.rollout", "Batch.step"),
         applies=lambda calls, of_loop: all(c.steps == c.calls for c in calls),
     ),
     CallRemedy(

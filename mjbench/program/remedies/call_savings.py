@@ -13,7 +13,7 @@ from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.loop_time import FEW_SAMPLES, LoopTime
 from mjbench.program.remedies.remedy import Basis
-from mjbench.program.remedies.trials import MeasuredRatios, Question, TimeRatio
+from mjbench.program.remedies.trials import MeasuredRatios, TimeRatio, Trial
 from mjbench.program.source_loops import loop_within_step
 
 # The most that a pair stands for.
@@ -55,7 +55,7 @@ class CallsInLoop:
         return sum(call.all_steps for call in steps_of(self.loop))
 
 
-def of_share(calls: CallsInLoop, question: Question, ratio: TimeRatio) -> Saving:
+def of_share(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     """Return what a pair saves of its calls, and of what Python does to make them."""
     gain = ratio.saved * share_with_python(calls.loop, calls.calls)
     return _paired(gain, calls.share, ratio)
@@ -67,7 +67,7 @@ class CallRemedy:
 
     Attributes:
       text: `{count}` stands for the number of calls.
-      question: what to measure; None where nothing replaces the call.
+      trial: what to measure; None where nothing replaces the call.
       saving: what follows from the ratio that was measured.
       codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
@@ -82,8 +82,8 @@ class CallRemedy:
     callees: tuple[str, ...]
     text: str
     effect: str = "nothing"
-    question: Callable[[CallsInLoop], Question] | None = None
-    saving: Callable[[CallsInLoop, Question, TimeRatio], Saving] = of_share
+    trial: Callable[[CallsInLoop], Trial] | None = None
+    saving: Callable[[CallsInLoop, TimeRatio, Trial], Saving] = of_share
     codes: tuple[str, ...] = ()
     needs_finding: bool = False
     keeps_first: bool = False
@@ -108,13 +108,13 @@ class CallRemedy:
 
     def _saved_at_most(self, calls: CallsInLoop, measured: MeasuredRatios) -> Saving | None:
         share, basis = calls.share, Basis.BOUND if self.is_bound else Basis.TIMED
-        if self.question is not None:
-            question = self.question(calls)
-            if (ratio := measured.ratios.get(question)) is not None:
-                return self.saving(calls, question, ratio)
+        if self.trial is not None:
+            trial = self.trial(calls)
+            if (ratio := measured.ratios.get(trial)) is not None:
+                return self.saving(calls, trial, ratio)
             if not self.is_bound:
                 return None
-            if question.functions == ():  # the call is not needed at all
+            if trial.functions == ():  # the call is not needed at all
                 basis = Basis.TIMED
         if self.is_of_line:
             position = calls.place.position
@@ -123,13 +123,13 @@ class CallRemedy:
         return Saving(share, share, basis)
 
 
-def of_call_alone(calls: CallsInLoop, question: Question, ratio: TimeRatio) -> Saving:
+def of_call_alone(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     """Return what a pair saves that includes what Python does around each call."""
     share = min(1.0, calls.share + calls.loop.activities.get(Activity.BINDINGS, 0.0))
     return _paired(ratio.saved * share, share, ratio)
 
 
-def of_functions(calls: CallsInLoop, question: Question, ratio: TimeRatio) -> Saving:
+def of_functions(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     """Return what other functions save; the pair has a step with the call, and with the others."""
     loop, nstep = calls.loop, calls.nstep
     calls_s, steps_s = seconds_of(calls.calls), seconds_of(steps_of(loop))
@@ -138,15 +138,15 @@ def of_functions(calls: CallsInLoop, question: Question, ratio: TimeRatio) -> Sa
     return _paired(ratio.saved * both * pair_s / (calls_s + steps_s), calls.share, ratio)
 
 
-def of_renderers(calls: CallsInLoop, question: Question, ratio: TimeRatio) -> Saving:
+def of_renderers(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     drawing = [call for call in calls.loop.calls if call.activity == Activity.RENDERING]
     return _of_objects(calls, drawing, 0.0, ratio)
 
 
-def of_new_data(calls: CallsInLoop, question: Question, ratio: TimeRatio) -> Saving:
+def of_new_data(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     """Return what it saves to create an MjData once; the pair leaves out most steps with it."""
     steps = [call for call in calls.loop.calls if call.is_step]
-    left_out = 1 - min(1.0, question.steps * calls.count / max(1.0, calls.nstep))
+    left_out = 1 - min(1.0, trial.steps * calls.count / max(1.0, calls.nstep))
     return _of_objects(calls, steps, left_out, ratio)
 
 
@@ -169,7 +169,7 @@ def _of_objects(
     return _paired(gain, calls.share, ratio)
 
 
-def of_rays(calls: CallsInLoop, question: Question, ratio: TimeRatio) -> Saving:
+def of_rays(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     """Return what one call saves in place of a loop of calls: all that this loop does goes, too.
 
     How much that is, few samples do not tell: then half of what they do not see, give or take half.

@@ -14,7 +14,7 @@ from mjbench.program.activities import Place
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.remedies.call_savings import Saving, count_of, steps_of
 from mjbench.program.remedies.remedy import Basis
-from mjbench.program.remedies.trials import MeasuredRatios, Question, Trial, Way
+from mjbench.program.remedies.trials import MeasuredRatios, Trial, Way
 from mjbench.program.source_loops import loop_within_step
 
 # What a line calls, and the functions that only create an array.
@@ -22,7 +22,7 @@ _CALLED = re.compile(r"(\w+)\(")
 _CREATE = {*lint_rules.ALLOCATIONS, "append", "asarray", "copy"}
 
 
-def _named_access(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def named_access(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     names = [model.body(body).name for body in range(model.nbody)]
     body = next(name for name in reversed(names) if name)  # the world has one
     hoisted: list[Any] = []
@@ -35,7 +35,7 @@ def _named_access(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     return Way(lambda data: data.body(body).xpos[0]), Way(before_the_loop)
 
 
-def _new_array(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def new_array(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     permanent = np.zeros(model.nv)
 
     def write(data: mujoco.MjData) -> None:
@@ -44,7 +44,7 @@ def _new_array(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     return Way(lambda data: np.zeros(model.nv)), Way(write)
 
 
-def _concatenation(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def concatenation(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     nq = model.nq
     permanent = np.empty(nq + 2 * model.nv)
     after_velocities = nq + model.nv
@@ -57,16 +57,11 @@ def _concatenation(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]
     return Way(lambda data: np.concatenate([data.qpos, data.qvel, data.qacc])), Way(write)
 
 
-def _contacts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def contacts(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     return (
         Way(lambda data: [contact.dist for contact in data.contact]),
         Way(lambda data: data.contact.dist),
     )
-
-
-NAMED_ACCESS = Trial(_named_access, by_wall_time=True)
-NEW_ARRAY, CONCATENATION = Trial(_new_array), Trial(_concatenation)
-CONTACTS = Trial(_contacts)
 
 
 @dataclass(frozen=True)
@@ -82,19 +77,19 @@ class LineRemedy:
 
 # The first that fits counts. A finding's own message is shown instead of `text`.
 LINE_REMEDIES = (
-    LineRemedy(re.compile(""), "", NAMED_ACCESS, lint_rules.NAMED_ACCESS),
+    LineRemedy(re.compile(""), "", Trial(named_access, by_wall_time=True), lint_rules.NAMED_ACCESS),
     LineRemedy(
         re.compile(r"\b(np|numpy)\.(concatenate|append|tile|[hv]?stack)\("),
         "",
-        CONCATENATION,
+        Trial(concatenation),
         lint_rules.NEW_ARRAY,
     ),
-    LineRemedy(re.compile(""), "", NEW_ARRAY, lint_rules.NEW_ARRAY),
+    LineRemedy(re.compile(""), "", Trial(new_array), lint_rules.NEW_ARRAY),
     LineRemedy(
         re.compile(r"\.contact\[|\bin\b.*\.contact\b(?!\.)"),
         "each contact becomes an object of Python: data.contact.geom, .dist, .pos and the like are"
         " arrays of all contacts, to be read once for each step",
-        CONTACTS,
+        Trial(contacts),
     ),
     LineRemedy(
         re.compile(r"\blinalg\.p?inv\("),
@@ -150,7 +145,7 @@ def saved(
     text = line.place.text
     only_creates = " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
     is_part = remedy.code == lint_rules.NEW_ARRAY and not only_creates
-    ratio = None if remedy.trial is None else measured.ratios.get(Question(remedy.trial))
+    ratio = None if remedy.trial is None else measured.ratios.get(remedy.trial)
     nstep = count_of(steps_of(loop))
     is_within = loop_within_step(line.place.position, loop.lines_to_step) is not None
     if ratio is not None and count and nstep and not is_within:

@@ -22,7 +22,7 @@ from mjbench.program.remedies.call_remedies import CALL_REMEDIES
 from mjbench.program.remedies.call_savings import CallRemedy, CallsInLoop, count_of
 from mjbench.program.remedies.loop_remedies import ADVICE, of_samples
 from mjbench.program.remedies.remedy import LEAST_GAIN, Remedy, RemedyKind
-from mjbench.program.remedies.trials import MeasuredRatios, Question
+from mjbench.program.remedies.trials import MeasuredRatios, Trial
 from mjbench.program.step_times import StepTimes
 
 # A line that is one call.
@@ -46,19 +46,19 @@ def findings_of(files: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def questions(
+def trials(
     loops: Sequence[LoopTime], findings: Sequence[Finding], incidents: Sequence[Incident] = ()
-) -> list[Question]:
+) -> list[Trial]:
     """Return what to measure on the program's model: only what could be worth a line."""
-    asked = [*loop_remedies.step_questions(loops, incidents)]
+    asked = [*loop_remedies.step_trials(loops, incidents)]
     for loop in loops:
         asked += [
-            remedy.question(calls)
+            remedy.trial(calls)
             for remedy, calls in _calls(loop, findings)
-            if remedy.question is not None and calls.share >= LEAST_GAIN
+            if remedy.trial is not None and calls.share >= LEAST_GAIN
         ]
         asked += [
-            Question(remedy.trial)
+            remedy.trial
             for line in loop.lines
             if _avoidable(line) >= LEAST_GAIN
             for remedy, _ in line_remedies.line_remedies(line.place, findings)

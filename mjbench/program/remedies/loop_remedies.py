@@ -17,7 +17,7 @@ from mjbench.program.remedies.call_savings import (
     steps_of,
 )
 from mjbench.program.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
-from mjbench.program.remedies.trials import MeasuredRatios, Question, Trial, Way
+from mjbench.program.remedies.trials import MeasuredRatios, Trial, Way
 from mjbench.simulation import package_timer
 
 # What to do about an activity, where nothing more is known; others have remedies of their calls, or
@@ -84,54 +84,51 @@ def of_building(loop: LoopTime) -> Remedy | None:
 # -- steps -----------------------------------------------------------------------------------------
 
 
-def _no_timer(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def no_timer(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     def steps(data: mujoco.MjData) -> None:
         for _ in range(10):
-            mujoco.mj_step(model, data, question.steps)
+            mujoco.mj_step(model, data, trial.steps)
 
     return Way(steps), Way(steps, has_timer=False)
 
 
-def _batch(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
+def batch(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     """Return simulations in turn, and as a batch, from the model's own start."""
     from mujoco.batch import Batch
 
-    datas = [mujoco.MjData(model) for _ in range(question.simulations)]
-    batch = Batch(model, question.simulations)
+    datas = [mujoco.MjData(model) for _ in range(trial.simulations)]
+    of_all = Batch(model, trial.simulations)
 
     def in_turn(data: mujoco.MjData) -> None:
         for each in datas:
             mujoco.mj_step(model, each)
 
-    return Way(in_turn), Way(lambda data: batch.step())
+    return Way(in_turn), Way(lambda data: of_all.step())
 
 
-NO_TIMER, BATCH = Trial(_no_timer), Trial(_batch, on_threads=True)
-
-
-def step_questions(loops: Sequence[LoopTime], incidents: Sequence[Incident]) -> Iterator[Question]:
+def step_trials(loops: Sequence[LoopTime], incidents: Sequence[Incident]) -> Iterator[Trial]:
     for incident in incidents:
         if incident.name == call_clock.IN_TURN:
-            yield _turns_question(incident)
+            yield _turns_trial(incident)
     for loop in loops:
         if seconds_of(steps_of(loop)) > LEAST_GAIN * loop.seconds:
-            yield _timer_question(loop)
+            yield _timer_trial(loop)
 
 
-def _timer_question(loop: LoopTime) -> Question:
+def _timer_trial(loop: LoopTime) -> Trial:
     steps = steps_of(loop)
     nstep = sum(call.all_steps for call in steps) / max(1.0, count_of(steps))
-    return Question(NO_TIMER, steps=max(1, round(nstep)))
+    return Trial(no_timer, steps=max(1, round(nstep)))
 
 
-def _turns_question(incident: Incident) -> Question:
-    return Question(BATCH, simulations=max(2, incident.count))
+def _turns_trial(incident: Incident) -> Trial:
+    return Trial(batch, simulations=max(2, incident.count), on_threads=True)
 
 
 def of_timer(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
     has_callbacks = any(call.is_callback for call in loop.calls)
     share = share_with_python(loop, steps_of(loop))
-    ratio = measured.ratios.get(_timer_question(loop)) if share else None
+    ratio = measured.ratios.get(_timer_trial(loop)) if share else None
     gain = loop.engine_clock if ratio is None else ratio.saved * share
     if gain >= package_timer.MIN_GAIN:
         yield Remedy(
@@ -154,7 +151,7 @@ def of_turns(
         calls = [call for call in steps_of(loop) if call.place.position == incident.place.position]
         if incident.name != call_clock.IN_TURN or not calls:
             continue
-        share, ratio = share_of(loop, calls), measured.ratios.get(_turns_question(incident))
+        share, ratio = share_of(loop, calls), measured.ratios.get(_turns_trial(incident))
         saved = 1 - 1 / machine.usable_cores() if ratio is None else ratio.saved
         yield Remedy(
             RemedyKind.CALL,

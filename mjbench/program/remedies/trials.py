@@ -1,7 +1,7 @@
 """Two ways of doing something, as a program does it and as mjbench suggests, timed in turns.
 
 Both run on the program's own model and states, in a child process: a model that crashes MuJoCo
-costs only its ratio. The tables of remedies declare the trials.
+costs only its ratio. The rows of tables declare the trials.
 """
 
 import itertools
@@ -60,39 +60,29 @@ class Way:
 
 @dataclass(frozen=True)
 class Trial:
-    """Two ways of doing something; it pickles, so `ways` is a function of a module.
+    """Two ways of doing something, and what they need to know of the program.
 
     Attributes:
       ways: returns what the program does, and what mjbench suggests; raises InputError, or one of
-        `LACKING`, where it has no use.
+        `LACKING`, where it has no use. It is a function of a module, which pickles.
+      functions: names of what is called, as `ways` takes them.
+      simulations: in turn or at once; rays, where rays are cast.
+      steps: of each simulation, of each call, after each new MjData, or before each call.
+      frame, backend: of a renderer, height and width in pixels, and `MUJOCO_GL`.
       on_threads: whether other threads compute a part; then wall time counts.
       by_wall_time: whether its seconds are compared with wall time for another reason.
       of_copied: whether it needs states that the program copied.
     """
 
-    ways: "Callable[[mujoco.MjModel, Question], tuple[Way, Way]]"
-    on_threads: bool = False
-    by_wall_time: bool = False
-    of_copied: bool = False
-
-
-@dataclass(frozen=True)
-class Question:
-    """What to measure: a trial, and what it needs to know of the program.
-
-    Attributes:
-      functions: that are enough in place of a call; none where it is not needed at all.
-      simulations: in turn or at once; rays, where rays are cast.
-      steps: of each simulation, of each call, after each new MjData, or before each call.
-      frame, backend: of a renderer, height and width in pixels, and `MUJOCO_GL`.
-    """
-
-    trial: Trial
+    ways: "Callable[[mujoco.MjModel, Trial], tuple[Way, Way]]"
     functions: tuple[str, ...] | None = None
     simulations: int = 1
     steps: int = 1
     frame: tuple[int, int] = (240, 320)
     backend: str = ""
+    on_threads: bool = False
+    by_wall_time: bool = False
+    of_copied: bool = False
 
 
 @dataclass(frozen=True)
@@ -130,19 +120,19 @@ class TimeRatio:
 class MeasuredRatios:
     """What was measured, and whether a step computes `cfrc_ext`, `cfrc_int` and `cacc`."""
 
-    ratios: Mapping[Question, TimeRatio]
+    ratios: Mapping[Trial, TimeRatio]
     computes_forces: bool | None = None
 
 
-def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
+def measure(models: Sequence[RecordedModel], trials: Sequence[Trial]) -> MeasuredRatios:
     model = loadable(models)
     if model is None:
         return MeasuredRatios({})
     messages: list[MeasuredRatios] = []
-    threaded = [question for question in questions if question.trial.on_threads]
-    others = [question for question in questions if not question.trial.on_threads]
+    threaded = [trial for trial in trials if trial.on_threads]
+    others = [trial for trial in trials if not trial.on_threads]
     # a library of OpenGL that does not work, or crashes, must not cost the other answers
-    backends = dict.fromkeys(["", *(question.backend for question in others)])
+    backends = dict.fromkeys(["", *(trial.backend for trial in others)])
     of_launches = [(b, [each for each in others if each.backend == b]) for b in backends]
     of_launches += [("", threaded)] * (LAUNCHES_OF_THREADS if threaded else 0)
     for backend, of_launch in of_launches:
@@ -153,13 +143,13 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,
         )
-    launches: dict[Question, list[TimeRatio]] = defaultdict(list)
+    launches: dict[Trial, list[TimeRatio]] = defaultdict(list)
     for message in messages:
-        for question, ratio in message.ratios.items():
-            launches[question].append(ratio)
+        for trial, ratio in message.ratios.items():
+            launches[trial].append(ratio)
     computes = [each.computes_forces for each in messages if each.computes_forces is not None]
     return MeasuredRatios(
-        {question: _of_launches(ratios) for question, ratios in launches.items()},
+        {trial: _of_launches(ratios) for trial, ratios in launches.items()},
         computes[-1] if computes else None,
     )
 
@@ -171,25 +161,24 @@ def _of_launches(ratios: Sequence[TimeRatio]) -> TimeRatio:
     return replace(median, low=low, high=high)
 
 
-def answer(recorded: RecordedModel, questions: Sequence[Question], channel: Channel) -> None:
-    """Send what each question comes to, one by one; runs in a child."""
+def answer(recorded: RecordedModel, trials: Sequence[Trial], channel: Channel) -> None:
+    """Send what each trial comes to, one by one; runs in a child."""
     model = recorded.load()
     data = mujoco.MjData(model)
     for state in recorded.states[:1]:
         compat.set_state(model, data, state)
     mujoco.mj_step(model, data)
     channel.send(MeasuredRatios({}, bool(data.cacc.any())))
-    for question in questions:
+    for trial in trials:
         try:
-            ratio = _ratio(model, recorded, question)
+            ratio = _ratio(model, recorded, trial)
         except (MjbenchError, mujoco.FatalError, *LACKING):
             continue  # this release, this model, or this machine lacks something
-        channel.send(MeasuredRatios({question: ratio}))
+        channel.send(MeasuredRatios({trial: ratio}))
 
 
-def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:
-    trial = question.trial
-    present, suggested = trial.ways(model, question)
+def _ratio(model: mujoco.MjModel, recorded: RecordedModel, trial: Trial) -> TimeRatio:
+    present, suggested = trial.ways(model, trial)
     is_of_copies = trial.of_copied and len(recorded.copied) > 0
     states = recorded.copied if is_of_copies else recorded.states
     data = mujoco.MjData(model)
