@@ -138,11 +138,12 @@ def rollouts(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
 
             batch = Batch(model, trial.simulations)
             return Way(lambda data: batch.step(nstep=nstep))
-        call = {
+        calls: Mapping[str, Callable[[], object]] = {
             "rollout": lambda: rollout.rollout(model, one, starts, nstep=nstep),
             call_clock.THREADED_ROLLOUT: lambda: rollout.rollout(model, datas, starts, nstep=nstep),
             "Rollout.rollout": lambda: pool.rollout(model, datas, starts, nstep=nstep),
-        }[name]
+        }
+        call = calls[name]
         return Way(lambda data: call(), prepare=take_state)
 
     assert trial.functions is not None, "there are two"

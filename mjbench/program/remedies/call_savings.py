@@ -83,7 +83,7 @@ class CallRemedy:
     text: str
     effect: str = "nothing"
     trial: Callable[[CallsInLoop], Trial] | None = None
-    saving: Callable[[CallsInLoop, TimeRatio, Trial], Saving] = of_share
+    saving: Callable[[CallsInLoop, Trial, TimeRatio], Saving] = of_share
     codes: tuple[str, ...] = ()
     needs_finding: bool = False
     keeps_first: bool = False
