@@ -26,8 +26,9 @@ from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import latency, overhead
 from mjbench.measuring import calls, stats
 from mjbench.paired import metrics, outcomes, race_launches, race_record
-from mjbench.program import loop_time, remedy, sampler
-from mjbench.program.hook import pacing, step_clock
+from mjbench.program import loop_time, py_spy
+from mjbench.program.hook import bursts, step_clock
+from mjbench.program.remedies import remedy
 from mjbench.releases import change_points, placement, release_ratios
 from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
@@ -109,11 +110,11 @@ def paired() -> Iterator[str]:
 
 
 def run() -> Iterator[str]:
-    calls_of_burst = pacing.BURST_CALLS
+    calls_of_burst = bursts.BURST_CALLS
     yield f"in bursts of {calls_of_burst} calls, or of 0.1 s"
-    yield f"at most {percent(pacing.MAX_COST_SHARE, 1)} of the processor time after the first 10 ms"
+    yield f"at most {percent(bursts.MAX_COST_SHARE, 1)} of the processor time after the first 10 ms"
     yield f"in less than {step_clock.FASTEST_PASSED_NS / 1000:.0f} µs"
-    yield f"{sampler.DEFAULT_RATE_HZ:.0f} times a second"
+    yield f"{py_spy.DEFAULT_RATE_HZ:.0f} times a second"
     yield f"from {percent(remedy.LEAST_GAIN)} of the loop on"
     yield f"A saving whose {percent(stats.CONFIDENCE)} interval includes 0"
     physics = percent(loop_time.MOSTLY_PHYSICS)

@@ -5,11 +5,11 @@ import pytest
 
 from mjbench.host import isolate
 from mjbench.loop import step_parts
-from mjbench.program import replacements
+from mjbench.program.remedies import trials
 
 
 def measure_briefly(patch: pytest.MonkeyPatch) -> None:
     """Time parts of steps and remedies in the fewest rounds, in this process."""
     patch.setattr(isolate, "run", inline_tasks.run)
-    for module in (step_parts, replacements):
+    for module in (step_parts, trials):
         patch.setattr(module, "MOST_ROUNDS", module.LEAST_ROUNDS)

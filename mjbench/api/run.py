@@ -7,10 +7,11 @@ from pathlib import Path
 from mjbench.api.session import Item, Measurement, Observer
 from mjbench.errors import InputError
 from mjbench.host import machine
-from mjbench.program import confirm, launch, remedies
+from mjbench.program import launch
 from mjbench.program.launch import Program
 from mjbench.program.profiling import Sampling
 from mjbench.program.records import ProgramRow
+from mjbench.program.remedies import confirm, listing
 from mjbench.report import flame
 from mjbench.store.runs import Record, Run
 
@@ -66,7 +67,7 @@ def measurement(
 
 def _with_confirmed(program: Program, row: ProgramRow, observer: Observer) -> Iterator[Item]:
     tried = list(row.loops[0].remedies)
-    copies = remedies.copies(row.steps, machine.usable_cores())
+    copies = listing.copies(row.steps, machine.usable_cores())
     if copies is not None:
         tried.append(copies)
     most = confirm.most_runs(tried)

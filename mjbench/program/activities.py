@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from mjbench.program.samples import Frame
+from mjbench.program.py_spy import Frame
 from mjbench.program.source_loops import source_line
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from mjbench.bounds import Share
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place, is_own
-from mjbench.program.samples import Frame, ThreadSamples
+from mjbench.program.py_spy import Frame, ThreadSamples
 
 # A smaller share of a thread's time is not worth a line; fewer samples of the holders tell little.
 LEAST_SHARE, LEAST_HOLDER_SAMPLES = 0.05, 20

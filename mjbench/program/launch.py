@@ -20,13 +20,13 @@ from types import FrameType
 
 from mjbench.errors import InputError, MachineError, shown
 from mjbench.host import scratch
-from mjbench.program import activities, calls, gil_waits, recorded_models, sampler, step_times
+from mjbench.program import activities, call_times, gil_waits, py_spy, recorded_models, step_times
 from mjbench.program.activities import Place
-from mjbench.program.calls import ProgramCalls
+from mjbench.program.call_times import ProgramCalls
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.profiling import ProcessorClock, ProcessorUse, Profiling, Sampling
+from mjbench.program.py_spy import Frame, ThreadSamples
 from mjbench.program.recorded_models import RecordedModel
-from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.step_times import StepTimes
 
 # Seconds between looks at the program: each also sees whether the profiler has stopped it.
@@ -92,7 +92,7 @@ def check(program: Program) -> None:
         raise InputError(f"{shown(first)}: no such file")
     elif first.endswith(".ipynb"):
         raise InputError(f"{shown(first)} is a notebook: save it as a Python file first")
-    sampler.program()
+    py_spy.program()
 
 
 def run(
@@ -176,7 +176,7 @@ def _observation(
     """Return what the profiler and the clocks have seen; there are no clocks in some programs."""
     waits: Sequence[GilWait] = ()
     threads: Sequence[ThreadSamples] = ()
-    problem = sampler.TOO_SHORT
+    problem = py_spy.TOO_SHORT
     if profiling is not None:
         threads, problem = profiling.samples(end_s)
         waits = gil_waits.gil_waits(profiling.thread_times.times(), threads, profiling.holders())
@@ -185,11 +185,11 @@ def _observation(
         pid=pid,
         threads=threads,
         steps=step_times.read_all(folder),
-        rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
+        rate_hz=py_spy.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
         has_native=sampling.has_native,
         paused_share=None if profiling is None else profiling.paused_share,
         problem=problem,
-        calls=calls.read_all(folder, step_times.read_headers(folder)),
+        calls=call_times.read_all(folder, step_times.read_headers(folder)),
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
         gil_waits=waits,

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from mjbench.bounds import Share
 from mjbench.program.activities import Activity, Place
-from mjbench.program.calls import CallTime
+from mjbench.program.call_times import CallTime
 from mjbench.program.hook.call_clock import COMPILE, DISPATCH, PROCESS_START
 from mjbench.program.source_loops import SourceLoop
 

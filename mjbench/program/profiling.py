@@ -9,9 +9,9 @@ from pathlib import Path
 
 from mjbench.errors import InputError
 from mjbench.host import machine
-from mjbench.program import sampler, samples
+from mjbench.program import py_spy
 from mjbench.program.gil_waits import Holders, ThreadTimes
-from mjbench.program.samples import ThreadSamples
+from mjbench.program.py_spy import ThreadSamples
 
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
 LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
@@ -107,7 +107,7 @@ class Profiling:
     folder: Path
     rate_hz: int
     sampling: Sampling
-    sampler: sampler.Sampler
+    sampler: py_spy.Sampler
     has_adapted: bool = False
     children: Sequence[int] = ()
     looks_listed: int = 0
@@ -126,11 +126,11 @@ class Profiling:
         cls, pid: int, folder: Path, sampling: Sampling, seconds: float | None = None
     ) -> "Profiling":
         """Start the profiler, at the usual rate without one; `seconds` limit it."""
-        usual_hz = sampler.NATIVE_RATE_HZ if sampling.has_native else sampler.DEFAULT_RATE_HZ
+        usual_hz = py_spy.NATIVE_RATE_HZ if sampling.has_native else py_spy.DEFAULT_RATE_HZ
         rate = sampling.rate_hz or usual_hz
         if seconds is not None:  # too short to begin again
             sampling = Sampling(rate, sampling.has_native)
-        beside = sampler.start(pid, folder, rate, sampling.has_native, seconds)
+        beside = py_spy.start(pid, folder, rate, sampling.has_native, seconds)
         return cls(pid, folder, rate, sampling, beside)
 
     def look(self) -> None:
@@ -158,7 +158,7 @@ class Profiling:
             self.earlier_cpu_s += self.holding.look()
         elif self.begin_s is not None and (pid := self.thread_times.contending()) is not None:
             rate, seconds = HOLDERS_RATE_HZ, HOLDERS_S
-            beside = sampler.start(pid, self.folder, rate, False, seconds, of_holders=True)
+            beside = py_spy.start(pid, self.folder, rate, False, seconds, of_holders=True)
             self.holding = _Holding(pid, beside)
 
     def holders(self) -> Holders | None:
@@ -194,7 +194,7 @@ class Profiling:
         self.earlier = [*self.earlier, *self._read(end_s)]
         self.begin_s = None
         self.rate_hz = rate_hz
-        self.sampler = sampler.start(self.pid, self.folder, rate_hz, self.sampling.has_native)
+        self.sampler = py_spy.start(self.pid, self.folder, rate_hz, self.sampling.has_native)
         self.looks = self.paused = 0
 
     @property
@@ -217,18 +217,18 @@ class Profiling:
         if not file.is_file():
             return []
         try:
-            seen = samples.read(file)
+            seen = py_spy.read(file)
         except InputError as error:  # the disk is full, or it was killed
             self.problem = str(error)
             return []
         file.unlink()
-        return seen if self.begin_s is None else samples.spread_over(seen, end_s - self.begin_s)
+        return seen if self.begin_s is None else py_spy.spread_over(seen, end_s - self.begin_s)
 
 
 @dataclass
 class _Holding:
     pid: int
-    sampler: sampler.Sampler
+    sampler: py_spy.Sampler
     begin_s: float = field(default_factory=time.monotonic)
     cpu_s: float = 0.0
 
@@ -240,7 +240,7 @@ class _Holding:
         seconds = min(HOLDERS_S, time.monotonic() - self.begin_s)
         self.sampler.stop()
         with contextlib.suppress(InputError):
-            seen = samples.read(self.sampler.file)
+            seen = py_spy.read(self.sampler.file)
             of_process = [each for each in seen if each.thread.pid == self.pid]
             return Holders(self.pid, of_process, round(seconds * HOLDERS_RATE_HZ))
         return None

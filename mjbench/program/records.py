@@ -8,22 +8,19 @@ from typing import ClassVar
 from mjbench.host import machine
 from mjbench.program import (
     activities,
-    attribution,
-    call_remedies,
     physics_cost,
-    remedies,
-    replacements,
-    sampler,
-    wrong_results,
+    py_spy,
+    sampled_loops,
 )
 from mjbench.program.activities import Activity, Place
-from mjbench.program.calls import CallTime
+from mjbench.program.call_times import CallTime
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.launch import ProgramObservation
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import PhysicsCost
 from mjbench.program.profiling import ProcessorUse
-from mjbench.program.remedy import Remedy
+from mjbench.program.remedies import listing, trials, wrong_results
+from mjbench.program.remedies.remedy import Remedy
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import StepTimes
 from mjbench.status import Status
@@ -121,7 +118,7 @@ class ProgramRow:
     def of(cls, name: str, observation: ProgramObservation) -> "ProgramRow":
         steps = [step for step in observation.steps if step.step is not None]
         calls, incidents = observation.calls.calls, observation.calls.incidents
-        times = attribution.loop_times(
+        times = sampled_loops.loop_times(
             observation.threads,
             observation.pid,
             {step.pid for step in steps},
@@ -135,12 +132,9 @@ class ProgramRow:
             for file in in_loops | {call.place.file for call in calls}
             if not activities.package_of(file)
         )
-        findings = remedies.findings_of(files)
-        asked = [
-            *call_remedies.questions(times, findings, incidents),
-            *remedies.questions_of_lines(times, findings),
-        ]
-        measured = replacements.measure(observation.models, list(dict.fromkeys(asked)))
+        findings = listing.findings_of(files)
+        asked = listing.trials(times, findings, incidents)
+        measured = trials.measure(observation.models, asked)
         physics = None
         if times and times[0].is_mostly_physics:
             most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
@@ -149,7 +143,7 @@ class ProgramRow:
         loops = []
         for time in times:
             busy_s = others_busy_s(time, calls, of_main)
-            listed = remedies.remedies(time, findings, measured, incidents, busy_s)
+            listed = listing.remedies(time, findings, measured, incidents, busy_s)
             loops.append(LoopReport(time, listed))
         return cls(
             program=name,
@@ -166,12 +160,12 @@ class ProgramRow:
             wrong=wrong_results.wrong_results(
                 findings, observation.calls, files, measured.computes_forces
             ),
-            has_native=observation.has_native and sampler.can_read_libraries(),
+            has_native=observation.has_native and py_spy.can_read_libraries(),
             processor=observation.processor,
             memory_growth_bytes=observation.calls.memory_growth_bytes,
             crash=observation.crash,
             gil_waits=() if any(call.is_of_jax for call in calls) else observation.gil_waits,
-            outside_loops=attribution.outside_loops(
+            outside_loops=sampled_loops.outside_loops(
                 observation.threads, observation.pid, times, observation.wall_s, calls
             ),
             physics=physics,

@@ -18,7 +18,7 @@ from mjbench.measuring.stats import Estimate
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.program.records import ProgramRow
-from mjbench.program.remedy import Basis, Remedy, RemedyKind
+from mjbench.program.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.report import (
     advice,
     engine_warnings,

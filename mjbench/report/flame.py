@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mjbench.errors import InputError, printable, shown, writing
 from mjbench.program import activities
-from mjbench.program.samples import Frame, ThreadSamples
+from mjbench.program.py_spy import Frame, ThreadSamples
 
 # Of the picture, in pixels; frames narrower than the last are left out.
 _WIDTH, _ROW, _LEAST_WIDTH = 1200, 18, 0.5

@@ -5,14 +5,14 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.measuring.ratio import Ratio
-from mjbench.program import remedies
 from mjbench.program.activities import Activity, Place
-from mjbench.program.calls import CallTime
+from mjbench.program.call_times import CallTime
 from mjbench.program.hook.call_clock import COPIES_OF_DATA
 from mjbench.program.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
 from mjbench.program.physics_cost import CostKind
 from mjbench.program.records import LoopReport, ProgramRow
-from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
+from mjbench.program.remedies import listing
+from mjbench.program.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.step_times import StepTimes
 from mjbench.report import charts, formats
 from mjbench.report.content import (
@@ -109,7 +109,7 @@ def conclusion(row: ProgramRow) -> str:
             but = f" in {plain(row.wall_s, 2)} s; run it for longer"
         return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
     loop = _first_loop(row)
-    remedy = remedies.first(loop.remedies)
+    remedy = listing.first(loop.remedies)
     if outside:
         loops_s = sum(report.time.seconds for report in row.loops)
         then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
@@ -131,7 +131,7 @@ def _first_loop(row: ProgramRow) -> LoopReport:
     does_something = (
         each
         for each in row.loops
-        if each.time.has_physics or each.time.runs_jax or remedies.first(each.remedies) is not None
+        if each.time.has_physics or each.time.runs_jax or listing.first(each.remedies) is not None
     )
     return next(does_something, row.loops[0])
 

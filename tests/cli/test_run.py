@@ -13,10 +13,10 @@ import program_runs
 import pytest
 from commands import PYTHONPATH, ROOT, mjbench
 
-from mjbench.program import confirm
 from mjbench.program.activities import Activity
 from mjbench.program.launch import Program
-from mjbench.program.remedy import Remedy, RemedyKind
+from mjbench.program.remedies import confirm
+from mjbench.program.remedies.remedy import Remedy, RemedyKind
 
 PLANTED = ROOT / "tests" / "program" / "planted"
 HUMANOID = str(ROOT / "models" / "humanoid.xml")
@@ -190,12 +190,12 @@ def test_json_on_standard_output_is_refused():
 
 def test_a_missing_profiler_is_named_with_what_installs_it(tmp_path, monkeypatch):
     from mjbench.errors import UnavailableError
-    from mjbench.program import sampler
+    from mjbench.program import py_spy
 
-    monkeypatch.setattr(sampler.sysconfig, "get_path", lambda name: str(tmp_path))
+    monkeypatch.setattr(py_spy.sysconfig, "get_path", lambda name: str(tmp_path))
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(UnavailableError, match="pip install"):
-        sampler.program()
+        py_spy.program()
 
 
 def test_a_program_that_runs_is_looked_at_and_runs_on(tmp_path):

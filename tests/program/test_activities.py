@@ -6,7 +6,7 @@ import pytest
 
 from mjbench.program import activities
 from mjbench.program.activities import Activity
-from mjbench.program.samples import Frame
+from mjbench.program.py_spy import Frame
 
 STANDARD = sysconfig.get_paths()["stdlib"]
 SITE = "/env/lib/python3.11/site-packages"

@@ -12,7 +12,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from mjbench.program import calls, recorded_models, step_times
+from mjbench.program import call_times, recorded_models, step_times
 from mjbench.program.activities import Activity
 from mjbench.program.hook import bursts, call_clock, slow_functions, step_file, watch
 from mjbench.program.step_times import Header
@@ -47,7 +47,7 @@ def slow(clock, looks):
 
 
 def read(folder):
-    return calls.read_all(folder, step_times.read_headers(folder))
+    return call_times.read_all(folder, step_times.read_headers(folder))
 
 
 def test_a_slow_call_is_counted_by_its_line_with_what_it_took(clock, tmp_path):

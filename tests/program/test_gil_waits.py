@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.program.gil_waits import Holders, ThreadTime, ThreadTimes, gil_waits
-from mjbench.program.samples import Frame, Thread, ThreadSamples
+from mjbench.program.py_spy import Frame, Thread, ThreadSamples
 
 SLEEP = Frame("wait", "/usr/lib/python3.11/threading.py", 320)
 STEP = Frame("simulate", "/home/me/train.py", 12)

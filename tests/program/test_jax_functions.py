@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.program import calls, step_times
-from mjbench.program.hook import call_clock, jax_functions, pacing, step_clock, watch
+from mjbench.program import call_times, step_times
+from mjbench.program.hook import bursts, call_clock, jax_functions, step_clock, watch
 
 HOOK = Path(call_clock.__file__).parent
 
@@ -33,7 +33,7 @@ def clock(tmp_path):
 
 
 def read(folder):
-    return calls.read_all(folder, step_times.read_headers(folder)).calls
+    return call_times.read_all(folder, step_times.read_headers(folder)).calls
 
 
 def counts_of(folder):
@@ -84,7 +84,7 @@ def test_calls_inside_another_are_part_of_it(clock, tmp_path):
 
 
 def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp_path, monkeypatch):
-    monkeypatch.setattr(pacing, "FREE_COST_NS", 0)
+    monkeypatch.setattr(bursts, "FREE_COST_NS", 0)
     step_clock.StepClock(str(tmp_path), clock._calls, watch.Watch(str(tmp_path), clock._calls))
     clock.bursts.call_cost_ns = 30
     timed, count = clock._timed(lambda: None, call_clock.DISPATCH), 100_000
@@ -100,7 +100,7 @@ def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp
     assert call.calls == pytest.approx(count, rel=0.05)
     assert (
         clock.bursts.calls_timed * clock.bursts.call_cost_ns
-        < 1.5 * pacing.MAX_COST_SHARE * clock._now_ns()
+        < 1.5 * bursts.MAX_COST_SHARE * clock._now_ns()
     )
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjbench.errors import InputError, MachineError
-from mjbench.program import launch, sampler
+from mjbench.program import launch, py_spy
 from mjbench.program.hook import step_clock
 from mjbench.program.launch import Program
 
@@ -56,7 +56,7 @@ def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
         raise OSError("No space left on device")
 
     monkeypatch.setattr(launch, "_start", start)
-    monkeypatch.setattr(sampler, "start", refuse)
+    monkeypatch.setattr(py_spy, "start", refuse)
     with pytest.raises(OSError, match="No space left"):
         launch.run(stubborn)
     assert processes[0].returncode is not None, "it has ended"

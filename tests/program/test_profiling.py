@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.host import machine
-from mjbench.program import profiling, sampler
+from mjbench.program import profiling, py_spy
 from mjbench.program.profiling import ProcessorClock, ProcessorUse, Profiling, Sampling
 
 
@@ -30,7 +30,7 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
         started.append(rate_hz)
         return FakeSampler(folder)
 
-    monkeypatch.setattr(sampler, "start", start)
+    monkeypatch.setattr(py_spy, "start", start)
     states = iter([b"t"] * paused + [b"R"] * 10_000)
     monkeypatch.setattr(profiling, "process_state", lambda pid: next(states))
     beside = Profiling.begin(1, tmp_path, Sampling(has_native=True))
@@ -41,7 +41,7 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
 
 
 def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr(sampler, "start", lambda pid, folder, *_: FakeSampler(folder))
+    monkeypatch.setattr(py_spy, "start", lambda pid, folder, *_: FakeSampler(folder))
     monkeypatch.setattr(profiling, "process_state", lambda pid: b"t")
     beside = Profiling.begin(1, tmp_path, Sampling(50, has_native=True))
     for _ in range(2 * profiling.LOOKS_TO_ADAPT):
@@ -67,7 +67,7 @@ def test_of_many_processes_samples_are_fewer(tmp_path, monkeypatch, children, sa
         samplers.append((rate_hz, native))
         return FakeSampler(folder)
 
-    monkeypatch.setattr(sampler, "start", start)
+    monkeypatch.setattr(py_spy, "start", start)
     for pid in range(1, children + 2):
         (tmp_path / f"{pid}.steps").touch()
     beside = Profiling.begin(1, tmp_path, sampling)
@@ -79,7 +79,7 @@ def test_of_many_processes_samples_are_fewer(tmp_path, monkeypatch, children, sa
 
 
 def test_a_profiler_that_stops_nothing_has_no_pauses(tmp_path, monkeypatch):
-    monkeypatch.setattr(sampler, "start", lambda pid, folder, *_: FakeSampler(folder))
+    monkeypatch.setattr(py_spy, "start", lambda pid, folder, *_: FakeSampler(folder))
     assert Profiling.begin(1, tmp_path, Sampling()).paused_share == 0.0
 
 
@@ -100,7 +100,7 @@ def test_observing_displaces_a_program_that_leaves_no_core_free(program_cores, u
 
 
 def test_processor_time_is_of_the_program_without_earlier_profilers(tmp_path, monkeypatch):
-    monkeypatch.setattr(sampler, "start", lambda pid, folder, *_: FakeSampler(folder))
+    monkeypatch.setattr(py_spy, "start", lambda pid, folder, *_: FakeSampler(folder))
     monkeypatch.setattr(machine, "usable_cores", lambda: 4)
     beside = Profiling.begin(1, tmp_path, Sampling())
     beside.earlier_cpu_s = 1.0

@@ -4,7 +4,7 @@ import pytest
 
 from mjbench.program import records
 from mjbench.program.activities import Place
-from mjbench.program.calls import CallTime
+from mjbench.program.call_times import CallTime
 from mjbench.program.loop_time import LoopTime
 from mjbench.program.source_loops import SourceLoop
 

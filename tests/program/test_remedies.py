@@ -6,21 +6,22 @@ from pathlib import Path
 import pytest
 
 from mjbench.loop.lint import Finding
-from mjbench.program import call_remedies, confirm, remedies
 from mjbench.program.activities import Activity, Place
-from mjbench.program.calls import CallTime, Incident
+from mjbench.program.call_times import CallTime, Incident
 from mjbench.program.hook import call_clock
 from mjbench.program.launch import Program
 from mjbench.program.loop_time import LineTime, LoopTime
-from mjbench.program.remedy import Basis, Confirmed, Remedy, RemedyKind
-from mjbench.program.remedy_table import LINE_REMEDIES
-from mjbench.program.replacements import MeasuredRatios, TimeRatio
+from mjbench.program.remedies import call_remedies, confirm, line_remedies, listing, loop_remedies
+from mjbench.program.remedies.call_remedies import CALL_REMEDIES
+from mjbench.program.remedies.line_remedies import LINE_REMEDIES
+from mjbench.program.remedies.remedy import Basis, Confirmed, Remedy, RemedyKind
+from mjbench.program.remedies.trials import MeasuredRatios, TimeRatio, Trial
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import Durations, StepTimes
-from mjbench.program.trials import Question, Trial
 
 PHYSICS, PYTHON, NUMPY = Activity.PHYSICS, Activity.PYTHON, Activity.NUMPY
 BINDINGS = Activity.BINDINGS
+NAMED_ACCESS = Trial(line_remedies.named_access, by_wall_time=True)
 
 
 def line(number, activities, function="main", package=""):
@@ -94,7 +95,7 @@ def ratio(estimate, saved_s=0.01):
 
 def test_the_largest_saving_comes_first_with_its_error():
     time = loop(line(12, {PHYSICS: 0.6, NUMPY: 0.1}), line(13, {PYTHON: 0.3}))
-    first, second = remedies.remedies(time)
+    first, second = listing.remedies(time)
     assert (first.place.line, first.activity, first.gain) == (13, PYTHON, 0.3)
     assert first.gain_error == pytest.approx((0.3 * 0.7 / 400) ** 0.5)
     assert first.basis == Basis.BOUND
@@ -102,78 +103,78 @@ def test_the_largest_saving_comes_first_with_its_error():
 
 
 def test_physics_alone_needs_no_remedy():
-    assert remedies.remedies(loop(line(12, {PHYSICS: 1.0}))) == []
+    assert listing.remedies(loop(line(12, {PHYSICS: 1.0}))) == []
 
 
 def test_gains_below_three_percent_are_left_out():
     time = loop(line(12, {PHYSICS: 0.972, PYTHON: 0.028}), engine_clock=0.029)
-    assert remedies.remedies(time) == []
+    assert listing.remedies(time) == []
 
 
 def test_of_few_samples_no_line_is_named():
     time = loop(line(12, {PHYSICS: 0.6}), line(13, {PYTHON: 0.4}))
-    assert remedies.remedies(replace(time, samples=29)) == []
+    assert listing.remedies(replace(time, samples=29)) == []
 
 
 def test_a_function_without_a_slow_line_is_named_as_a_whole():
     inner = [line(100 + i, {PYTHON: 0.1}, "observe") for i in range(4)]
-    (first, *_) = remedies.remedies(loop(line(12, {PHYSICS: 0.6}), *inner))
+    (first, *_) = listing.remedies(loop(line(12, {PHYSICS: 0.6}), *inner))
     assert first.gain == pytest.approx(0.4)
     assert first.text.startswith("observe() as a whole")
 
 
 def test_a_line_that_calls_a_package_names_it():
     time = loop(line(12, {PHYSICS: 0.5, PYTHON: 0.5}, package="gymnasium"))
-    assert "gymnasium" in remedies.remedies(time)[0].text
+    assert "gymnasium" in listing.remedies(time)[0].text
 
 
 def test_lines_that_neither_look_up_names_nor_take_views_are_not_told_to():
     views = replace(line(12, {BINDINGS: 0.5}).place, text="x = data.qpos[0]")
     calls = replace(views, line=13, text="mujoco.mj_fullM(model, full, matrix)")
     lines = [LineTime(place, 0.5, {BINDINGS: 0.5}) for place in (views, calls)]
-    texts = {remedy.place.line: remedy.text for remedy in remedies.remedies(loop(*lines))}
+    texts = {remedy.place.line: remedy.text for remedy in listing.remedies(loop(*lines))}
     assert "before the loop" in texts[12]
     assert "before the loop" not in texts[13]
 
 
-# What calls must be like to need a remedy, by callee and by trial.
+# What calls must be like to need a remedy, by callee, and where callees have several by its text.
 CONTEXTS = {
     "mj_ray": {"calls": 36_000},
     "mj_inverse": {"calls": 1000, "text": "mj_inverse(m, d)"},
     "mjd_transitionFD": {"text": "mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)"},
 }
-TRIAL_CONTEXTS = {
-    "mj_ray": {"calls": 36_000},
-    Trial.MORE_THREADS: {"steps": 100, "all_steps": 800},
-    Trial.NO_ROLLOUT: {"steps": 100, "all_steps": 100},
-    Trial.BATCH_OR_ROLLOUT: {"steps": 100, "all_steps": 800},
+ROLLOUT_CONTEXTS = {
+    "rollout takes these simulations": {"steps": 100, "all_steps": 800},
+    "rollout copies states": {"steps": 100, "all_steps": 100},
+    "rollout copies all states": {"steps": 100, "all_steps": 800},
 }
 
 
-@pytest.mark.parametrize("remedy", call_remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
+@pytest.mark.parametrize("remedy", CALL_REMEDIES, ids=lambda each: each.callees[0])
 def test_each_call_in_a_loop_has_its_remedy(remedy):
     codes = [finding(remedy.codes[0])] if remedy.needs_finding else []
     for callee in remedy.callees:
-        context = {**CONTEXTS.get(callee, {}), **TRIAL_CONTEXTS.get(remedy.trial, {})}
+        of_text = [more for text, more in ROLLOUT_CONTEXTS.items() if remedy.text.startswith(text)]
+        context = {**CONTEXTS.get(callee, {}), **(of_text[0] if of_text else {})}
         time = loop_of(step(), call(callee, **context))
-        question = call_remedies.questions([time], codes)
-        measured = MeasuredRatios({each: ratio(0.5) for each in question})
-        (listed,) = [r for r in remedies.remedies(time, codes, measured) if r.kind == "call"]
+        asked = listing.trials([time], codes)
+        measured = MeasuredRatios({each: ratio(0.5) for each in asked})
+        (listed,) = [r for r in listing.remedies(time, codes, measured) if r.kind == "call"]
         assert listed.place.line == 15
         assert listed.share == pytest.approx(0.2)
         assert 0.05 < listed.gain < 0.5
         assert "{count}" not in listed.text
 
 
-@pytest.mark.parametrize("remedy", call_remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
+@pytest.mark.parametrize("remedy", CALL_REMEDIES, ids=lambda each: each.callees[0])
 def test_a_call_that_is_made_once_or_twice_is_set_up(remedy):
     time = loop_of(step(), call(remedy.callees[0], calls=2))
-    assert [each for each in remedies.remedies(time) if each.kind == "call"] == []
+    assert [each for each in listing.remedies(time) if each.kind == "call"] == []
 
 
 def test_a_call_that_leaves_the_loop_saves_its_time_but_for_one():
     time = loop_of(step(), call("compile", calls=4, seconds=4.0))
-    (remedy,) = remedies.remedies(time)
+    (remedy,) = listing.remedies(time)
     assert remedy.basis == Basis.TIMED
     assert remedy.gain == pytest.approx(0.3)
 
@@ -183,24 +184,24 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
     other = LineTime(Place("train.py", 19, "main", "text"), 0.2, {NUMPY: 0.2})
     whole = loop_of(step(seconds=2.0), call("MjData", seconds=4.0))
     time = replace(whole, lines=[other], activities={PHYSICS: 0.8, NUMPY: 0.2})
-    (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
-    assert (question.trial, question.steps) == (Trial.NEW_DATA_OR_COPY, 10)
-    measured = MeasuredRatios({question: replace(ratio(0.25), created_share=2 / 3)})
-    remedy = next(each for each in remedies.remedies(time, [], measured) if each.kind == "call")
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
+    assert trial in listing.trials([time], [])
+    measured = MeasuredRatios({trial: replace(ratio(0.25), created_share=2 / 3)})
+    remedy = next(each for each in listing.remedies(time, [], measured) if each.kind == "call")
     assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.75 * 0.8))
-    (few,) = remedies.remedies(replace(time, samples=10), [], measured)
+    (few,) = listing.remedies(replace(time, samples=10), [], measured)
     assert few.gain == pytest.approx(0.75 * 0.4 / (2 / 3))
-    bound = next(each for each in remedies.remedies(time) if each.kind == "call")
+    bound = next(each for each in listing.remedies(time) if each.kind == "call")
     assert (bound.basis, bound.gain) == (Basis.BOUND, pytest.approx(0.4))
 
 
 def test_a_new_mjdata_costs_only_its_first_steps():
     """Of 250 steps that follow each MjData, 50 are in the pair."""
     time = loop_of(step(seconds=8.0), call("MjData", calls=4, seconds=1.99))
-    (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
-    assert question.steps == 50
-    measured = MeasuredRatios({question: replace(ratio(0.5), created_share=0.2)})
-    (gain,) = [each.gain for each in remedies.remedies(time, [], measured) if each.kind == "call"]
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
+    assert trial in listing.trials([time], [])
+    measured = MeasuredRatios({trial: replace(ratio(0.5), created_share=0.2)})
+    (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
     assert gain == pytest.approx(0.5 * (0.99 - (0.99 - 0.199) * 200 / 250))
 
 
@@ -217,22 +218,22 @@ def test_what_a_new_mjdata_saves_does_not_grow_with_what_python_does_to_call_ste
     )
     creation = call("MjData", calls=100, seconds=10 * 20 / whole_us)
     time = replace(seen, calls=[step(seconds=10 * 120 / whole_us, calls=20_000), creation])
-    question = Question(Trial.NEW_DATA_OR_COPY, steps=50)
-    assert question in call_remedies.questions([time], [])
-    measured = MeasuredRatios({question: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
-    (gain,) = [each.gain for each in remedies.remedies(time, [], measured) if each.kind == "call"]
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
+    assert trial in listing.trials([time], [])
+    measured = MeasuredRatios({trial: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
+    (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
     assert gain == pytest.approx(18 / whole_us)
 
 
 def test_what_may_be_chance_is_not_suggested():
     time = loop_of(step())
-    (question,) = call_remedies.questions([time], [])
+    (trial,) = listing.trials([time], [])
     chance = replace(ratio(0.5), high=1.1)
-    assert remedies.remedies(time, [], MeasuredRatios({question: chance})) == []
-    (timer,) = remedies.remedies(time, [], MeasuredRatios({question: ratio(0.5)}))
+    assert listing.remedies(time, [], MeasuredRatios({trial: chance})) == []
+    (timer,) = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.5)}))
     assert timer.gain == pytest.approx(0.5 * 0.99)  # no other line is seen
     few = replace(time, samples=10)
-    (timer,) = remedies.remedies(few, [], MeasuredRatios({question: ratio(0.5)}))
+    (timer,) = listing.remedies(few, [], MeasuredRatios({trial: ratio(0.5)}))
     assert timer.gain == pytest.approx(0.25)  # of the steps, which take half of the loop
 
 
@@ -240,7 +241,7 @@ def test_a_model_that_is_built_leaves_the_loop_with_all_that_this_takes():
     building = LineTime(Place("train.py", 15, "main", "scene()"), 0.9, {Activity.BUILDING: 0.9})
     time = loop_of(step(seconds=1.0), call("from_xml_string", number=3, seconds=1.0))
     shares = {Activity.BUILDING: 0.8, PHYSICS: 0.1, Activity.LOADING: 0.1}
-    (remedy,) = remedies.remedies(replace(time, activities=shares, building=building))
+    (remedy,) = listing.remedies(replace(time, activities=shares, building=building))
     assert (remedy.place.line, remedy.gain, remedy.basis) == (15, 0.9, Basis.BOUND)
 
 
@@ -249,66 +250,60 @@ def test_only_an_mjdata_of_each_new_model_needs_no_advice(loads):
     loading = call("from_xml_path", number=13, calls=loads, seconds=1.0)
     created = call("MjData", number=14, calls=4, seconds=1.0)
     copied = call(call_clock.COPY_OF_DATA, number=15, calls=1000, seconds=5.0)
-    listed = remedies.remedies(loop_of(step(seconds=3.0), loading, created, copied))
+    listed = listing.remedies(loop_of(step(seconds=3.0), loading, created, copied))
     lines = {each.place.line for each in listed}
     assert lines == ({13, 15} if loads == 4 else {14, 15})
 
 
 def test_copies_of_a_model_that_is_loaded_again_and_again_leave_the_loop():
     copied = call("copy of MjModel", number=13, calls=100, seconds=4.0)
-    (remedy,) = remedies.remedies(loop_of(step(), copied, call("from_xml_path", calls=5)))
+    (remedy,) = listing.remedies(loop_of(step(), copied, call("from_xml_path", calls=5)))
     assert remedy.text.startswith("compile the model once")
     assert remedy.gain == pytest.approx(0.6 * (1 - 1 / 105))
 
 
-@pytest.mark.parametrize(
-    ("callee", "trial"),
-    [
-        (call_clock.COPY_OF_DATA, Trial.COPY_OR_COPY),
-        (call_clock.DEEP_COPY_OF_DATA, Trial.DEEP_COPY_OR_COPY),
-    ],
-)
-def test_a_copy_of_an_mjdata_is_compared_with_a_copy_of_its_kind(callee, trial):
-    time = loop_of(step(), call(callee))
-    assert Question(trial, steps=10) in call_remedies.questions([time], [])
+@pytest.mark.parametrize("callee", call_clock.COPIES_OF_DATA)
+def test_a_copy_of_an_mjdata_is_compared_with_a_copy_of_its_kind(callee):
+    trial = Trial(call_remedies.new_data, (callee, "mj_copyData"), steps=10, of_copied=True)
+    assert trial in listing.trials([loop_of(step(), call(callee))], [])
 
 
 def test_a_renderer_is_tried_at_its_size_and_with_its_library():
     time = loop_of(step(), call("Renderer", frame=(48, 64), backend="egl"))
-    asked = call_remedies.questions([time], [])
-    assert Question(Trial.RENDERER, frame=(48, 64), backend="egl") in asked
+    asked = listing.trials([time], [])
+    assert Trial(call_remedies.renderer, frame=(48, 64), backend="egl", by_wall_time=True) in asked
 
 
 def test_a_finding_of_lint_gives_its_message_and_its_code():
     time = loop_of(step(), call("MjData"))
-    (remedy,) = remedies.remedies(time, [finding("MJB005")])
+    (remedy,) = listing.remedies(time, [finding("MJB005")])
     assert (remedy.code, remedy.text) == ("MJB005", "do otherwise")
-    question = Question(Trial.NEW_DATA_OR_RESET, steps=10)
-    assert question in call_remedies.questions([time], [finding("MJB005")])
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_resetData"), steps=10)
+    assert trial in listing.trials([time], [finding("MJB005")])
 
 
 def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
     """1,000 steps of 5 ms, each with a call of 4 ms; the pair takes 2/3 with what is enough."""
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(step(seconds=5.0), call("mj_forward", calls=1000, seconds=4.0))
-    measured = MeasuredRatios({Question(Trial.FUNCTIONS, ("mj_kinematics",)): ratio(2 / 3)})
-    (remedy,) = remedies.remedies(time, [found], measured)
+    measured = MeasuredRatios({Trial(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)})
+    (remedy,) = listing.remedies(time, [found], measured)
     assert remedy.gain == pytest.approx(0.99 / 3)  # with what Python does to make the calls
-    assert remedies.remedies(time) == [], "only lint knows what is read afterwards"
+    assert listing.remedies(time) == [], "only lint knows what is read afterwards"
 
 
 def test_functions_in_a_loop_that_does_not_step_are_compared_alone():
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(call("mj_forward", calls=1000, seconds=6.0))
-    (question,) = call_remedies.questions([time], [found])
-    assert (question.trial, question.steps) == (Trial.FUNCTIONS, 0)
-    (remedy,) = remedies.remedies(time, [found], MeasuredRatios({question: ratio(0.2)}))
+    (trial,) = listing.trials([time], [found])
+    assert (trial.ways, trial.steps) == (call_remedies.functions, 0)
+    (remedy,) = listing.remedies(time, [found], MeasuredRatios({trial: ratio(0.2)}))
     assert remedy.gain == pytest.approx(0.99 * 0.8)
 
 
 def test_a_function_that_jax_compiles_again_is_named_where_lint_finds_it():
     time = loop_of(call(call_clock.COMPILE, number=16, calls=10, seconds=9.0))
-    (remedy,) = remedies.remedies(time, [finding("MJB013", number=15)])
+    (remedy,) = listing.remedies(time, [finding("MJB013", number=15)])
     assert remedy.place.line == 15
     assert remedy.gain == pytest.approx(0.81)
 
@@ -317,8 +312,8 @@ def test_named_access_saves_what_was_measured_not_the_share_of_its_line():
     lines = [line(12, {PHYSICS: 0.5}), line(15, {NUMPY: 0.4, PYTHON: 0.1})]
     time = replace(loop(*lines), calls=[step(calls=1000)])
     found = replace(finding("MJB002"), ns_per_step=900.0)
-    measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.3, saved_s=0.001)})
-    by_code = {remedy.code: remedy for remedy in remedies.remedies(time, [found], measured)}
+    measured = MeasuredRatios({NAMED_ACCESS: ratio(0.3, saved_s=0.001)})
+    by_code = {remedy.code: remedy for remedy in listing.remedies(time, [found], measured)}
     assert by_code["MJB002"].gain == pytest.approx(0.1)
     assert by_code[""].gain == pytest.approx(0.4), "the rest of the line"
 
@@ -331,9 +326,10 @@ def test_what_runs_many_times_a_step_saves_a_share_of_its_line(tmp_path):
     stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
     time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
     found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
-    assert remedies.questions_of_lines([time], [found]) == [Question(Trial.NAMED_ACCESS)]
-    measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-6)})
-    first = remedies.remedies(time, [found], measured)[0]
+    _, asked = listing.trials([time], [found])
+    assert asked == NAMED_ACCESS
+    measured = MeasuredRatios({NAMED_ACCESS: ratio(0.25, saved_s=1e-6)})
+    first = listing.remedies(time, [found], measured)[0]
     assert (first.code, first.basis, first.gain) == ("MJB002", Basis.PAIRED, pytest.approx(0.3))
 
 
@@ -345,13 +341,13 @@ def test_a_new_array_is_not_the_cost_of_what_a_line_computes(text, gain):
     place = Place("train.py", 15, "main", text)
     time = loop(line(12, {PHYSICS: 0.6}), LineTime(place, 0.4, {NUMPY: 0.4}))
     found = replace(finding("MJB003"), ns_per_step=300.0)
-    listed = {each.code: each.gain for each in remedies.remedies(time, [found])}
+    listed = {each.code: each.gain for each in listing.remedies(time, [found])}
     assert listed == {"MJB003": gain} if gain else {"": 0.4}
-    measured = MeasuredRatios({Question(Trial.NEW_ARRAY): ratio(0.5, saved_s=1e-3)})
-    listed = {each.code: each.gain for each in remedies.remedies(time, [found], measured)}
+    measured = MeasuredRatios({Trial(line_remedies.new_array): ratio(0.5, saved_s=1e-3)})
+    listed = {each.code: each.gain for each in listing.remedies(time, [found], measured)}
     assert listed == {"MJB003": gain / 2, "": gain / 2} if gain else {"": 0.4}
     once_a_step = replace(time, calls=[step(calls=1000)])
-    listed = {each.code: each.gain for each in remedies.remedies(once_a_step, [found], measured)}
+    listed = {each.code: each.gain for each in listing.remedies(once_a_step, [found], measured)}
     assert listed["MJB003"] == pytest.approx(0.1)
 
 
@@ -362,8 +358,8 @@ def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_pat
     stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
     time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
     found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
-    measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-3)})
-    listed = remedies.remedies(time, [found], measured)
+    measured = MeasuredRatios({NAMED_ACCESS: ratio(0.25, saved_s=1e-3)})
+    listed = listing.remedies(time, [found], measured)
     (named_access,) = [each for each in listed if each.code == "MJB002"]
     assert named_access.gain == pytest.approx(0.1)
 
@@ -371,8 +367,8 @@ def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_pat
 @pytest.mark.parametrize(
     ("text", "trial", "says"),
     [
-        ("contact = data.contact[i]", Trial.CONTACTS, "arrays of all contacts"),
-        ("for contact in data.contact:", Trial.CONTACTS, "arrays of all contacts"),
+        ("contact = data.contact[i]", Trial(line_remedies.contacts), "arrays of all contacts"),
+        ("for contact in data.contact:", Trial(line_remedies.contacts), "arrays of all contacts"),
         ("mujoco.mj_contactForce(m, d, i, force)", None, "choose contacts"),
         ("x = np.linalg.inv(full) @ force", None, "mj_solveM"),
         ("x = np.linalg.pinv(jacobian) @ error", None, "damped least squares"),
@@ -382,10 +378,10 @@ def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_pat
 def test_a_line_has_the_remedy_of_what_it_calls(text, trial, says):
     called = LineTime(Place("train.py", 15, "main", text), 0.4, {PYTHON: 0.4})
     time = loop(line(12, {PHYSICS: 0.6}), called)
-    asked = remedies.questions_of_lines([time], [])
-    assert asked == ([] if trial is None else [Question(trial)])
+    asked = listing.trials([time], [])
+    assert asked == ([] if trial is None else [trial])
     measured = MeasuredRatios({each: ratio(0.25) for each in asked})
-    first = remedies.remedies(time, [], measured)[0]
+    first = listing.remedies(time, [], measured)[0]
     assert says in first.text
     assert (first.basis, first.gain) == (
         (Basis.BOUND, pytest.approx(0.4)) if trial is None else (Basis.PAIRED, pytest.approx(0.3))
@@ -407,38 +403,38 @@ def test_rays_at_once_save_the_loop_that_casts_them_one_by_one(tmp_path):
     rays = replace(call("mj_ray", calls=36_000, seconds=4.0), place=lines[2].place)
     stepping = replace(step(seconds=2.0), place=lines[0].place, lines=[(file, 2)])
     time = replace(loop(*lines), calls=[stepping, rays])
-    question = Question(Trial.RAYS, simulations=36)
-    assert question in call_remedies.questions([time], [])
-    first, *_ = remedies.remedies(time, [], MeasuredRatios({question: ratio(0.5)}))
+    trial = Trial(call_remedies.rays, simulations=36)
+    assert trial in listing.trials([time], [])
+    first, *_ = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.5)}))
     assert first.text.startswith("mj_multiRay")
     assert first.gain == pytest.approx(0.5 / 2 + 0.3)
     # of 0.4 for the calls, half stays; too few samples tell whose 0.4 that is not timed are
     short = replace(time, samples=20, lines=[])
-    first, *_ = remedies.remedies(short, [], MeasuredRatios({question: ratio(0.5)}))
+    first, *_ = listing.remedies(short, [], MeasuredRatios({trial: ratio(0.5)}))
     assert (first.gain, first.gain_error) == (pytest.approx(0.4 / 2 + 0.4 / 2), pytest.approx(0.1))
 
 
 def test_processes_that_a_loop_starts_at_once_are_set_up():
     starts = call(call_clock.PROCESS_START, seconds=1.0)
     time = loop_of(step(), replace(starts, first_ns=10**9, last_ns=2 * 10**9))
-    assert remedies.remedies(time) == []
-    assert remedies.remedies(loop_of(step(), starts))
+    assert listing.remedies(time) == []
+    assert listing.remedies(loop_of(step(), starts))
 
 
 def test_half_of_what_only_samples_show_is_expected_to_be_saved():
     time = replace(
         loop(line(12, {PHYSICS: 0.7}), line(13, {NUMPY: 0.3})), calls=[step(seconds=7.0)]
     )
-    measured = MeasuredRatios({Question(Trial.NO_TIMER): ratio(0.75)})
-    timer, numpy = remedies.remedies(time, [], measured)
+    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.75)})
+    timer, numpy = listing.remedies(time, [], measured)
     assert (timer.kind, numpy.kind) == (RemedyKind.CLOCK, RemedyKind.LINE)
     assert timer.gain < numpy.gain
 
 
 def test_the_timer_is_turned_off_before_callbacks_are_set():
     time = loop_of(step(), call(f"{call_clock.CALLBACK} mjcb_control"))
-    measured = MeasuredRatios({Question(Trial.NO_TIMER): ratio(0.5)})
-    timer = next(r for r in remedies.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
+    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.5)})
+    timer = next(r for r in listing.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
     assert "callbacks of your own" in timer.text
 
 
@@ -446,57 +442,57 @@ def test_the_timer_is_turned_off_before_callbacks_are_set():
 def test_inverse_dynamics_is_computed_in_the_step_of_the_same_data(text):
     same = text == "mj_inverse(m, d)"
     time = loop_of(step(), call("mj_inverse", calls=1000, text=text))
-    question = Question(Trial.INVERSE)
-    assert (question in call_remedies.questions([time], [])) == same
-    listed = remedies.remedies(time, [], MeasuredRatios({question: ratio(0.7)}))
+    trial = Trial(call_remedies.inverse)
+    assert (trial in listing.trials([time], [])) == same
+    listed = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.7)}))
     assert bool(listed) == same
-    assert remedies.remedies(time) == [], "with Runge-Kutta, nothing is measured"
+    assert listing.remedies(time) == [], "with Runge-Kutta, nothing is measured"
 
 
 def test_the_timer_of_the_python_package_is_measured_on_the_model():
     other = LineTime(Place("train.py", 19, "main", "text"), 0.5, {NUMPY: 0.5})
     time = replace(loop_of(step()), lines=[other], activities={PHYSICS: 0.5, NUMPY: 0.5})
-    measured = MeasuredRatios({Question(Trial.NO_TIMER): ratio(0.8)})
-    remedy = next(r for r in remedies.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
+    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.8)})
+    remedy = next(r for r in listing.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
     assert remedy.gain == pytest.approx(0.1)
     calls_of_five = loop_of(call("mj_step", 12, 100, 5.0, steps=500, all_steps=500))
-    assert call_remedies.questions([calls_of_five], []) == [Question(Trial.NO_TIMER, steps=5)]
-    slight = MeasuredRatios({Question(Trial.NO_TIMER): ratio(0.95)})
-    assert all(r.kind != RemedyKind.CLOCK for r in remedies.remedies(time, [], slight))
+    assert listing.trials([calls_of_five], []) == [Trial(loop_remedies.no_timer, steps=5)]
+    slight = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.95)})
+    assert all(r.kind != RemedyKind.CLOCK for r in listing.remedies(time, [], slight))
 
 
 def test_steps_with_nothing_between_them_are_one_call(tmp_path):
     file = tmp_path / "train.py"
     bare = replace(step(), place=Place(str(file), 3, "main"))
     time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 5))
-    question = Question(Trial.ONE_CALL)
+    trial = Trial(call_remedies.one_call)
     held = "for _ in range(9):\n    for _ in range(5):\n        mj_step(m, d)\n        {}\n    {}\n"
     file.write_text(held.format("# and no more", "d.ctrl[:] = policy(d)"))
-    findings = remedies.findings_of([str(file)])
-    assert question in call_remedies.questions([time], findings)
-    (remedy,) = remedies.remedies(time, findings, MeasuredRatios({question: ratio(0.8)}))
+    findings = listing.findings_of([str(file)])
+    assert trial in listing.trials([time], findings)
+    (remedy,) = listing.remedies(time, findings, MeasuredRatios({trial: ratio(0.8)}))
     assert (remedy.code, remedy.place.line, remedy.effect) == ("MJB017", 3, "nothing")
     assert remedy.gain == pytest.approx(0.1)
-    assert remedies.remedies(time, findings, MeasuredRatios({})) == [], "not measured"
+    assert listing.remedies(time, findings, MeasuredRatios({})) == [], "not measured"
     file.write_text(held.format("d.ctrl[:] = policy(d)", "pass"))
-    findings = remedies.findings_of([str(file)])
-    assert question not in call_remedies.questions([time], findings)
-    assert remedies.remedies(time, findings, MeasuredRatios({question: ratio(0.8)})) == []
+    findings = listing.findings_of([str(file)])
+    assert trial not in listing.trials([time], findings)
+    assert listing.remedies(time, findings, MeasuredRatios({trial: ratio(0.8)})) == []
 
 
 def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
     time = loop_of(step())
     incident = Incident(call_clock.IN_TURN, step().place, 8)
-    question = Question(Trial.BATCH, simulations=8)
-    assert question in call_remedies.questions([time], [], [incident])
-    (remedy,) = remedies.remedies(time, [], MeasuredRatios({question: ratio(0.4)}), [incident])
+    trial = Trial(loop_remedies.batch, simulations=8, on_threads=True)
+    assert trial in listing.trials([time], [], [incident])
+    (remedy,) = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.4)}), [incident])
     assert remedy.gain == pytest.approx(0.3)
-    assert remedies.remedies(time, [], MeasuredRatios({question: ratio(1.2)}), [incident]) == []
+    assert listing.remedies(time, [], MeasuredRatios({trial: ratio(1.2)}), [incident]) == []
 
 
 def test_rendering_by_the_processor_is_said():
     time = loop_of(step(), call("Renderer"))
-    (remedy,) = remedies.remedies(
+    (remedy,) = listing.remedies(
         time, [], None, [Incident(call_clock.SOFTWARE_GL, step().place, 1)]
     )
     assert "the processor draws" in remedy.text
@@ -509,7 +505,7 @@ def test_files_that_lint_cannot_check_have_no_findings(tmp_path, monkeypatch):
         "log = []\nfor _ in range(9):\n    mujoco.mj_step(model, data)\n"
         "    x = data.body('torso').xpos[2]\n    log.append(data.qpos)\n"
     )
-    codes = {each.code for each in remedies.findings_of(["train.py", "missing.py"])}
+    codes = {each.code for each in listing.findings_of(["train.py", "missing.py"])}
     assert codes == {"MJB001", "MJB002"}
 
 
@@ -540,9 +536,9 @@ def test_what_can_be_applied_is_confirmed_by_runs_in_turns(tmp_path):
 def test_copies_are_measured_by_the_steps_of_all_of_them(monkeypatch):
     monkeypatch.setattr(confirm.machine, "usable_cores", lambda: 2)
     of_one = steps(steps_per_s=100.0)
-    copies = remedies.copies([of_one], cores=2)
-    assert remedies.copies([of_one], cores=1) is None
-    assert remedies.copies([of_one, of_one], cores=2) is None
+    copies = listing.copies([of_one], cores=2)
+    assert listing.copies([of_one], cores=1) is None
+    assert listing.copies([of_one, of_one], cores=2) is None
     order = []
 
     def run(change, source):
@@ -553,7 +549,7 @@ def test_copies_are_measured_by_the_steps_of_all_of_them(monkeypatch):
     assert len(order) == 3 * confirm.ROUNDS  # one copy, then two at once
     assert confirmed.confirmed.gain == pytest.approx(0.5)
     assert confirmed.rank > remedy(RemedyKind.LINE).rank
-    assert remedies.first([confirmed]) is None
+    assert listing.first([confirmed]) is None
 
 
 def test_a_change_that_fails_once_is_not_confirmed(tmp_path):
@@ -606,7 +602,7 @@ def test_order_with_confirmed_remedies():
 def test_a_wait_for_others_saves_no_steps_of_theirs(waits_for):
     waiting = line(13, {waits_for: 0.9})
     time = loop(line(12, {PHYSICS: 0.1}), waiting)
-    (wait,) = remedies.remedies(time, others_busy_s=4.0)
+    (wait,) = listing.remedies(time, others_busy_s=4.0)
     assert (wait.share, wait.gain) == (pytest.approx(0.9), pytest.approx(0.6))
 
 
@@ -615,16 +611,16 @@ def test_processes_that_are_started_again_and_again_cost_their_whole_line():
     pool = line(15, {Activity.STARTING: 0.1, PYTHON: 0.2})
     time = loop(pool, line(16, {Activity.PROCESSES: 0.7}))
     time = replace(time, calls=[call(call_clock.PROCESS_START, seconds=1.0)])
-    (remedy,) = remedies.remedies(time)
+    (remedy,) = listing.remedies(time)
     assert (remedy.place.line, remedy.gain) == (15, pytest.approx(0.3))
 
 
 @pytest.mark.parametrize(
     ("line", "trial"),
     [
-        ("log.append(np.zeros(3))", Trial.CONCATENATION),
-        ("for pair in data.contact.geom:", Trial.CONTACTS),
-        ("least = min(x for x in data.contact.dist)", Trial.CONTACTS),
+        ("log.append(np.zeros(3))", Trial(line_remedies.concatenation)),
+        ("for pair in data.contact.geom:", Trial(line_remedies.contacts)),
+        ("least = min(x for x in data.contact.dist)", Trial(line_remedies.contacts)),
     ],
 )
 def test_lines_that_look_alike_are_not_tried(line: str, trial: Trial) -> None:

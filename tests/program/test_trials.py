@@ -1,13 +1,39 @@
-"""What mjbench suggests computes the same as what the program does."""
+"""What mjbench suggests computes the same as what the program does, and both are timed."""
+
+import inspect
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.program import trials
-from mjbench.program.trials import Question, Trial
+from mjbench.program.hook import call_clock
+from mjbench.program.recorded_models import RecordedModel
+from mjbench.program.remedies import call_remedies, line_remedies, loop_remedies, trials
+from mjbench.program.remedies.trials import Trial, Way
 from mjbench.simulation import compat
+
+# What each row tries; the names are those of the call clock.
+TRIALS = [
+    Trial(call_remedies.functions, ("mj_kinematics",)),
+    *(
+        Trial(getattr(call_remedies, name))
+        for name in ("inverse", "uncentered", "one_call", "rays", "no_rollout", "renderer")
+    ),
+    Trial(call_remedies.rollouts, ("rollout", "Rollout.rollout")),
+    Trial(call_remedies.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),
+    Trial(call_remedies.rollouts, ("Rollout.rollout", "Batch.step")),
+    Trial(call_remedies.new_data, ("MjData", "mj_resetData")),
+    Trial(call_remedies.new_data, ("MjData", "mj_copyData")),
+    Trial(call_remedies.new_data, (call_clock.COPY_OF_DATA, "mj_copyData"), of_copied=True),
+    Trial(call_remedies.new_data, (call_clock.DEEP_COPY_OF_DATA, "mj_copyData"), of_copied=True),
+    Trial(line_remedies.named_access, by_wall_time=True),
+    *(Trial(getattr(line_remedies, name)) for name in ("new_array", "concatenation", "contacts")),
+    Trial(loop_remedies.no_timer),
+    Trial(loop_remedies.batch, on_threads=True),
+]
+WITHOUT_GRAPHICS = [trial for trial in TRIALS if trial.ways is not call_remedies.renderer]
 
 FALLING = """
 <mujoco>
@@ -21,6 +47,10 @@ FALLING = """
 """
 
 
+def ways(function, of_model):
+    return function(of_model, Trial(function))
+
+
 def model(integrator="Euler"):
     return mujoco.MjModel.from_xml_string(FALLING.format(integrator))
 
@@ -28,7 +58,7 @@ def model(integrator="Euler"):
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
 def test_inverse_dynamics_within_a_step_leaves_the_same_state(integrator):
     states = []
-    for way in trials.ways(model(integrator), Question(Trial.INVERSE)):
+    for way in ways(call_remedies.inverse, model(integrator)):
         data = mujoco.MjData(model(integrator))
         for _ in range(200):
             way.run(data)
@@ -38,26 +68,36 @@ def test_inverse_dynamics_within_a_step_leaves_the_same_state(integrator):
 
 def test_halves_of_a_step_are_not_suggested_for_runge_kutta():
     with pytest.raises(InputError, match="Euler"):
-        trials.ways(model("RK4"), Question(Trial.INVERSE))
+        ways(call_remedies.inverse, model("RK4"))
 
 
 def test_contacts_one_by_one_and_as_arrays_are_the_same():
     data = mujoco.MjData(model())
     mujoco.mj_step(model(), data, 200)
-    one_by_one, arrays = trials.ways(model(), Question(Trial.CONTACTS))
+    one_by_one, arrays = ways(line_remedies.contacts, model())
     assert data.ncon
     assert np.array_equal(one_by_one.run(data), arrays.run(data))
 
 
-@pytest.mark.parametrize("trial", [trial for trial in Trial if trial != Trial.RENDERER])
+@pytest.mark.parametrize("trial", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
 def test_both_ways_of_each_trial_run(trial):
-    functions = ("mj_kinematics",) if trial == Trial.FUNCTIONS else ()
-    for way in trials.ways(model(), Question(trial, functions, simulations=2)):
+    for way in trial.ways(model(), replace(trial, simulations=2)):
         way.run(mujoco.MjData(model()))
 
 
+def test_each_pair_of_ways_is_tried_here():
+    declared = {
+        function
+        for module in (call_remedies, line_remedies, loop_remedies)
+        for function in vars(module).values()
+        if inspect.isfunction(function)
+        and function.__annotations__.get("return") == tuple[Way, Way]
+    }
+    assert {trial.ways for trial in TRIALS} == declared
+
+
 def test_a_mistake_in_a_trial_is_no_lack_of_a_release():
-    """A TypeError ends the child of `replacements`, which says so."""
+    """A TypeError ends the child of `trials`, which says so."""
     assert not issubclass(TypeError, trials.LACKING)
 
 
@@ -81,10 +121,110 @@ def test_a_step_with_controls_is_that_of_a_rollout():
         .replace("<joint axis", '<joint name="hinge" axis')
     )
     ends = []
-    for way in trials.ways(actuated, Question(Trial.NO_ROLLOUT)):
+    for way in ways(call_remedies.no_rollout, actuated):
         data = mujoco.MjData(actuated)
         way.prepare(data)
         for _ in range(3):
             way.run(data)
         ends.append([*data.qpos, *data.ctrl])
     assert ends[0] == ends[1]
+
+
+MODEL = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><body name='arm'><joint axis='0 1 0'/><geom size='.1' pos='.3 0 0'/></body>"
+    "</worldbody></mujoco>"
+)
+SPEC = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+def recorded(model=MODEL):
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    data = mujoco.MjData(model)
+    state = np.empty((1, mujoco.mj_stateSize(model, SPEC)))
+    mujoco.mj_getState(model, data, state[0], SPEC)
+    return RecordedModel(buffer.tobytes(), state, state, mujoco.__version__)
+
+
+class Channel:
+    """Keeps what the child would send."""
+
+    def __init__(self):
+        self.sent = []
+
+    def send(self, message):
+        self.sent.append(message)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Time each pair for as few rounds as an interval needs."""
+    monkeypatch.setattr(trials, "BUDGET_S", 0.0)
+    monkeypatch.setattr(trials, "LEAST_ROUNDS", 6)
+    monkeypatch.setattr(trials, "MOST_CALLS", 2)
+
+
+def answers(questions, model=MODEL):
+    channel = Channel()
+    trials.answer(recorded(model), questions, channel)
+    return channel.sent
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("trial", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
+def test_every_pair_can_be_timed(trial):
+    if trial.ways is loop_remedies.batch or "Batch.step" in (trial.functions or ()):
+        pytest.importorskip("mujoco.batch", reason="this MuJoCo has no Batch")
+    asked = replace(trial, simulations=2, steps=2)
+    _, answer = answers([asked])
+    ratio = answer.ratios[asked]
+    assert 0 < ratio.low <= ratio.estimate <= ratio.high
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_pair_that_the_model_or_the_release_lacks_is_left_out():
+    runge_kutta = mujoco.MjModel.from_xml_string("<mujoco><option integrator='RK4'/></mujoco>")
+    asked = [
+        Trial(call_remedies.inverse),
+        Trial(call_remedies.functions, ("mj_of_another_release",)),
+    ]
+    known = Trial(loop_remedies.no_timer)
+    _, *rest = answers([*asked, known], runge_kutta)
+    assert [list(answer.ratios) for answer in rest] == [[known]]
+
+
+def test_whether_a_step_computes_forces_follows_from_the_sensors():
+    with_sensor = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint/><geom size='.1'/><site name='s'/></body></worldbody>"
+        "<sensor><accelerometer site='s'/></sensor></mujoco>"
+    )
+    assert [message.computes_forces for message in answers([])] == [False]
+    assert [message.computes_forces for message in answers([], with_sensor)] == [True]
+
+
+def test_a_model_of_another_release_is_not_loaded():
+    other = replace(recorded(), release="2.3.7")
+    assert trials.measure([other], [Trial(loop_remedies.no_timer)]).ratios == {}
+
+
+def test_a_model_that_crashes_the_child_costs_only_its_ratios():
+    damaged = replace(recorded(), mjb=b"no model")
+    measured = trials.measure([damaged], [Trial(loop_remedies.no_timer)])
+    assert measured == trials.MeasuredRatios({})
+
+
+def test_a_pair_on_threads_is_the_median_launch_with_the_interval_of_all(monkeypatch):
+    threaded, alone = Trial(call_remedies.rollouts, on_threads=True), Trial(call_remedies.one_call)
+    estimates = iter((0.9, 0.5, 1.4, 0.7, 0.6, 0.8))
+
+    def launch(function, arguments, on_message, *_, **__):
+        for question in arguments[1]:
+            estimate = next(estimates)
+            ratio = trials.TimeRatio(estimate, estimate, estimate, 0.0)
+            on_message(trials.MeasuredRatios({question: ratio}))
+
+    monkeypatch.setattr(trials.isolate, "run", launch)
+    ratios = trials.measure([recorded()], [threaded, alone]).ratios
+    ends = {q: (ratio.low, ratio.estimate, ratio.high) for q, ratio in ratios.items()}
+    assert ends == {alone: (0.9, 0.9, 0.9), threaded: (0.5, 0.7, 1.4)}
+    assert ratios[threaded].saved == 0.0

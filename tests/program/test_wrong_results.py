@@ -3,11 +3,11 @@
 import pytest
 
 from mjbench.loop.lint import Finding
-from mjbench.program import remedies, wrong_results
 from mjbench.program.activities import Place
-from mjbench.program.calls import CallTime, Incident, ProgramCalls
+from mjbench.program.call_times import CallTime, Incident, ProgramCalls
 from mjbench.program.hook import call_clock
-from mjbench.program.remedy import RemedyKind
+from mjbench.program.remedies import listing, wrong_results
+from mjbench.program.remedies.remedy import RemedyKind
 
 
 def finding(code, **more):
@@ -50,7 +50,7 @@ def test_a_row_of_two_moments_stands_among_the_wrong_results(tmp_path):
     file.write_text(
         "for _ in range(9):\n    mj_step(m, d)\n    log.append((d.time, d.sensordata.copy()))\n"
     )
-    (remedy,) = wrong_results.wrong_results(remedies.findings_of([str(file)]), ProgramCalls())
+    (remedy,) = wrong_results.wrong_results(listing.findings_of([str(file)]), ProgramCalls())
     assert (remedy.code, remedy.place.line) == ("MJB015", 3)
     assert "mj_forward(m, d)" in remedy.text
 

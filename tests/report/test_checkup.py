@@ -20,7 +20,7 @@ from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.program.activities import Activity, Place
 from mjbench.program.records import ProgramRow
-from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
+from mjbench.program.remedies.remedy import Confirmed, Remedy, RemedyKind
 from mjbench.report import advice, checkup, checkup_items, tuning
 from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.program.samples import Frame, Thread, ThreadSamples
+from mjbench.program.py_spy import Frame, Thread, ThreadSamples
 from mjbench.report import flame
 
 MAIN = Frame("main", "/home/me/train.py", 3)

@@ -7,13 +7,13 @@ import pytest
 
 from mjbench.pages import terminal
 from mjbench.program.activities import Activity, Place
-from mjbench.program.calls import CallTime
+from mjbench.program.call_times import CallTime
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import Cost, CostKind, PhysicsCost
 from mjbench.program.records import LoopReport, ProgramRow
-from mjbench.program.remedy import Basis, Remedy, RemedyKind
+from mjbench.program.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.program.source_loops import SourceLoop
 from mjbench.report import program
 from mjbench.report.content import Tone

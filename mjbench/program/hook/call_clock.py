@@ -6,7 +6,7 @@ Each line that calls has a slot in a file that is mapped into memory, one file f
 the slots survive any end of the program.
 
 This module runs in the user's program, in any environment: it needs the standard library alone.
-`mjbench.program.calls` reads the files.
+`mjbench.program.call_times` reads the files.
 """
 
 import contextlib

@@ -13,9 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from types import FrameType, MethodType, ModuleType
 from typing import Any
 
-from .bursts import CallBursts
+from .bursts import CallBursts, cold_cost_ns
 from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, TRACE, TRANSFER, CallClock
-from .pacing import cold_cost_ns
 from .replaced import named_like
 
 # What JAX calls its events, and the callee that each belongs to.

@@ -4,8 +4,7 @@ from collections.abc import Callable, Sequence
 from sys import _getframe as get_frame
 from typing import TYPE_CHECKING, Any
 
-from .bursts import Burst, CallBursts
-from .pacing import BURST_CALLS
+from .bursts import BURST_CALLS, Burst, CallBursts
 from .replaced import engine_function
 from .watch import Watch
 

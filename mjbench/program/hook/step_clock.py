@@ -21,10 +21,9 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from .bursts import Burst, CallBursts, Written
+from .bursts import BURST_CALLS, Burst, CallBursts, Pacer, Written, cold_cost_ns
 from .call_clock import FAST, STEPS, CallClock
 from .other_functions import OtherFunctions
-from .pacing import BURST_CALLS, Pacer, cold_cost_ns
 from .replaced import engine_function, named_like
 from .step_file import BURST, ITERATION, STEP, StepFile
 from .watch import Watch, write_engine

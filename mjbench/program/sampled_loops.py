@@ -8,7 +8,7 @@ from functools import cached_property
 
 from mjbench.program import activities, loop_time
 from mjbench.program.activities import WAITING, Activity, Place, is_own
-from mjbench.program.calls import CallTime
+from mjbench.program.call_times import CallTime
 from mjbench.program.loop_time import (
     FEW_SAMPLES,
     LEAST_REPEATS,
@@ -17,7 +17,7 @@ from mjbench.program.loop_time import (
     large,
     shares_of,
 )
-from mjbench.program.samples import Frame, Thread, ThreadSamples
+from mjbench.program.py_spy import Frame, Thread, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop
 
 # Loops with a smaller share of the time of all loops that step are left out.

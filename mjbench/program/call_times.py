@@ -14,7 +14,7 @@ from pathlib import Path
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place
 from mjbench.program.hook import call_clock
-from mjbench.program.samples import Frame
+from mjbench.program.py_spy import Frame
 from mjbench.program.source_loops import SourceLoop, outermost_loop
 from mjbench.program.step_times import Header, read_engine
 

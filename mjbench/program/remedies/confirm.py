@@ -13,7 +13,7 @@ from mjbench.measuring import stats
 from mjbench.program import launch
 from mjbench.program.hook import step_clock
 from mjbench.program.launch import Program
-from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
+from mjbench.program.remedies.remedy import Confirmed, Remedy, RemedyKind
 from mjbench.program.step_times import StepTimes
 
 # Runs of each kind: the interval of a median needs six at least.

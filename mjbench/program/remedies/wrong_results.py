@@ -5,9 +5,9 @@ from dataclasses import replace
 
 from mjbench.loop.lint import Finding
 from mjbench.program.activities import Place
-from mjbench.program.calls import ProgramCalls
+from mjbench.program.call_times import ProgramCalls
 from mjbench.program.hook import call_clock
-from mjbench.program.remedy import Remedy, RemedyKind
+from mjbench.program.remedies.remedy import Remedy, RemedyKind
 from mjbench.program.source_loops import lines_reading
 
 # Fields of MjData that a step computes only for sensors that need them.

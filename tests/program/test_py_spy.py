@@ -1,12 +1,37 @@
-"""The profiler's file is read, or refused in one line."""
+"""py-spy's file is read, or refused in one line; so is why there are no samples."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.program import samples
-from mjbench.program.samples import Frame, Thread
+from mjbench.program import py_spy
+from mjbench.program.py_spy import Frame, Thread
+
+REFUSED = """\
+Error: Permission Denied: Try running again with elevated permissions by going 'sudo env …'
+Error: Failed to open process 1 - check if it is running.
+Reason: Permission denied (os error 13)
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (REFUSED, ["Permission denied", "SYS_PTRACE"]),
+        ("Error: Operation not permitted\n", ["SYS_PTRACE", "ptrace_scope"]),
+        ("py-spy> Samples: 0 Errors: 0\n", [py_spy.TOO_SHORT]),
+        ("Error: /root/x: anyhow\n", [py_spy.TOO_SHORT]),
+        ("", [py_spy.TOO_SHORT]),
+    ],
+)
+def test_why_there_are_no_samples(tmp_path, text, words):
+    log = tmp_path / "log"
+    log.write_text(text)
+    problem = py_spy.Sampler(SimpleNamespace(), tmp_path / "samples.json", log).problem()
+    assert all(word in problem for word in words)
+    assert "\n" not in problem
 
 
 def document(name='Process 7 Thread 8 "Main"'):
@@ -25,7 +50,7 @@ def document(name='Process 7 Thread 8 "Main"'):
 def test_stacks_are_read_without_labels(tmp_path):
     file = tmp_path / "samples.json"
     file.write_text(json.dumps(document()))
-    (thread,) = samples.read(file)
+    (thread,) = py_spy.read(file)
     assert thread.thread == Thread(7, 8, "Main")
     assert thread.interval_s == 0.02
     step = Frame("mj_step", "libmujoco.so", 0)
@@ -39,18 +64,18 @@ def test_other_files_are_refused(tmp_path, text):
     file = tmp_path / "samples.json"
     file.write_text(text)
     with pytest.raises(InputError, match="profiler"):
-        samples.read(file)
+        py_spy.read(file)
 
 
 def test_samples_stand_for_the_time_in_which_they_were_taken():
     stack = [Frame("main", "/x.py", 3)]
-    whole = samples.ThreadSamples(Thread(1, 1, "a"), [stack] * 4, 0.1)
-    late = samples.ThreadSamples(Thread(1, 2, "b"), [stack], 0.1)
-    spread = samples.spread_over([whole, late], 2.0)
+    whole = py_spy.ThreadSamples(Thread(1, 1, "a"), [stack] * 4, 0.1)
+    late = py_spy.ThreadSamples(Thread(1, 2, "b"), [stack], 0.1)
+    spread = py_spy.spread_over([whole, late], 2.0)
     assert [each.interval_s for each in spread] == [0.5, 0.5]
-    assert samples.spread_over([], 2.0) == []
+    assert py_spy.spread_over([], 2.0) == []
 
 
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="profiler's samples"):
-        samples.read(tmp_path / "missing.json")
+        py_spy.read(tmp_path / "missing.json")
