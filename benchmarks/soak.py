@@ -97,8 +97,8 @@ def _median_bytes(usages: Sequence[Usage]) -> float:
 
 def compare_once() -> None:
     """Compare once, by a child."""
-    from mjbench.comparison.compare import ModelChildren
     from mjbench.comparison.messages import ModelFiles
+    from mjbench.comparison.model_children import ModelChildren
     from mjbench.comparison.plan import ComparisonPlan, Variant
     from mjbench.host import scratch
     from mjbench.paths import BASE

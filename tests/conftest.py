@@ -20,6 +20,7 @@ from hypothesis import settings
 from mjbench.comparison import step_costs
 from mjbench.host import isolate, neighbours
 from mjbench.pages import terminal
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import workload
 
 # The same examples in every run: a test that passed does not fail by chance.
@@ -143,6 +144,12 @@ def without_warp(monkeypatch: pytest.MonkeyPatch) -> None:
 def inline(monkeypatch: pytest.MonkeyPatch) -> None:
     """Do in this process what `isolate` would do in a child."""
     monkeypatch.setattr(isolate, "run", inline_tasks.run)
+
+
+@pytest.fixture(scope="session")
+def pool() -> Iterator[WorkerPool]:
+    with WorkerPool(limit_s=30.0) as pool:
+        yield pool
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """Invented races of paths with known speed-ups, run by the race itself without a process."""
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,17 +9,15 @@ import pytest
 from example_records import measurement, model_record
 
 from mjbench import paths
+from mjbench.api import compare
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.measuring.progress import Progress
-from mjbench.paired import path_comparison
-from mjbench.paired.launches import Targets
-from mjbench.paired.path_comparison import ModelComparison
-from mjbench.paired.race import RaceBudget, race
+from mjbench.paired.launches import Targets, launch
+from mjbench.paired.model_comparison import ModelComparison
+from mjbench.paired.race import RaceBudget, RaceRule
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
 from mjbench.report import results
 from mjbench.report.results import ModelResults
-from mjbench.simulation.models import ModelSource
 
 # A variant and its speed-up over the plain loop.
 Entrant = tuple[Variant, float]
@@ -81,6 +79,17 @@ def raced(
     return ended
 
 
+def race(
+    entered: RaceRecord, targets: Targets[RaceLaunch], budget: RaceBudget
+) -> Iterator[RaceRecord]:
+    """Run a race as `compare` does; yield what is known after each launch, and how it ended."""
+    rule = RaceRule(entered, budget)
+    for ending in launch(targets, rule):
+        if ending is not None:
+            rule.end(ending)
+        yield rule.record
+
+
 def compared(
     record: RaceRecord, *, more: Sequence[MeasurementRecord] = (), **fields: Any
 ) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
@@ -128,27 +137,26 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
     """
     plans: list[ComparisonPlan] = []
 
-    def compare_model(
-        pool: object,
-        source: ModelSource,
-        plan: ComparisonPlan,
-        on_progress: Progress,
-        on_phase: Callable[[str], None],
-    ) -> Iterator[ModelComparison]:
-        plans.append(plan)
-        on_phase(f"{source.name}: racing {len(plan.variants)} paths, about 20 s")
-        on_progress(source.name, 0.5)
-        entrants = [(each, _SPEEDUPS.get(each.path, 0.9)) for each in plan.variants[1:]]
-        record = raced(entrants, model=source.name, nbatch_asked=plan.nbatch)
-        sizes = {"nbatch": plan.nbatch or 10}
-        model, *measurements, ended = compared(record, **{**sizes, **fields})
-        assert isinstance(model, ModelRecord)
-        assert isinstance(ended, RaceRecord)
-        rows = tuple(row for row in measurements if isinstance(row, MeasurementRecord))
-        for _ in range(2):
-            yield ModelComparison(model, rows, ended)
+    class Invented(compare.ComparedModel):
+        def run(self) -> None:
+            name, plan = self._name, self._plan
+            plans.append(plan)
+            self._observer.begin(f"{name}: racing {len(plan.variants)} paths, about 20 s")
+            self._show_progress(name, 0.5)
+            self._show_known()
 
-    monkeypatch.setattr(path_comparison, "compare_model", compare_model)
+        def known(self) -> ModelComparison:
+            plan = self._plan
+            entrants = [(each, _SPEEDUPS.get(each.path, 0.9)) for each in plan.variants[1:]]
+            record = raced(entrants, model=self._name, nbatch_asked=plan.nbatch)
+            sizes = {"nbatch": plan.nbatch or 10}
+            model, *measurements, ended = compared(record, **{**sizes, **fields})
+            assert isinstance(model, ModelRecord)
+            assert isinstance(ended, RaceRecord)
+            rows = tuple(row for row in measurements if isinstance(row, MeasurementRecord))
+            return ModelComparison(model, rows, ended)
+
+    monkeypatch.setattr(compare, "ComparedModel", Invented)
     return plans
 
 

@@ -14,9 +14,8 @@ from benchmarks.studies import tally_file
 from benchmarks.studies.simulated_launches import Scenario
 from mjbench.comparison import (
     accelerated_check,
-    judged_contacts,
-    judged_run,
-    judged_steps,
+    accelerated_limits,
+    accelerated_steps,
     plan,
     sizes,
 )
@@ -25,7 +24,7 @@ from mjbench.host import machine
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import latency, overhead
 from mjbench.measuring import calls, stats
-from mjbench.paired import metrics, outcomes, race_launches, race_record
+from mjbench.paired import metrics, outcomes, race, race_record
 from mjbench.program import loop_time, py_spy
 from mjbench.program.hook import bursts, step_clock
 from mjbench.program.remedies import remedy
@@ -69,7 +68,7 @@ def errors() -> Iterator[str]:
 def timing() -> Iterator[str]:
     margin = percent(race_record.MARGIN)
     yield f"faster than the fastest by {margin}"
-    yield f"or two where those take more than {race_launches.LONG_NS / 1e9:.0f} s"
+    yield f"or two where those take more than {race.LONG_NS / 1e9:.0f} s"
     yield f"All intervals are at {percent(race_record.CONFIDENCE)}"
     yield f"the time for one model, {plan.BUDGET_S:.0f} s by default"
     yield f"`--quick` is {plan.QUICK_BUDGET_S:.0f} s"
@@ -171,16 +170,16 @@ def python() -> Iterator[str]:
 def accelerated() -> Iterator[str]:
     states, simulations = accelerated_check.JUDGED_STATES, accelerated_check.FOLLOWED
     yield f"up to {states} states of {simulations} simulations"
-    yield f"at most {percent(judged_contacts.MAX_ROUNDING_EFFECT, 1)}"
+    yield f"at most {percent(accelerated_limits.MAX_ROUNDING_EFFECT, 1)}"
     yield "off by 1 % is an error of about 0.01"
-    yield f"more than {percent(judged_contacts.ONE_ANSWER_EFFECT, 1)} in any state"
-    yield f"change by more than {percent(judged_contacts.LACKING_EFFECT)}"
-    yield f"change by less than {percent(judged_contacts.CLOSE_EFFECT)} in nine of ten states"
-    yield f"ten times C's, or {percent(judged_steps.SETTINGS_LIMIT, 1)}"
-    yield f"within {percent(judged_run.TOGETHER_SHARE)} of C"
-    yield f"{percent(judged_run._ROUNDING[Precision.FLOAT32], 1)} is always allowed"
-    yield f"the same, or {percent(judged_run._ROUNDING[Precision.FLOAT32], 1)}"
-    yield f"never by more than {percent(judged_run.LARGEST_SHARE)} of it"
+    yield f"more than {percent(accelerated_limits.ONE_ANSWER_EFFECT, 1)} in any state"
+    yield f"change by more than {percent(accelerated_limits.LACKING_EFFECT)}"
+    yield f"change by less than {percent(accelerated_limits.CLOSE_EFFECT)} in nine of ten states"
+    yield f"ten times C's, or {percent(accelerated_limits.SETTINGS_LIMIT, 1)}"
+    yield f"within {percent(accelerated_limits.TOGETHER_SHARE)} of C"
+    yield f"{percent(accelerated_limits.FIGURE_ROUNDING[Precision.FLOAT32], 1)} is always allowed"
+    yield f"the same, or {percent(accelerated_limits.FIGURE_ROUNDING[Precision.FLOAT32], 1)}"
+    yield f"never by more than {percent(accelerated_limits.LARGEST_SHARE)} of it"
     groups = derive_all(runs.load(RUNS / "reference-mjx-cpu.jsonl", RECORD_TYPES).records)
     times = {
         group.model.model: {row.path: row.step_ns for row in reversed(group.results)}
@@ -205,7 +204,7 @@ def accelerated() -> Iterator[str]:
     yield f"took {speed.ns_per_step:.0f} ns per step, after compiling for {speed.compile_s:.0f} s"
     yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_check.py
     yield "a stiffness off by 2 %"
-    yield f"for at most {2 * judged_steps.JUDGING_S:.0f} seconds"
+    yield f"for at most {2 * accelerated_steps.JUDGING_S:.0f} seconds"
     yield f"with its {percent(stats.CONFIDENCE)} interval"
 
 

@@ -16,7 +16,7 @@ from mjbench.status import Status
 
 if TYPE_CHECKING:
     from mjbench.comparison.records import ModelRecord
-    from mjbench.paired.path_comparison import ModelComparison
+    from mjbench.paired.model_comparison import ModelComparison
 
 
 class Outcome(StrEnum):

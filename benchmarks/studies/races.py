@@ -129,12 +129,11 @@ class RaceTally:
 def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCode:
     """Store launches of all C paths of models in a file."""
     from mjbench.comparison import selection
-    from mjbench.comparison.compare import ModelChildren
     from mjbench.comparison.messages import ModelFiles
+    from mjbench.comparison.model_children import ModelChildren
     from mjbench.comparison.plan import ComparisonPlan, Variant
     from mjbench.host import machine
-    from mjbench.paired.path_comparison import enter
-    from mjbench.paired.race_launches import RaceLaunches
+    from mjbench.paired.race import RaceLaunches, enter
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.store.runs import to_json
 
@@ -375,8 +374,8 @@ def _true_speedups(stored: "RaceRecord") -> list[float]:
 def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceRecord, float]":
     """Return a race on launches drawn at random, and the seconds that it took."""
     from mjbench.comparison.plan import BUDGET_S
-    from mjbench.paired.launches import Targets
-    from mjbench.paired.race import RaceBudget, race
+    from mjbench.paired.launches import Targets, launch
+    from mjbench.paired.race import RaceBudget, RaceRule
     from mjbench.paired.race_record import RaceLaunch
 
     class Drawn(Targets[RaceLaunch]):
@@ -391,8 +390,10 @@ def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceReco
 
     variants, entered = Drawn(), replace(stored, launches=())
     # agreement takes a few seconds of the budget
-    *_, last = race(entered, variants, RaceBudget(BUDGET_S - 5.0, lambda: variants.spent_s))
-    return last, variants.spent_s
+    rule = RaceRule(entered, RaceBudget(BUDGET_S - 5.0, lambda: variants.spent_s))
+    for _ in launch(variants, rule):
+        pass
+    return rule.record, variants.spent_s
 
 
 def _is_faster_than_itself(record: "RaceRecord") -> bool:

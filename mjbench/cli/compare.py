@@ -127,7 +127,6 @@ def compare(
     from mjbench.comparison import selection
     from mjbench.comparison.plan import ComparisonPlan
     from mjbench.report import comparison as report
-    from mjbench.report.results import derive_all
     from mjbench.simulation.workload import Product
 
     check_sizes(nstep, hold)
@@ -149,15 +148,13 @@ def compare(
         threads = threads or selection.scaling_threads()
         chunk = chunk or list(selection.SCALING_CHUNKS)
     plans = selection.plans(plan, path_names or [], threads, chunk, option_words, nbatch)
-    run = measure_and_print(
+    measure_and_print(
         measurement(each_once(sources), plans),
         output,
-        each=lambda run: [report.model_section(derive_all(run.records))],
-        summary=lambda run: report.sections_together(derive_all(run.records)),
+        each=report.model_sections,
+        summary=report.summary,
         code=code,
-    )
-    results = derive_all(run.session.records)
-    run.exit(status for model in results for status in model.statuses)
+    ).exit()
 
 
 def _budget_s(budget_s: float | None, is_quick: bool) -> float:

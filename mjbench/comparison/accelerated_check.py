@@ -11,10 +11,15 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.comparison.judged_run import SHADOW_FACTOR, figure_measures
-from mjbench.comparison.judged_steps import (
+from mjbench.comparison.accelerated_figures import figure_measures
+from mjbench.comparison.accelerated_limits import (
+    SHADOW_FACTOR,
     SMOOTH_LIMIT,
     SOLUTION_LIMIT,
+    STILL_LIMIT,
+    UNCONSTRAINED_RUN_LIMIT,
+)
+from mjbench.comparison.accelerated_steps import (
     Budget,
     JudgedConstraints,
     judge_constraints,
@@ -42,8 +47,6 @@ from mjbench.simulation.workload import Workload
 FOLLOWED = 32
 # States in which smooth dynamics, contacts and the constraint problem are judged, at most.
 JUDGED_STATES = 64
-# Largest difference of an unconstrained run in float64.
-UNCONSTRAINED_RUN_LIMIT = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +173,7 @@ class _Check:
         nstep = self.reference.unconstrained_nstep
         if nstep:
             measures.append(self._unconstrained_run(nstep, unconstrained or 0.0))
-        measures.append(Measure("share of steps that change no state", still_share, 0.5))
+        measures.append(Measure("share of steps that change no state", still_share, STILL_LIMIT))
         return JudgedPart.of(PartName.SMOOTH, *measures)
 
     def constraints(self, on_state: Callable[[], None]) -> JudgedConstraints:

@@ -5,21 +5,48 @@ loop. Paths leave once they are certainly slower than the fastest of their loop.
 no path that is left can be faster than the fastest by `MARGIN`. The winner of a race is flattered
 by it, so launches after the race give the figures of the paths that won, and of the plain loop.
 Where a winner fails in one of these, the race goes on with those that left because of it.
-`race` runs it; `race_record` says what follows from its launches.
+
+`RaceRule` says which paths the next launch times, `RaceLaunches` makes it (`launches.launch` goes
+from one to the other), and `race_record` says what follows.
 """
 
+import contextlib
+import functools
+import random
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.paired.launches import StopRule, Targets, UnableError, launch
-from mjbench.paired.race_record import MIN_FINAL_LAUNCHES, RaceLaunch, RaceRecord, UnableVariant
+from mjbench import paths
+from mjbench.comparison.model_children import ModelChildren
+from mjbench.comparison.plan import WITHOUT_TIMER, Variant
+from mjbench.comparison.records import ModelRecord
+from mjbench.errors import Failure, InputError
+from mjbench.host.child_connection import ChildError
+from mjbench.paired import cores, launch_seeds, race_blocks
+from mjbench.paired.launches import StopRule, Targets, UnableError
+from mjbench.paired.race_record import (
+    MAX_LAUNCHES,
+    MIN_FINAL_LAUNCHES,
+    RaceLaunch,
+    RaceRecord,
+    UnableVariant,
+)
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paths.parallelism import nthread
+from mjbench.releases import installs
 from mjbench.status import Status
 
-# Launches in all at most before the race is over, and after it.
-MAX_LAUNCHES, FINAL_LAUNCHES = 100, 8
+# Launches after the race at most.
+FINAL_LAUNCHES = 8
 # A launch of a few paths takes at least this share of the time of one of all: it starts a process.
 _SHARE_OF_START = 0.25
+# Rounds of a launch: even numbers, because every second one runs in the opposite order. Long blocks
+# average what short ones need more rounds for.
+ROUNDS, LONG_ROUNDS = 4, 2
+# Blocks of `LONG_ROUNDS` are long where they take this time together.
+LONG_NS = 10_000_000_000
 
 
 @dataclass(frozen=True)
@@ -36,19 +63,22 @@ class RaceBudget:
         return self.end_s - self.clock()
 
 
-def race(
-    entered: RaceRecord, variants: Targets[RaceLaunch], budget: RaceBudget
-) -> Iterator[RaceRecord]:
-    """Run a race, and the launches after it; yield what is known after each, and how it ended."""
-    rule = _RaceRule(entered, budget)
-    for ending in launch(variants, rule):
-        if ending is not None and ending.status != Status.OK:
-            status, detail = ending.status, ending.detail
-            rule.record = replace(rule.record, status=status, detail=detail, is_cut_short=True)
-        yield rule.record
+def enter(model: ModelRecord, variants: Sequence[Variant]) -> RaceRecord:
+    """Return the race of variants, the plain loop first, on a model, before its first launch."""
+    assert model.block_steps is not None, "the paths were verified"
+    slow = [i for i, each in enumerate(variants) if paths.find(each.path).starts_slowly]
+    compete = [i for i, each in enumerate(variants) if each != WITHOUT_TIMER and i not in slow]
+    return RaceRecord(
+        model=model.model,
+        nbatch_asked=model.nbatch_asked,
+        steps=model.block_steps,
+        variants=variants,
+        groups=[compete, [i for i in compete if paths.find(variants[i].path).closed_loop]],
+        slow=slow,
+    )
 
 
-class _RaceRule(StopRule[RaceLaunch]):
+class RaceRule(StopRule[RaceLaunch]):
     """Which variants are launched, for the race and after it; `record` is what is known."""
 
     def __init__(self, entered: RaceRecord, budget: RaceBudget):
@@ -73,6 +103,12 @@ class _RaceRule(StopRule[RaceLaunch]):
             raise error
         unable = UnableVariant(error.position, error.status, error.detail)
         self.record = replace(self.record, unable=[*self.record.unable, unable])
+
+    def end(self, ending: Failure) -> None:
+        """Note how the launches ended, where the rule did not end them."""
+        if ending.status != Status.OK:
+            status, detail = ending.status, ending.detail
+            self.record = replace(self.record, status=status, detail=detail, is_cut_short=True)
 
     def _next_of_race(self) -> list[int]:
         record = self.record
@@ -131,3 +167,92 @@ def finalists(record: RaceRecord) -> list[int]:
 
 def _always_timed(record: RaceRecord) -> set[int]:
     return {0} | record.able.difference(record.slow, *record.groups)
+
+
+class RaceLaunches(Targets[RaceLaunch]):
+    """The launches of a race: a fresh process each, in which paths are timed in turns."""
+
+    def __init__(self, pool: WorkerPool, verified: ModelChildren, variants: Sequence[Variant]):
+        """Start nothing yet; `verified` has saved the work of each launch."""
+        self._pool, self._verified, self._variants = pool, verified, variants
+        self._release = installs.parse_release(installs.INSTALLED)
+        self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
+
+    def launch(self, positions: Sequence[int]) -> RaceLaunch:
+        """Time the variants at these positions in a fresh process."""
+        plan, files = self._verified.plan, self._verified.files
+        name = f"{self._verified.source.name} in a fresh process"
+        process = self._pool.start(self._release, name, seeds=next(self._seeds))
+        try:
+            process.ask(
+                race_blocks.equip,
+                files.model,
+                files.workload,
+                plan.returns,
+                sorted(cores.USABLE),
+                plan.import_from,
+            )
+            self._pool.wait_for(process, self._release)
+            most_threads = max(nthread(self._variants[i].options) for i in positions)
+            had = cores.count(process, most_threads)
+            prepared = random.sample(list(positions), len(positions))
+            for position in prepared:
+                path, options = self._variants[position].path, self._variants[position].options
+                with _attributed(process, position, "preparing"):
+                    process.call(race_blocks.prepare, path, dict(options))
+            rows = time_rounds(
+                functools.partial(self._time_round, process, prepared), len(prepared)
+            )
+        finally:
+            self._pool.end([process])
+        columns = [prepared.index(position) for position in positions]
+        ns = [[row[column] for column in columns] for row in rows]
+        return RaceLaunch(had, list(positions), ns)
+
+    def _time_round(
+        self, process: WorkerProcess, prepared: Sequence[int], order: Sequence[int]
+    ) -> list[int]:
+        """Return the nanoseconds of a block of each variant, in the order they were prepared."""
+        row = [0] * len(order)
+        for place, number in enumerate(order):
+            position = prepared[number]
+            with _attributed(process, position, "timing"):
+                timed = process.call(race_blocks.time_block, number, reorders=place == 0)
+            if timed.difference:
+                raise UnableError(position, Status.DISAGREES, timed.difference)
+            row[number] = timed.ns
+        return row
+
+
+@contextlib.contextmanager
+def _attributed(process: WorkerProcess, position: int, activity: str) -> Iterator[None]:
+    """Raise an UnableError for what a task of a variant raises."""
+    try:
+        yield
+        return
+    except InputError as error:
+        status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
+    except ChildError as error:
+        if position == 0:
+            raise
+        status, cause = error.ending, error.cause
+    raise UnableError(position, status, f"{cause} while {activity}")
+
+
+def time_rounds(time_round: Callable[[Sequence[int]], list[int]], count: int) -> list[list[int]]:
+    """Return the nanoseconds of `count` blocks of each round: fewer rounds where they are long."""
+    rows: list[list[int]] = []
+    for order in _orders(count):
+        if len(rows) == LONG_ROUNDS and sum(map(sum, rows)) > LONG_NS:
+            break
+        rows.append(time_round(order))
+    return rows
+
+
+def _orders(count: int) -> list[list[int]]:
+    """Return the orders of the rounds of a launch: each at random, and then the other way."""
+    orders = []
+    for _ in range(ROUNDS // 2):
+        order = random.sample(range(count), count)
+        orders += [order, order[::-1]]
+    return orders

@@ -30,8 +30,8 @@ ERROR = 0.05
 # Of the interval of a speed-up.
 CONFIDENCE = 0.95
 _LOG_MARGIN = float(np.log1p(MARGIN))
-# Launches of a race at least; fewer decide nothing.
-MIN_LAUNCHES = 3
+# Launches of a race at least, because fewer decide nothing, and at most.
+MIN_LAUNCHES, MAX_LAUNCHES = 3, 100
 # Launches after a race; fewer give no figures of their own.
 MIN_FINAL_LAUNCHES = 4
 

@@ -18,7 +18,6 @@ import os
 import pickle
 import random
 import signal
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -39,7 +38,6 @@ from mjbench.paired.worker_answers import (
     Observed,
     ReadyOperation,
     StepCost,
-    TimedEntrant,
 )
 
 if TYPE_CHECKING:
@@ -228,46 +226,6 @@ class Worker:
         self.read_workload(workload_file)
         paths.find(path)  # imports it
 
-    @activity("reading the workload")
-    def equip_race(
-        self,
-        model_file: Path,
-        workload_file: Path,
-        returns: "Product",
-        cores: Sequence[int],
-        import_from: str | None = None,
-    ) -> None:
-        """Read a saved model, and a workload with its final states, for the paths of a race."""
-        import numpy as np
-
-        from mjbench.comparison.verification import ReferenceCase
-        from mjbench.paired.race_blocks import RaceBlocks
-        from mjbench.simulation import models
-
-        if import_from:
-            sys.path.append(import_from)
-        self._lay_out_memory(cores)
-        self.model = models.load(models.ModelSource("", model_file))
-        self.read_workload(workload_file)
-        assert self.final_state is not None, "a race is run with final states to compare"
-        rng = np.random.default_rng(self.rng.randrange(2**32))
-        workload = self.workload.returning(returns)
-        self.race = RaceBlocks(ReferenceCase.of_states(workload, self.final_state), rng)
-
-    @activity("preparing a run")
-    def prepare_entrant(self, path: str, options: Mapping[str, Any]) -> None:
-        assert self.race is not None, "equip_race comes first"
-        self.scattered.append(memory_layout.scattered(self.rng))
-        self.race.prepare(path, options)
-
-    @activity("timing a block")
-    def time_entrant(self, number: int, reorders: bool) -> TimedEntrant:
-        """Run one block of a path of a race; `number` is its place in the order of preparation."""
-        assert self.race is not None, "equip_race comes first"
-        if reorders:
-            _collect_garbage()
-        return self.race.time(number, reorders)
-
     def read_workload(self, file: Path) -> "PortableWorkload":
         from mjbench.simulation import workload
 
@@ -276,7 +234,7 @@ class Worker:
         self.final_state = portable.final_state
         return portable
 
-    def _lay_out_memory(self, cores: Sequence[int]) -> None:
+    def lay_out_memory(self, cores: Sequence[int]) -> None:
         """Run on these cores from now on, and allocate what follows elsewhere."""
         if cores:
             platforms.set_affinity(0, cores)
@@ -315,7 +273,7 @@ class Worker:
         from mjbench.simulation.engine_clock import engine_clock
         from mjbench.simulation.workload import Product, Workload
 
-        self._lay_out_memory(cores)
+        self.lay_out_memory(cores)
         model = copy.copy(self.model)
         workload, previous, rows = self.workload, self.resources, list(simulations)
         selected = Workload(
@@ -357,14 +315,14 @@ class Worker:
         self._check_final_states(name, states, rows)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
             previous.close()
-        _collect_garbage()
+        collect_garbage()
         return self._run_all_sections()
 
     def prepare_section(self, cores: Sequence[int], new: "Callable[[], LoopSection]") -> int:
         """Have blocks run one section, made in fresh memory; return a block's nanoseconds."""
-        self._lay_out_memory(cores)
+        self.lay_out_memory(cores)
         self.sections = [new()]
-        _collect_garbage()
+        collect_garbage()
         return self._run_all_sections()
 
     def _run_all_sections(self) -> int:
@@ -392,12 +350,12 @@ class Worker:
         """Prepare an operation (see `operations`) in fresh memory, and do it."""
         from mjbench.paired import loop_sections
 
-        self._lay_out_memory(cores)
+        self.lay_out_memory(cores)
         prepared = prepare()
         section = loop_sections.LoopSection(prepared.run)
         self.sections = [section]
         result = prepared.result()
-        _collect_garbage()
+        collect_garbage()
         return ReadyOperation(self._block(section), result)
 
     @activity("running a block")
@@ -449,7 +407,7 @@ class Worker:
         return ns
 
 
-def _collect_garbage() -> None:
+def collect_garbage() -> None:
     """Collect garbage now, and none while blocks run."""
     gc.collect()
     gc.freeze()  # later collections look only at what the next layout allocates

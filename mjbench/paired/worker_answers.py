@@ -49,14 +49,6 @@ class Move:
 
 
 @dataclass(frozen=True)
-class TimedEntrant:
-    """A block of a path of a race, and where what it returned first differs from the plain loop."""
-
-    ns: int
-    difference: str
-
-
-@dataclass(frozen=True)
 class StepCost:
     """What a step costs.
 

@@ -18,7 +18,7 @@ from mjbench.status import Status
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
-# What a worker can be asked: a method of `Worker`, which runs there.
+# What a worker can be asked: a method of `Worker`, or a function of one, which runs there.
 Task = Callable[Concatenate[Worker, _P], _T]
 # A failure is no longer than this.
 _MAX_FAILURE_BYTES = 1 << 16

@@ -4,8 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.records import ModelRecord
-from mjbench.paired.race import MAX_LAUNCHES
-from mjbench.paired.race_record import MIN_LAUNCHES
+from mjbench.paired.race_record import MAX_LAUNCHES, MIN_LAUNCHES
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.report import comparison_figures, formats
 from mjbench.report.advice import (
@@ -26,11 +25,12 @@ from mjbench.report.crossovers import (
 )
 from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.judgements import judgement_conclusion, judgement_tables, version_lines
-from mjbench.report.results import FORMER, ModelResults, PathResult
+from mjbench.report.results import FORMER, ModelResults, PathResult, derive_all
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
+from mjbench.store.runs import Run
 from mjbench.units import count_of, plain
 
 
@@ -39,6 +39,16 @@ def sections(models: Sequence[ModelResults]) -> Iterator[Section]:
     for name in dict.fromkeys(each.model.model for each in models):
         yield model_section([each for each in models if each.model.model == name])
     yield from sections_together(models)
+
+
+def model_sections(run: Run) -> Iterator[Section]:
+    """Yield the section of the one model that a run is of, as soon as it is measured."""
+    yield model_section(derive_all(run.records))
+
+
+def summary(run: Run) -> Iterator[Section]:
+    """Return what follows the models' sections at the end of a run."""
+    return sections_together(derive_all(run.records))
 
 
 def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:

@@ -1,4 +1,4 @@
-"""Results of paths, derived from the records of a comparison; pure functions.
+"""Results of paths, derived from the records of a comparison: speed-ups, and break-even.
 
 A speed is derived only for a measurement whose final states agree.
 """
@@ -13,7 +13,7 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRe
 from mjbench.host import machine
 from mjbench.measuring import stats
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.path_comparison import race_of
+from mjbench.paired.model_comparison import race_of
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread

@@ -19,7 +19,7 @@ from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.releases import packages
-from mjbench.report import charts, compiling, formats
+from mjbench.report import charts, formats, verdict_compiling
 from mjbench.report.changes import describe_ratio
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.engine_warnings import warning_lines
@@ -57,7 +57,7 @@ def section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],
         figures=[_forest(rows, min_effect)] if any(row.ratio for row in rows) else [],
-        tables=[_table(rows), *compiling.tables(rows)],
+        tables=[_table(rows), *verdict_compiling.tables(rows)],
         notes=[
             *(f"{_label(row)}: {line}" for row in rows for line in notes(row)),
             *_what_would_decide(rows, min_effect),

@@ -1,72 +1,294 @@
-"""How a comparison ends where it is interrupted between its steps."""
+"""What becomes of a model's paths when one of them, or a child, fails, and whose row pays.
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from typing import Any
+Also how a comparison ends where it is interrupted between its steps.
+"""
+
+import contextlib
+import itertools
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
-from example_races import compared, raced
+from commands import TESTS
+from pretender import Pretender
 
 from mjbench.api import compare
-from mjbench.api.session import Item, Observer
-from mjbench.comparison.plan import ComparisonPlan
-from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.paired import path_comparison
-from mjbench.paired.path_comparison import ModelComparison
+from mjbench.api.compare import ComparedModel
+from mjbench.api.session import Observer
+from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
+from mjbench.comparison.records import ModelRecord
+from mjbench.host import neighbours
+from mjbench.host.neighbours import Neighbour
+from mjbench.paired import model_comparison
+from mjbench.paired.model_comparison import ModelComparison
+from mjbench.paired.race import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report.content import Section
+from mjbench.report.results import PathResult, derive
 from mjbench.simulation import models
+from mjbench.simulation.engine_clock import has_clock
 from mjbench.status import Status
 
-_Show = Callable[[], Section | None] | None
+
+class Recorded(ComparedModel):
+    """Remembers what it would show."""
+
+    def __init__(self, pool: WorkerPool, file: str, plan: ComparisonPlan, observer: Observer):
+        super().__init__(pool, models.resolve(file), plan, (0.0, 1.0), (), observer)
+        self.shown: list[ModelComparison] = []
+
+    def _show_known(self) -> None:
+        self.shown.append(self.known())
+
+
+def plan_of(*variants: Variant, limit_s: float = 60.0) -> ComparisonPlan:
+    return ComparisonPlan(
+        variants=(Variant("python_loop", {}), *variants),
+        nbatch=3,
+        nstep=4,
+        budget_s=0.1,
+        limit_s=limit_s,
+        import_from=str(TESTS),
+    )
+
+
+def comparisons(
+    pool: WorkerPool, file: str, *variants: Variant, limit_s: float = 60.0
+) -> list[ModelComparison]:
+    """Compare paths on a model in one launch; return what was known, as it came, and at the end."""
+    compared = Recorded(pool, file, plan_of(*variants, limit_s=limit_s), Observer())
+    with contextlib.suppress(KeyboardInterrupt):
+        compared.run()
+    return [*compared.shown, compared.known()]
+
+
+def results(known: ModelComparison) -> dict[str, PathResult]:
+    """Return the results of paths by name."""
+    rows = derive(known.model, known.measurements, known.race).results
+    return {row.path: row for row in rows}
+
+
+def measured(
+    pool: WorkerPool, file: str, *names: str, limit_s: float = 60.0
+) -> dict[str, PathResult]:
+    """Return the results of paths by name, from one launch."""
+    variants = [Variant(name, {}) for name in names]
+    *_, last = comparisons(pool, file, *variants, limit_s=limit_s)
+    return results(last)
+
+
+@pytest.mark.parametrize(
+    ("name", "status", "detail"),
+    [
+        ("CrashesWhenTimed", Status.CRASHED, "SIGSEGV) while timing"),
+        ("HangsWhenTimed", Status.TIMEOUT, "while timing"),
+        ("SharedModel", Status.FAILED, "which all paths share: opt.disableflags while preparing"),
+        ("SharedModelWhenTimed", Status.FAILED, "which all paths share: body_mass while timing"),
+        ("Crashes", Status.CRASHED, "SIGSEGV) while preparing wrong_paths:Crashes"),
+        ("Exits", Status.CRASHED, "exit code 0 while preparing wrong_paths:Exits"),
+        ("RaisesWhenTimed", Status.FAILED, "SystemExit: enough while timing"),
+    ],
+)
+def test_a_path_that_ends_the_child_costs_its_own_row_alone(
+    pool: WorkerPool,
+    contact_file: str,
+    name: str,
+    status: Status,
+    detail: str,
+    request: pytest.FixtureRequest,
+) -> None:
+    if name.endswith("WhenTimed"):
+        request.getfixturevalue("inline")
+    culprit = f"wrong_paths:{name}"
+    pool.limit_s = 3.0 if status == Status.TIMEOUT else 30.0
+    rows = measured(pool, contact_file, culprit, "python_loop_hold", limit_s=pool.limit_s)
+    pool.limit_s = 30.0
+    assert rows[culprit].status == status
+    assert detail in rows[culprit].detail
+    assert not rows[culprit].is_timed
+    for name in ("python_loop", "python_loop_hold"):
+        assert rows[name].is_timed, rows[name].detail
+
+
+@pytest.mark.usefixtures("inline")
+def test_a_path_that_replays_its_warm_up_is_caught_in_the_first_round(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    rows = measured(pool, contact_file, "wrong_paths:MemoWhenTimed", "python_loop_hold")
+    assert rows["wrong_paths:MemoWhenTimed"].status == Status.DISAGREES
+    assert "in a timed block" in rows["wrong_paths:MemoWhenTimed"].detail
+    assert rows["python_loop_hold"].is_timed
+
+
+@pytest.mark.usefixtures("inline")
+def test_the_plain_loop_is_timed_without_the_engines_clock_too(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    if not has_clock(models.load(models.resolve(contact_file))):
+        pytest.skip("this release of MuJoCo has no clock of its own")
+    *_, last = comparisons(pool, contact_file, WITHOUT_TIMER)
+    assert last.race is not None
+    assert last.race.launch_count(WITHOUT_TIMER) == 1
+    assert last.race.groups == [[0], [0]]
+
+
+@pytest.mark.usefixtures("inline")
+def test_what_is_known_comes_after_each_launch(pool: WorkerPool, contact_file: str) -> None:
+    first, *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
+    assert first.race is not None
+    assert len(first.race.launches) == 1
+    assert last.race is not None
+    assert last.race.is_cut_short
+    assert last.race.steps == 12
+
+
+@pytest.mark.usefixtures("inline")
+def test_another_measurement_that_ended_during_the_race_stays_on_record(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = itertools.chain([[Neighbour(1, "versions")]], itertools.repeat([]))
+    monkeypatch.setattr(neighbours, "measuring_now", lambda: next(seen))
+    first, *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
+    assert first.race is not None and first.race.neighbours == ["versions"]
+    assert last.race is not None and last.race.neighbours == ["versions"]
+
+
+@pytest.mark.usefixtures("inline")
+def test_a_race_measures_a_variant_that_takes_seconds_to_start_last(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mjbench.paths.rollout.Rollout.starts_slowly", True)
+    *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
+    assert last.race is not None
+    assert (last.race.groups, last.race.slow) == ([[0], [0]], [1])
+
+
+@pytest.mark.usefixtures("inline")
+@pytest.mark.parametrize("at_launch", [0, 1])
+def test_what_was_measured_before_an_interruption_comes_last(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch, at_launch: int
+) -> None:
+    launch: Callable[..., object] = RaceLaunches.launch
+    numbers = itertools.count()
+
+    def interrupted(*arguments: object) -> object:
+        if next(numbers) == at_launch:
+            raise KeyboardInterrupt
+        return launch(*arguments)
+
+    monkeypatch.setattr(RaceLaunches, "launch", interrupted)
+    monkeypatch.setattr("mjbench.paired.race.RaceBudget.left_s", lambda budget: 100.0)
+    *_, last = comparisons(pool, contact_file, Variant("python_loop_hold", {}))
+    assert last.is_interrupted
+    assert last.race is not None
+    assert len(last.race.launches) == at_launch
+    rows = results(last).values()
+    assert {row.is_timed for row in rows} == {at_launch > 0}
+    assert {row.status for row in rows} == {Status.OK if at_launch else Status.INTERRUPTED}
 
 
 class Interrupted(Observer):
-    """Is interrupted when it shows results for the `at`-th time."""
+    """Is interrupted when it shows results, or at last when it is told that all is done."""
 
-    def __init__(self, at: int):
+    def __init__(self, done: str = ""):
         super().__init__()
-        self._left = at
+        self._done = done
 
-    def show(self, section: _Show) -> None:
-        self._left -= 1
-        if not self._left:
+    def __call__(self, name: str, share: float) -> None:
+        if name == self._done:
+            raise KeyboardInterrupt
+
+    def show(self, section: Callable[[], Section | None] | None) -> None:
+        if not self._done:
             raise KeyboardInterrupt
 
 
-def known(**fields: Any) -> ModelComparison:
-    model, *measurements, race = compared(raced())
-    assert isinstance(model, ModelRecord) and isinstance(race, RaceRecord)
-    rows = tuple(row for row in measurements if isinstance(row, MeasurementRecord))
-    return ModelComparison(replace(model, **fields), rows, race)
-
-
-def comparison(*arguments: object) -> Iterator[ModelComparison]:
-    """Yield what a comparison does: a part, then all of it, or the part that Ctrl-C leaves."""
-    try:
-        yield known()
-    except KeyboardInterrupt:
-        yield known(status=Status.INTERRUPTED)
-    else:
-        yield known()
-
-
-@pytest.mark.parametrize(("at", "status"), [(1, Status.INTERRUPTED), (2, Status.OK)])
-def test_what_was_measured_is_there_where_showing_it_is_interrupted(
-    monkeypatch: pytest.MonkeyPatch, at: int, status: Status
+@pytest.mark.usefixtures("inline")
+def test_an_interruption_of_who_shows_results_leaves_them(
+    pool: WorkerPool, contact_file: str
 ) -> None:
-    monkeypatch.setattr(path_comparison, "compare_model", comparison)
-    source, plan, pool = models.resolve("cartpole"), ComparisonPlan(variants=()), object()
-    items: Iterator[Item] = compare.measure_model(
-        pool,
-        source,
-        [plan],
-        [0.0, 1.0],
-        (),
-        Interrupted(at),  # type: ignore[arg-type]
-    )
-    first, *_ = next(items).records
-    assert isinstance(first, ModelRecord)
-    assert first.status == status
+    source, plan = models.resolve(contact_file), plan_of(Variant("python_loop_hold", {}))
+    (item,) = compare.measure_model(pool, source, [plan] * 2, [0, 0.5, 1], (), Interrupted())
+    model, *rows, race = item.records
+    assert isinstance(model, ModelRecord) and isinstance(race, RaceRecord)
+    assert (model.status, race.status) == (Status.INTERRUPTED, Status.INTERRUPTED)
+    assert [race.launch_count(variant) for variant in race.variants] == [1, 1]
+    assert len(rows) == 2
+
+
+@pytest.mark.usefixtures("inline")
+def test_an_interruption_after_all_was_measured_leaves_it_complete(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    source, plan = models.resolve(contact_file), plan_of(Variant("python_loop_hold", {}))
+    observer = Interrupted(source.name)
+    items = compare.measure_model(pool, source, [plan] * 2, [0, 0.5, 1], (), observer)
+    assert model_comparison.finished(next(items).records, 2)
     with pytest.raises(KeyboardInterrupt):
         next(items)
+
+
+@pytest.mark.usefixtures("inline")
+def test_phases_are_named_as_they_begin(pool: WorkerPool, contact_file: str) -> None:
+    class Phases(Observer):
+        def begin(self, phase: str) -> None:
+            phases.append(phase)
+
+    phases: list[str] = []
+    plan = plan_of(Variant("pretender:Pretender", {}))
+    compared = Recorded(pool, contact_file, plan, Phases())
+    compared.run()
+    name = models.resolve(contact_file).name
+    assert phases == [
+        f"{name}: checking agreement",
+        f"{name}: timing the plain loop",
+        f"{name}: pretender:Pretender",
+    ]
+
+
+def test_two_paths_that_end_the_child_cost_two_rows(pool: WorkerPool, contact_file: str) -> None:
+    names = ("wrong_paths:Crashes", "wrong_paths:CrashesWhenTimed")
+    rows = measured(pool, contact_file, *names)
+    assert [rows[name].status for name in names] == [Status.CRASHED] * 2
+    assert rows["python_loop"].is_timed
+
+
+@pytest.mark.usefixtures("inline")
+def test_a_model_that_cannot_be_loaded_has_rows_that_say_so(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
+    rows = measured(pool, str(tmp_path / "broken.xml"), "python_loop_hold")
+    assert {row.status for row in rows.values()} == {Status.INPUT}
+    assert all("cannot load" in row.detail for row in rows.values())
+
+
+def test_a_path_that_changes_its_process_is_measured_all_the_same(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    rows = measured(pool, contact_file, "wrong_paths:Untidy", "python_loop_hold")
+    assert all(row.is_timed for row in rows.values()), [row.detail for row in rows.values()]
+
+
+def test_an_accelerated_path_that_fails_in_the_parent_costs_its_own_row(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: object) -> dict[str, str | None]:
+        raise RuntimeError("no environment")
+
+    monkeypatch.setattr(Pretender, "environment", fail)
+    rows = measured(pool, contact_file, "pretender:Pretender")
+    assert rows["pretender:Pretender"].status == Status.FAILED
+    assert rows["pretender:Pretender"].detail == "RuntimeError: no environment"
+    assert rows["python_loop"].is_timed
+
+
+@pytest.mark.usefixtures("inline")
+def test_a_model_whose_race_was_torn_off_is_measured_again(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    *_, last = comparisons(pool, contact_file, Variant("python_loop_hold", {}))
+    records = last.records
+    assert model_comparison.finished(records, 2) == records
+    assert model_comparison.finished(records[:-1], 2) == []

@@ -8,11 +8,12 @@ import pytest
 from commands import TESTS
 from pretender import MODEL, NSTEP, available, make_workload
 
+from mjbench.api.compare import ComparedModel
+from mjbench.api.session import Observer
 from mjbench.comparison import accelerated_run
 from mjbench.comparison.accelerated_run import AcceleratedRequest
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
-from mjbench.paired import path_comparison
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.report import results
@@ -128,7 +129,9 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
     with WorkerPool() as pool:
         source = models.resolve(MODEL)
-        *_, last = path_comparison.compare_model(pool, source, plan, lambda name, share: None)
+        compared = ComparedModel(pool, source, plan, (0.0, 1.0), (), Observer())
+        compared.run()
+    last = compared.known()
     derived = results.derive(last.model, last.measurements, last.race)
     rows = {result.path: result for result in derived.results}
     assert rows["hangs:Hangs"].status == Status.TIMEOUT

@@ -1,20 +1,12 @@
-"""What the tests of paired comparison share: a pool of workers, and a model that diverges."""
+"""What the tests of paired comparison share: a model that diverges."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from paired_examples import INSTALLED
 
 from mjbench.paired.targets import Target
-from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
-
-
-@pytest.fixture(scope="session")
-def pool() -> Iterator[WorkerPool]:
-    with WorkerPool(limit_s=30.0) as pool:
-        yield pool
 
 
 @pytest.fixture

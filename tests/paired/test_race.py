@@ -5,12 +5,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from example_races import race
 
 from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError
-from mjbench.paired import race, race_record
+from mjbench.paired import race_record
 from mjbench.paired.launches import Targets, UnableError
-from mjbench.paired.race import FINAL_LAUNCHES, RaceBudget
+from mjbench.paired.race import (
+    FINAL_LAUNCHES,
+    LONG_NS,
+    LONG_ROUNDS,
+    ROUNDS,
+    RaceBudget,
+    remaining,
+    time_rounds,
+)
 from mjbench.paired.race_record import (
     MIN_FINAL_LAUNCHES,
     MIN_LAUNCHES,
@@ -55,7 +64,7 @@ class Track(Targets[RaceLaunch]):
         return RaceLaunch(None, list(positions), [ns, ns])
 
     def run(self, record: RaceRecord, budget_s: float = 60.0) -> list[RaceRecord]:
-        return list(race.race(record, self, RaceBudget(budget_s, self.clock)))
+        return list(race(record, self, RaceBudget(budget_s, self.clock)))
 
 
 def entered(count: int, **fields: object) -> RaceRecord:
@@ -295,7 +304,7 @@ def test_a_simpler_path_that_is_certainly_slower_leaves_by_however_little() -> N
     record = entered(3, launches=[track.launch(range(3)) for _ in range(12)])
     standing = ended(record)
     assert (standing.chosen, standing.contenders) == (2, [2])
-    assert race.remaining(record) == [0, 2]
+    assert remaining(record) == [0, 2]
 
 
 def test_a_path_that_is_entered_twice_is_never_faster_than_itself() -> None:
@@ -367,3 +376,18 @@ def test_a_record_names_variants_that_it_has() -> None:
         entered(2, groups=[[0, 1]])
     with pytest.raises(ValueError, match="lacks the plain loop"):
         entered(2, launches=[RaceLaunch(None, [1], [[1], [1]])])
+
+
+@pytest.mark.parametrize(
+    ("block_ns", "rounds"), [(1_000_000, ROUNDS), (LONG_NS // 6 + 1, LONG_ROUNDS)]
+)
+def test_long_blocks_have_fewer_rounds_in_both_orders(block_ns: int, rounds: int) -> None:
+    orders: list[Sequence[int]] = []
+
+    def time_round(order: Sequence[int]) -> list[int]:
+        orders.append(order)
+        return [block_ns] * 3
+
+    assert time_rounds(time_round, 3) == [[block_ns] * 3] * rounds
+    assert len(orders) == rounds
+    assert orders[1] == orders[0][::-1]

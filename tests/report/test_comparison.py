@@ -13,8 +13,7 @@ from mjbench.api.session import Observer
 from mjbench.cli.progress import PhaseLines, progress
 from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.pages import terminal
-from mjbench.paired.race import MAX_LAUNCHES
-from mjbench.paired.race_record import UnableVariant
+from mjbench.paired.race_record import MAX_LAUNCHES, UnableVariant
 from mjbench.report import comparison
 from mjbench.report.results import ModelResults
 from mjbench.simulation.judgement import Precision

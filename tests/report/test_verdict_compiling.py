@@ -8,7 +8,7 @@ from verdict_records import SAME
 from mjbench.measuring.calls import Compilation
 from mjbench.pages import terminal
 from mjbench.paired.records import CompilationFigures, Pair, VerdictRow
-from mjbench.report import compiling, verdicts
+from mjbench.report import verdict_compiling, verdicts
 
 FRESH = Compilation(trace_s=2.0, compile_s=8.0, first_run_s=0.1, programs=31)
 CACHED = replace(FRESH, compile_s=0.4, is_cached=True)
@@ -21,7 +21,7 @@ def row_of(baseline: Sequence[Compilation], candidate: Sequence[Compilation]) ->
 
 def test_each_side_has_its_times_beside_steady_runs() -> None:
     row = row_of([FRESH, *[CACHED] * 8], [FRESH, *[CACHED] * 8])
-    (table,) = compiling.tables([row])
+    (table,) = verdict_compiling.tables([row])
     titles = [column.title for column in table.columns]
     assert [dict(zip(titles, cells, strict=True)) for cells in table.texts] == [
         {
@@ -39,7 +39,7 @@ def test_each_side_has_its_times_beside_steady_runs() -> None:
 
 
 def test_a_median_without_an_interval_has_its_number_of_processes() -> None:
-    (table,) = compiling.tables([row_of([FRESH, FRESH], [CACHED])])
+    (table,) = verdict_compiling.tables([row_of([FRESH, FRESH], [CACHED])])
     assert [cells[2:4] for cells in table.texts] == [
         ["2 s (2 processes)", "8 s (2 processes)"],
         ["2 s (one process)", "from the cache"],
@@ -47,4 +47,4 @@ def test_a_median_without_an_interval_has_its_number_of_processes() -> None:
 
 
 def test_steps_in_c_have_no_such_table() -> None:
-    assert compiling.tables([SAME.row()]) == []
+    assert verdict_compiling.tables([SAME.row()]) == []

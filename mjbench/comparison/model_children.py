@@ -1,25 +1,42 @@
-"""Verify the ways of stepping a model, and measure those that compile; one record a variant.
+"""The children of one model's comparison: one verifies its paths, and each that compiles has one.
 
-The parent never loads a model. It starts `measure` in a child, gathers the child's messages, and
-returns each model's records when the model ends, however it ends. A path that kills the child
-loses its own row; the child is started again without it. Accelerated paths, which compile first,
-have a child each, alone (see `accelerated_run`).
+The parent never loads a model. It starts `verify_in_child` in a child, gathers the child's
+messages, and has the model's records when the child ends, however it ends. A path that kills the
+child loses its own row; the child is started again without it. Accelerated paths, which compile
+first, are measured alone (see `accelerated_run`).
+
+The child loads the model, chooses sizes, does the reference run, then prepares and verifies each
+variant. The workload goes to files, so that what is timed in other processes is what was verified.
 """
 
 import dataclasses
+import functools
+import pickle
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from mjbench import paths
-from mjbench.comparison import accelerated_run, measure
+from mjbench.comparison import accelerated_run, step_costs
 from mjbench.comparison.accelerated_run import AcceleratedRequest
 from mjbench.comparison.messages import AgreementReport, ModelFiles
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
+from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
 from mjbench.errors import Failure, failure_of
 from mjbench.host import isolate, machine
+from mjbench.host.isolate import Channel
+from mjbench.paths.accelerated import save_workload
+from mjbench.simulation import agreement, models, sampling, starts, work, workload
+from mjbench.simulation.model_digest import model_digest
+from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import Sample, SampleRequest
+from mjbench.simulation.workload import Workload
 from mjbench.status import Status
+
+# A child may be silent for this many times as long as its work should take.
+PATIENCE = 100
 
 
 @dataclass
@@ -71,7 +88,7 @@ class ModelChildren:
         while True:
             excluded = frozenset([*fatal, *self.plan.accelerated])
             ended = isolate.run(
-                measure.measure_in_child,
+                verify_in_child,
                 (source, self.plan, excluded, self.files),
                 receive,
                 self.plan.limit_s,
@@ -173,4 +190,100 @@ def _not_compiled(limit_s: float) -> str:
         f"not compiled within {accelerated_run.COMPILER_PATIENCE * limit_s:g} s, and killed: its"
         " first step comes later than that, and no speed of its is known. Paths of C need no"
         f" compiler; --time-limit {2 * limit_s:g} gives this one twice the time"
+    )
+
+
+def verify_in_child(
+    source: ModelSource,
+    plan: ComparisonPlan,
+    excluded: Collection[int],
+    files: ModelFiles,
+    channel: Channel,
+) -> None:
+    """Verify the variants of a plan, and write the files of the model.
+
+    Messages: a `ModelRecord` of the reference run, and an `AgreementReport` per variant.
+
+    Args:
+      excluded: variants not to touch: those that killed a child before, and accelerated ones.
+    """
+    name = source.name
+    channel.doing(f"loading {name}")
+    model = models.load(source)
+    channel.doing(f"stepping {name}")
+    cost_s = step_costs.step_cost_s(
+        model_digest(model), functools.partial(sampling.settled_step_s, model)
+    )
+    sizes = choose_sizes(
+        cost_s,
+        nbatch=plan.nbatch,
+        nstep=plan.nstep,
+        hold=plan.hold,
+        nthread=plan.most_threads,
+        has_accelerated=bool(plan.accelerated),
+    )
+    check_memory(model, sizes.nbatch, sizes.nstep, plan.most_threads, plan.returns)
+    max_nstep = starts.max_settling_nstep(cost_s)
+    settling_nstep = min(starts.settling_nstep(model, plan.starts), max_nstep)
+    patience_per_step_s = PATIENCE * work.step_s(model)
+    patience_s = patience_per_step_s * sizes.nbatch * sizes.nstep
+    channel.allow_silence(patience_s + patience_per_step_s * settling_nstep)
+    request = SampleRequest(
+        sizes.nbatch,
+        sizes.nstep,
+        plan.hold,
+        plan.seed,
+        plan.starts,
+        max_nstep,
+        may_shorten=plan.nstep is None,
+    )
+    sample = sampling.draw(model, request)
+    own = sample.workload.returning(plan.returns)
+    _save(own, sample, files, bool(plan.accelerated))
+    case = ReferenceCase.create(own, sample.observation)
+    channel.send(_model_record(name, own, sizes, sample))
+    further = FurtherCases.create(case, cost_s)
+    guard = ModelGuard(model)
+    for position, variant in enumerate(plan.variants):
+        if position in excluded:
+            continue
+        channel.doing(f"preparing {variant} on {name}", position)
+        channel.allow_silence(patience_s)
+        report, _ = verify(position, variant, case, further)
+        guard.check()
+        channel.send(report)
+    further.close()
+    case.resources.close()
+
+
+def _save(own: Workload, sample: Sample, files: ModelFiles, has_accelerated: bool) -> None:
+    models.save(own.model, files.model)
+    final_state = sample.observation.final_state
+    portable = dataclasses.replace(workload.portable(own), final_state=final_state.copy())
+    files.workload.write_bytes(pickle.dumps(portable))
+    if has_accelerated:
+        save_workload(own, sample.observation.peaks, files.accelerated)
+
+
+def _model_record(name: str, own: Workload, sizes: BlockSizes, sample: Sample) -> ModelRecord:
+    observation = sample.observation
+    return ModelRecord(
+        model=name,
+        status=Status.OK,
+        facts=work.describe(own.model),
+        nbatch=own.nbatch,
+        nstep=own.nstep,
+        hold=own.hold,
+        returns=own.returns,
+        seed=own.seed,
+        reduced=sizes.reduced,
+        diverged=sizes.nbatch - own.nbatch,
+        divergence=observation.diagnosis(),
+        warnings=observation.other_warnings(),
+        spread=sample.spread,
+        starts=sample.starts,
+        workload_digest=own.digest(),
+        state_digest=agreement.digest(observation.final_state),
+        start_contacts=observation.start_contacts,
+        work=observation.work,
     )

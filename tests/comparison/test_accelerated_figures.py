@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjbench.comparison.judged_run import RunFigure
+from mjbench.comparison.accelerated_figures import RunFigure
 from mjbench.simulation.judgement import Measure, Precision
 
 NPOINT, NSIM = 6, 16

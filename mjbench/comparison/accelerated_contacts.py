@@ -7,35 +7,19 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from mjbench.comparison.accelerated_limits import (
+    BORDER,
+    CLOSE_EFFECT,
+    CLOSE_QUANTILE,
+    LACKING_EFFECT,
+    ONE_ANSWER,
+    ONE_ANSWER_EFFECT,
+    SAME_PLACE,
+    SAME_TANGENT_DEGREES,
+)
 from mjbench.simulation.constraint_problem import ConstraintProblem
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.judgement import EngineAnswer, PairContacts, Precision, finite_or_none
-
-# Types of geoms whose contacts have a closed form with one answer; of all others, engines choose
-# points of a surface where bodies touch, each in its own way.
-ONE_ANSWER = frozenset(
-    {("plane", "sphere"), ("plane", "capsule"), ("sphere", "sphere"), ("sphere", "capsule")}
-)
-# In each state, they change accelerations by less than this: an engine's formula may divide by a
-# length that it keeps from zero.
-ONE_ANSWER_EFFECT = 1e-3
-# In nine of ten states, contacts that an engine chooses in its own way change accelerations by less
-# than this.
-CLOSE_EFFECT, CLOSE_QUANTILE = 0.1, 0.9
-# In each state whose contacts are C's own, but for some that are missing, accelerations change by
-# less than this: a choice of other points would be seen.
-LACKING_EFFECT = 0.01
-# In float32, the largest effect of contacts that agree grows with what rounding does in C, up to
-# this.
-MAX_ROUNDING_EFFECT = 0.5 * LACKING_EFFECT
-# Tangents turned by less than this, in degrees, are the same. Where friction is a pyramid, they are
-# its axes, which engines choose.
-_SAME_TANGENT = 0.1
-# Contacts this near to each other, relative to the size of the model's parts, are the same.
-_SAME_PLACE = 1e-4
-# A contact this near to where it begins to count, relative to the size of coordinates, may count in
-# one engine alone.
-_BORDER = {Precision.FLOAT64: 1e-9, Precision.FLOAT32: 1e-5}
 
 # What a contact without a geom is of.
 _FLEX = "flex"
@@ -105,7 +89,7 @@ class ContactJudge:
         states.apart += apart
         has_fewer = len(own.simulation) < len(in_c.simulation)
         is_own = len(apart) == len(own.simulation) and all(
-            each.position_m < _SAME_PLACE * self._size for each in apart
+            each.position_m < SAME_PLACE * self._size for each in apart
         )
         both = Contacts.together(rest, own)
         if _has_flex(both):
@@ -114,13 +98,13 @@ class ContactJudge:
             states.unmet += 1
             room = problem.margins(own) - own.distance
             is_unmet = ~problem.are_examples(own)
-            states.has_deep_unmet |= bool((room[is_unmet] > _SAME_PLACE * self._size).any())
+            states.has_deep_unmet |= bool((room[is_unmet] > SAME_PLACE * self._size).any())
         else:
             effect = problem.acceleration_error(problem.solve(both).qacc, problem.own)
             states.effects.append(effect)
             if has_fewer and is_own:
                 states.lacking_effects.append(effect)
-            if all(each.tangent_degrees < _SAME_TANGENT for each in apart):
+            if all(each.tangent_degrees < SAME_TANGENT_DEGREES for each in apart):
                 states.aligned_effects.append(effect)
 
     def pairs(self, limit: float) -> tuple[PairContacts, ...]:
@@ -146,7 +130,7 @@ class ContactJudge:
             return False
         room = np.sort(problem.margins(more) - more.distance)[:surplus]
         size = self._size + float(np.abs(more.position).max(initial=0.0))
-        return bool((room < _BORDER[self._precision] * size).all())
+        return bool((room < BORDER[self._precision] * size).all())
 
 
 def _has_flex(contacts: Contacts) -> bool:

@@ -10,6 +10,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjbench.comparison.accelerated_limits import (
+    CLOSE_SHARE,
+    FIGURE_ROUNDING,
+    LARGEST_SHARE,
+    MEAN_ERRORS,
+    SHADOW_FACTOR,
+    TOGETHER_SHARE,
+)
 from mjbench.paths.accelerated import Advance, start_fields
 from mjbench.simulation import compat, trajectory
 from mjbench.simulation.judgement import Measure, Precision, finite_or_none
@@ -20,20 +28,6 @@ from mjbench.simulation.workload import Workload
 MAX_POINTS = 6
 # Simulations whose figures are compared, at most.
 MAX_SIMULATIONS = 16
-# An engine may be this many times as far from C as the shadow, which rounds only states.
-SHADOW_FACTOR = 10.0
-# Differences below these shares of a figure's size are rounding. With 1e-4 in float32, Warp failed
-# on dm_control's humanoid, of which single steps agree: forces differ by 0.10 N, and 0.07 N were
-# allowed (`benchmarks.judgements`).
-_ROUNDING = {Precision.FLOAT64: 1e-8, Precision.FLOAT32: 1e-3}
-# The shadow has parted from C where a figure differs by more than this share of its size.
-TOGETHER_SHARE = 0.01
-# Before that, an engine's may differ by no more than this share of its size; after that, and where
-# contacts differ, means by this share, besides three standard errors.
-CLOSE_SHARE = 0.1
-# Means may differ by no more than this share, however much C's simulations differ.
-LARGEST_SHARE = 0.9
-
 # Of the deepest contact; the largest residual of an equality, or excess over a limit; normal forces
 # of all contacts together; potential and kinetic energy.
 _ENERGY = "energy, J"
@@ -172,8 +166,7 @@ class RunFigure:
         of_simulations = self.in_c.mean(axis=0)
         count, size = len(of_simulations), self._size
         spread = float(of_simulations.std(ddof=1)) if count > 1 else np.inf
-        # three standard errors of the difference of two means
-        allowed = 3 * np.sqrt(2 / count) * spread + CLOSE_SHARE * size + self._rounding
+        allowed = MEAN_ERRORS * np.sqrt(2 / count) * spread + CLOSE_SHARE * size + self._rounding
         if not self._is_energy:
             allowed = min(allowed, LARGEST_SHARE * size + self._rounding)
         is_known = spread <= max(size, self._rounding)
@@ -194,7 +187,7 @@ class RunFigure:
     @property
     def _rounding(self) -> float:
         """Differences that rounding makes: of the figure, and of the states that it is of."""
-        share = _ROUNDING[self.precision]
+        share = FIGURE_ROUNDING[self.precision]
         of_states = SHADOW_FACTOR * float(np.abs(self.rounded - self.in_c).mean())
-        of_states *= share / _ROUNDING[Precision.FLOAT32]
+        of_states *= share / FIGURE_ROUNDING[Precision.FLOAT32]
         return share * float(np.sqrt(np.mean(self.in_c**2))) + of_states

@@ -1,4 +1,4 @@
-"""Paths of a model are verified in a child; see `test_path_comparison` for what ends it."""
+"""Paths of a model are verified in a child; see `api/test_compare` for what ends it."""
 
 import dataclasses
 from pathlib import Path
@@ -8,8 +8,8 @@ import pytest
 from commands import TESTS
 
 from mjbench.comparison import accelerated_run
-from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.messages import ModelFiles
+from mjbench.comparison.model_children import ModelChildren
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.host import isolate

@@ -12,7 +12,16 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjbench.comparison.judged_contacts import MAX_ROUNDING_EFFECT, ContactJudge
+from mjbench.comparison.accelerated_contacts import ContactJudge
+from mjbench.comparison.accelerated_limits import (
+    CONTACT_LIMIT,
+    MAX_ROUNDING_EFFECT,
+    ROUNDING_FACTOR,
+    SETTINGS_FACTOR,
+    SETTINGS_LIMIT,
+    SMOOTH_LIMIT,
+    SOLUTION_LIMIT,
+)
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
@@ -31,20 +40,6 @@ from mjbench.simulation.judgement import (
 from mjbench.simulation.trajectory import COMPARED, SingleSteps
 from mjbench.simulation.work_check import Fields
 
-# Largest error of one step of smooth dynamics, relative to the largest entry of a field where that
-# exceeds 1.
-SMOOTH_LIMIT = {Precision.FLOAT64: 1e-12, Precision.FLOAT32: 1e-4}
-# Largest error of a solution, relative to what constraints do: by other contacts, and for the same
-# problem. Of the models of `benchmarks.judgements`, Warp ends up to 3e-4 away in float32 (pile).
-CONTACT_LIMIT = {Precision.FLOAT64: 1e-6, Precision.FLOAT32: 1e-4}
-SOLUTION_LIMIT = {Precision.FLOAT64: 1e-6, Precision.FLOAT32: 1e-3}
-# In float32, an error may also be this many times that of C where its states and contacts are moved
-# by rounding: an engine rounds all that it computes. It is at most `MAX_ROUNDING_EFFECT`, but in a
-# state where rounding alone does more.
-ROUNDING_FACTOR = 10.0
-# With the user's own settings, an engine may end this many times as far from the solution as C, or
-# this far.
-SETTINGS_FACTOR, SETTINGS_LIMIT = 10.0, 1e-3
 # Seconds after which no further state is judged; two passes have as many each.
 JUDGING_S = 15.0
 

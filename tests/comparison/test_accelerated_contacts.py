@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjbench.comparison.judged_contacts import ContactJudge
+from mjbench.comparison.accelerated_contacts import ContactJudge
 from mjbench.simulation import compat
 from mjbench.simulation.constraint_problem import ConstraintProblem
 from mjbench.simulation.contacts import Contacts

@@ -1,4 +1,4 @@
-"""What compiling took in the environments of a comparison, beside steady runs."""
+"""What compiling took in the environments of `versions` and `ab`, beside steady runs."""
 
 from collections.abc import Sequence
 

@@ -10,7 +10,7 @@ import pytest
 from pretender import Pretender32, make_workload
 
 from mjbench.comparison.accelerated_check import SteppingProgram, probe_workload, take_single_steps
-from mjbench.comparison.judged_steps import (
+from mjbench.comparison.accelerated_steps import (
     Budget,
     JudgedConstraints,
     _Errors,
