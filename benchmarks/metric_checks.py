@@ -21,9 +21,9 @@ from importlib import metadata
 from pathlib import Path
 
 from benchmarks.studies import tally_file
-from mjbench.paired import compiled_sides, function_verdict, verdict
-from mjbench.paired.compiled_sides import CompiledComparison
-from mjbench.paired.function_pair import FunctionTargets
+from mjbench.paired import accelerated_sides, function_verdict, verdict
+from mjbench.paired.accelerated_sides import AcceleratedComparison
+from mjbench.paired.function_sides import FunctionTargets
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRow
@@ -154,8 +154,10 @@ def _compiled(pool: WorkerPool, model: CompiledModel, sizes: Sizes) -> FunctionT
     file.write_text(PENDULUM)
     names = ("jax", "jaxlib", "mujoco-mjx")
     spec = installs.parse_release(",".join(f"{name}=={metadata.version(name)}" for name in names))
-    comparison = CompiledComparison(spec, [spec], [ModelSource("pendulum", file)], [ENGINE], sizes)
-    ((old, new),) = compiled_sides.prepare(pool, comparison)
+    comparison = AcceleratedComparison(
+        spec, [spec], [ModelSource("pendulum", file)], [ENGINE], sizes
+    )
+    ((old, new),) = accelerated_sides.prepare(pool, comparison)
     assert new.source.text is not None, "it has a module of its own"
     source = replace(new.source, text=model.prelude.encode() + new.source.text)
     # two sides that seem to be the same are not timed

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.studies import tally_file
-from mjbench.paired import function_verdict, revision_sides
+from mjbench.paired import function_sides, function_verdict
+from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
-from mjbench.paired.revision_sides import RevisionComparison
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
@@ -138,9 +138,9 @@ def decide(pool: WorkerPool, top: Path, number: int, case: Case) -> VerdictRecor
     _git(top, "commit", "-q", "-a", "-m", case.name)
     repository = Repository(top)
     baseline, candidate = map(repository.parse, ("base", f"case{number}"))
-    function = revision_sides.parse_function(f"bench.py::{case.function}", top, top)
+    function = function_sides.parse_function(f"bench.py::{case.function}", top, top)
     comparison = RevisionComparison(repository, baseline, candidate, [function], top)
-    (targets,) = revision_sides.check_out(pool, comparison)
+    (targets,) = function_sides.check_out(pool, comparison)
     plan = VerdictPlan(sizes=Sizes(metric=case.metric))
     return function_verdict.decide(pool, targets, plan)
 

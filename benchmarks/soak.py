@@ -115,7 +115,7 @@ def compare_once() -> None:
 
 def launch_once(pool: "WorkerPool") -> None:
     """Launch a pair of workers once."""
-    from mjbench.paired.protocol import TargetPair
+    from mjbench.paired.pair_launches import TargetPair
     from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target
     from mjbench.releases import installs

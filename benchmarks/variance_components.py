@@ -12,7 +12,6 @@ to launch. Leave the machine alone meanwhile; 10 programs take about a minute fo
 """
 
 import argparse
-import functools
 import itertools
 import random
 import sys
@@ -23,7 +22,7 @@ import numpy as np
 
 from mjbench.measuring import stats
 from mjbench.paired import launch_seeds
-from mjbench.paired.protocol import TargetPair
+from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
@@ -140,9 +139,8 @@ def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> li
     groups = []
     for _ in range(programs):
         with WorkerPool() as pool:
-            placements = functools.partial(placement.schedule, random.Random())
-            pair = TargetPair(pool, baseline, candidate, placements=placements)
-            pair.prepare()
+            pair = TargetPair(pool, baseline, candidate)
+            pair.prepare(placement.schedule(random.Random()))
             count = launch_seeds.launches_of_a_program() - 1
             groups.append([pair.launch() for _ in range(count)])
             pair.close()

@@ -7,10 +7,9 @@ import numpy as np
 
 from mjbench.measuring import anytime
 from mjbench.measuring.anytime import Evidence, Interval
-from mjbench.paired.judgement import MIN_LAUNCHES, conclude
 from mjbench.paired.launch_seeds import FIXED_LAUNCHES
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan, conclude
 
 # A launch takes about half a second, more where the machine is busy; the default time limit of a
 # minute allows as many or more.
@@ -115,7 +114,7 @@ def simulate(
     Args:
       change: the true change of time, such as 0.01.
       plan: how certain a verdict must be; the defaults, if None.
-      family: number of comparisons that are decided together, see `judgement.judge`.
+      family: number of comparisons that are decided together, see `verdict.judge`.
     """
     plan = plan or VerdictPlan()
     rng = np.random.default_rng([seed, round(1e5 * (1 + change))])

@@ -15,7 +15,7 @@ from mjbench.paired.bisect_records import (
     VersionKind,
     finished,
 )
-from mjbench.paired.revision_sides import RevisionComparison
+from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases.catalogue import ReleaseRange
 from mjbench.simulation.models import ModelSource

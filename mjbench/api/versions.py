@@ -1,36 +1,23 @@
 """`mjbench.versions`: is a model slower with a new release of MuJoCo than with an old one?"""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mjbench.api import checks, model_sources, revisions, start_states
+from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
-from mjbench.counts import explain
-from mjbench.counts.explain import InstructionComparison
-from mjbench.counts.instructions import InstructionCounter
+from mjbench.api.verdict_measurements import between_releases
 from mjbench.errors import InputError
 from mjbench.limits import SECONDS, SEED, SHARE
 from mjbench.measuring.progress import Progress
-from mjbench.paired import environment_sides, family, outcomes, targets, verdict
-from mjbench.paired.compiled_sides import CompiledComparison
-from mjbench.paired.environment_sides import EnvironmentComparison
+from mjbench.paired import family, outcomes
 from mjbench.paired.family import Family
-from mjbench.paired.metrics import COMPILING_METRICS, Metric
-from mjbench.paired.records import VerdictRecord, VerdictRow, finished
+from mjbench.paired.metrics import Metric
+from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.run_sizes import Sizes
-from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paths import BASE, find
-from mjbench.releases import installs, packages
-from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases import installs
 from mjbench.simulation import models as shipped_models
-from mjbench.simulation.models import ModelSource
-from mjbench.store.runs import Record
-from mjbench.units import listed
 
 if TYPE_CHECKING:
     import os
@@ -145,115 +132,8 @@ def versions(
             sizes,
             as_shipped,
         )
-        measurement = measurement_of(specs, sources, path_names, plan)
+        measurement = between_releases(specs, sources, path_names, plan)
         return ReleaseComparison.of(measurement, wait, on_progress)
-
-
-def measurement_of(
-    specs: Sequence[ReleaseSpec],
-    sources: Sequence[ModelSource],
-    path_names: Sequence[str] | None,
-    plan: VerdictPlan,
-    functions: Sequence[str] = (),
-) -> Measurement:
-    """Return the measurement of models, or of functions, in environments, the baseline first.
-
-    Args:
-      path_names: None where the user names none.
-      functions: as the user names them, such as `bench.py::step`.
-
-    Raises:
-      InputError: there is no such path or function, or these cannot be compared like that.
-    """
-    (baseline, *candidates), metric = specs, plan.sizes.metric
-    if functions:
-        if path_names:
-            raise InputError("--paths are of models, not of functions")
-        revisions.check_function_plan(plan)
-        cwd = Path.cwd().resolve()
-        parsed = environment_sides.parse_functions(functions, cwd)
-        return revisions.environment_verdicts(
-            EnvironmentComparison(baseline, candidates, parsed, cwd), plan
-        )
-    if not path_names:
-        _check_packages(specs)
-        path_names = [BASE]
-    if compiling := [name for name in path_names if find(name).compiles]:
-        others = [name for name in path_names if name not in compiling]
-        if others or metric not in COMPILING_METRICS:
-            named, known = listed(compiling), " or ".join(COMPILING_METRICS)
-            unfit = listed(others) if others else f"--metric {metric}"
-            raise InputError(f"{named} can be compared alone, by {known}: leave out {unfit}")
-        return revisions.compiled_verdicts(
-            CompiledComparison(baseline, candidates, sources, path_names, plan.sizes), plan
-        )
-    targets.check_metric(metric, path_names)
-    if metric == Metric.INSTRUCTIONS:
-        comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
-        return instructions(comparison, plan)
-    pairs = targets.of_releases(baseline, candidates, sources, path_names)
-    return verdicts("versions", pairs, replace(plan, family=max(len(pairs), plan.family)))
-
-
-def _check_packages(specs: Sequence[ReleaseSpec]) -> None:
-    """Refuse packages that the default path does not use: it would be the same on both sides.
-
-    Raises:
-      InputError: there is one.
-    """
-    named = packages.names_of([part for spec in specs for part in spec.beside])
-    if unused := sorted(named - {"numpy"}):
-        raise InputError(
-            f"{BASE} does not use {listed(unused)}: name a path that does, such as --paths mjx, or"
-            " a function, --function"
-        )
-
-
-def verdicts(
-    command: str, pairs: Sequence[tuple[Target, Target]], plan: VerdictPlan
-) -> Measurement:
-    """Return the measurement of verdicts on pairs of baseline and candidate."""
-    sides = [target for pair in pairs for target in pair]
-
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
-        with WorkerPool() as pool:
-            for result in verdict.decide_each(pool, pairs, plan, finished(earlier), observer):
-                yield Item([result.record()])
-
-    return Measurement(
-        command,
-        {**asdict(plan), "targets": [target.row() for target in sides]},
-        [*(file for target in sides for file in target.files), *plan.sizes.starts.files],
-        measure,
-        finished,
-        pinning_notes(),
-    )
-
-
-def instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measurement:
-    builds, sources = [comparison.baseline, *comparison.candidates], comparison.sources
-
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
-        def on_candidate(number: int) -> None:
-            version = comparison.candidates[number].version
-            observer(f"MuJoCo {version}", number / len(comparison.candidates))
-
-        with InstructionCounter(plan.sizes) as counter:
-            for record in explain.verdicts(comparison, counter, finished(earlier), on_candidate):
-                yield Item([record])
-
-    return Measurement(
-        "versions",
-        {
-            **asdict(plan),
-            "metric": Metric.INSTRUCTIONS,
-            "releases": [release.key for release in builds],
-            "models": [source.name for source in sources],
-        },
-        input_files(sources, builds, plan.sizes.starts),
-        measure,
-        finished,
-    )
 
 
 def _several(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions
-from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
+from mjbench.cli.context import OutputOptions, measure_and_print
+from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli
 from mjbench.cli.shared import STORING, VERDICT_PLAN, metric_option, with_options
 from mjbench.errors import InputError, shown
@@ -16,7 +16,7 @@ from mjbench.paired.metrics import Metric
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
-    from mjbench.paired.revision_sides import RevisionComparison
+    from mjbench.paired.function_sides import RevisionComparison
     from mjbench.paired.verdict import VerdictPlan
 
 # What a side begins with that is a revision of the user's code.
@@ -66,10 +66,10 @@ def ab(
     """
     plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
     if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
-        from mjbench.api.revisions import revision_verdicts
+        from mjbench.api.verdict_measurements import between_revisions
 
         comparison = revision_comparison(baseline, candidate, functions, plan)
-        measurement = revision_verdicts(comparison, plan)
+        measurement = between_revisions(comparison, plan)
     elif functions:
         name = shown(functions[0])
         if _are_functions(functions):
@@ -78,7 +78,8 @@ def ab(
         raise InputError(f"{name} is no function: {text}")
     else:
         measurement = _of_targets(baseline, candidate, plan)
-    measure_verdicts(measurement, plan.confidence, fail_on, output)
+    run = measure_and_print(measurement, output, at_end=True)
+    run.exit_with(fail_on.of_run(run.session.run(), plan.confidence))
 
 
 def _are_functions(names: Sequence[str]) -> bool:
@@ -93,14 +94,14 @@ def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
 
 
 def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurement":
-    from mjbench.api.versions import verdicts
+    from mjbench.api.verdict_measurements import between_targets
     from mjbench.paired import targets
 
     pair = targets.parse(baseline, candidate)
     targets.check_targets(plan.sizes.metric, pair)
     has_one_build = len({target.release.key for target in pair}) == 1  # its code stays where it is
     plan = replace(plan, as_shipped=plan.as_shipped or has_one_build)
-    return verdicts("ab", [pair], plan)
+    return between_targets("ab", [pair], plan)
 
 
 def revision_comparison(
@@ -111,22 +112,22 @@ def revision_comparison(
     Raises:
       InputError: there are none, or the plan says what is of models alone.
     """
-    from mjbench.api.revisions import check_function_plan
-    from mjbench.paired import revision_sides
-    from mjbench.paired.revision_sides import RevisionComparison
+    from mjbench.api.verdict_measurements import check_function_plan
+    from mjbench.paired import function_sides
+    from mjbench.paired.function_sides import RevisionComparison
     from mjbench.releases.revisions import Repository
 
     sides = _as_revisions((baseline, candidate), functions)
     if not all(side.startswith(REVISION) for side in sides):
         raise InputError("a revision is compared with a revision: give rev=… twice")
     if not functions:
-        raise InputError(f"name a function of your code: {revision_sides.FORMS}")
+        raise InputError(f"name a function of your code: {function_sides.FORMS}")
     check_function_plan(plan)
     cwd = Path.cwd().resolve()
     repository = Repository(cwd)
     old, new = (repository.parse(side.removeprefix(REVISION)) for side in sides)
     parsed = [
-        revision_sides.parse_function(name, cwd, repository.top)
+        function_sides.parse_function(name, cwd, repository.top)
         for name in dict.fromkeys(functions)
     ]
     return RevisionComparison(repository, old, new, parsed, cwd)

@@ -1,4 +1,4 @@
-"""Verdicts of a command, and `--fail-on`: which of them end it with exit code 1."""
+"""`--fail-on`: which verdicts end a command with exit code 1."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.shared import Text, as_one, parsed
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
-    from mjbench.api.session import Measurement
     from mjbench.paired.records import VerdictRow
     from mjbench.report.run_differences import RunDifference
+    from mjbench.store.runs import Run
 
 
 class GateFinding(StrEnum):
@@ -47,6 +46,11 @@ class FailOn:
 
     findings: Sequence[GateFinding] = ()
     allow_inconclusive: bool = False
+
+    def of_run(self, run: "Run", confidence: float) -> ExitCode:
+        from mjbench.paired.records import VerdictRecord
+
+        return self.exit_code([record.row() for record in run.of_type(VerdictRecord)], confidence)
 
     def exit_code(self, rows: Sequence["VerdictRow"], confidence: float) -> ExitCode:
         """Return the exit code that verdicts stand for; a failure outweighs a finding."""
@@ -113,13 +117,3 @@ FAIL_ON = as_one(
         help="With --fail-on: an inconclusive verdict does not change the exit code.",
     ),
 )
-
-
-def measure_verdicts(
-    measurement: "Measurement", confidence: float, fail_on: FailOn, output: OutputOptions
-) -> None:
-    from mjbench.paired.records import VerdictRecord
-
-    run = measure_and_print(measurement, output, at_end=True)
-    rows = [record.row() for record in run.session.run().of_type(VerdictRecord)]
-    run.exit_with(fail_on.exit_code(rows, confidence))

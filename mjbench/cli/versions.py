@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions
-from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
+from mjbench.cli.context import OutputOptions, measure_and_print
+from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
@@ -96,7 +96,7 @@ def versions(
     Ratios are new over old: above 1 is slower. Where a release does other work, such as more
     contacts, the verdict names it.
     """
-    from mjbench.api.versions import measurement_of
+    from mjbench.api.verdict_measurements import between_releases
 
     release_names, sources = (
         (list(names), list[ModelSource]()) if functions else releases_and_models(names)
@@ -104,8 +104,9 @@ def versions(
     specs = _releases(old, news, release_names)
     sizes = replace(plan.sizes, metric=Metric(metric))
     plan = replace(plan, family=family or 1, sizes=sizes)
-    measurement = measurement_of(specs, sources, path_names, plan, functions)
-    measure_verdicts(measurement, plan.confidence, fail_on, output)
+    measurement = between_releases(specs, sources, path_names, plan, functions)
+    run = measure_and_print(measurement, output, at_end=True)
+    run.exit_with(fail_on.of_run(run.session.run(), plan.confidence))
 
 
 def _releases(

@@ -16,9 +16,9 @@ from mjbench.counts.records import (
 )
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.judgement import exact_verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
+from mjbench.paired.verdict import exact_verdict
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import changed_work, work_check
 from mjbench.simulation.models import ModelSource

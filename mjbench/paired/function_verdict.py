@@ -11,20 +11,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mjbench.errors import Failure, InputError, MachineError, UnavailableError
+from mjbench.host import machine
 from mjbench.measuring import anytime
+from mjbench.measuring.calls import Compilation
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsCheck, compare
-from mjbench.paired.function_pair import (
-    CallPlan,
+from mjbench.paired.function_sides import (
     FunctionTarget,
     FunctionTargets,
-    RevisionPair,
-    observe,
+    OtherCodeError,
+    check_origin,
+    check_versions,
 )
-from mjbench.paired.judgement import MIN_LAUNCHES, Judgement
+from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import ResultsOutcome, Verdict
-from mjbench.paired.pair_rule import LaunchRule, Sufficiency
+from mjbench.paired.pair_launches import LaunchedPair, PairWork, check_growth
 from mjbench.paired.records import (
     MAX_E_VALUE,
     CompilationFigures,
@@ -34,49 +36,91 @@ from mjbench.paired.records import (
     VerdictRecord,
 )
 from mjbench.paired.time_limit import ENDING_ERRORS, TimeLimit, ending_of
-from mjbench.paired.timed_function import FunctionFacts
-from mjbench.paired.verdict import VerdictPlan, judge_launches, package_versions
-from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.timed_function import (
+    FunctionFacts,
+    compilation_of,
+    import_function,
+    prepare_function,
+    try_function,
+)
+from mjbench.paired.verdict import (
+    MIN_LAUNCHES,
+    Judgement,
+    VerdictPlan,
+    judge_launches,
+    package_versions,
+)
+from mjbench.paired.worker_pool import ProcessPair, WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.pip import BuildError
-from mjbench.status import ExitCode, Status
+from mjbench.status import Status
+
+# A function that keeps more cores busy than this has threads, and launches get all cores.
+_THREADED_CORES = 1.2
 
 
-class OtherCodeError(MachineError):
-    """What would have been measured is not the code of a revision (exit code 5)."""
+@dataclass(frozen=True)
+class CallPlan:
+    """What each block of two sides does, and about how many seconds it takes of both together."""
 
-    exit_code = ExitCode.OTHER_CODE
+    count: int
+    both_s: float
+    nthread: int
+    metric: Metric = Metric.TIME
+
+    @classmethod
+    def of(cls, facts: Sequence[FunctionFacts], metric: Metric = Metric.TIME) -> "CallPlan":
+        is_threaded = any(each.cores > _THREADED_CORES for each in facts)
+        count = min(each.calls for each in facts)
+        if metric == Metric.GROWTH:
+            count = GROWTH_NSTEP
+        both_s = count * sum(each.call_s for each in facts)
+        return cls(count, both_s, machine.usable_cores() if is_threaded else 1, metric)
 
 
-class _FixedRule(LaunchRule):
-    purpose = "a verdict with its control"
+class _FunctionWork(PairWork):
+    """The calls of two functions."""
 
-    def __init__(self, pair: RevisionPair, count: int, clock: Callable[[], float] = time.monotonic):
-        super().__init__(pair, clock)
-        self._count = count
+    def __init__(self, targets: FunctionTargets, plan: CallPlan):
+        super().__init__(plan.metric)
+        self._targets, self._plan = targets, plan
+        self.nthread = plan.nthread
 
-    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
-        is_enough = len(launches) >= self._count
-        return Sufficiency(is_enough, is_enough)
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+        # what a function does only once is of no interest, unless it compiles
+        calls_it = self._metric != Metric.COMPILE
+        for process, target in zip(processes, self._targets, strict=True):
+            process.ask(import_function, target.source, calls_it=calls_it)
+
+    def compilations(self, pair: ProcessPair) -> Pair[Compilation] | None:
+        if self._targets[0].run is None:
+            return None
+        baseline, candidate = (process.call(compilation_of) for process in pair.processes)
+        return Pair(baseline, candidate) if baseline and candidate else None
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return process.call(prepare_function, allowed, self._plan.count, self._metric)
 
 
-class _FunctionRule(LaunchRule):
-    purpose = "a verdict"
+class FunctionPair(LaunchedPair):
+    """A function in a baseline and in a candidate."""
 
     def __init__(
-        self,
-        pair: RevisionPair,
-        plan: VerdictPlan,
-        on_launch: Callable[[Judgement], None],
-        clock: Callable[[], float],
+        self, pool: WorkerPool, targets: FunctionTargets, plan: CallPlan, time_limit: TimeLimit
     ):
-        super().__init__(pair, clock)
-        self._plan, self._on_launch = plan, on_launch
+        baseline, candidate = targets
+        names = baseline.name("baseline"), candidate.name("candidate")
+        super().__init__(pool, (baseline.release, candidate.release), names, time_limit)
+        self._targets, self._plan = targets, plan
 
-    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
-        judgement = judge_launches(launches, self._plan)
-        assert judgement is not None, "there is a launch"
-        self._on_launch(judgement)
-        return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
+    def _new_work(self) -> PairWork:
+        self.time_limit.start()
+        plan = self._plan
+        if plan.metric == Metric.GROWTH:
+            check_growth(plan.both_s, self._pool)
+        work = _FunctionWork(self._targets, plan)
+        self.time_limit.check_first_launch(work.launch_s(plan.both_s))
+        return work
 
 
 def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow | None:
@@ -89,27 +133,9 @@ def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow 
     return ControlRow(ratio, len(launches), interval.low <= 0 <= interval.high)
 
 
-def check_versions(baseline: FunctionFacts, candidate: FunctionFacts) -> None:
-    """Refuse sides that ran on another Python, MuJoCo, NumPy or JAX (OtherCodeError)."""
-    for name in baseline.versions.keys() & candidate.versions.keys():
-        old, new = baseline.versions[name], candidate.versions[name]
-        if old != new:
-            raise OtherCodeError(f"the baseline ran on {name} {old}, the candidate on {new}")
-
-
 def _code(target: FunctionTarget) -> tuple[str, str]:
     """Return what is the same on two sides where both run the same code."""
     return target.tree, target.release.key
-
-
-def check_origin(target: FunctionTarget, role: str, facts: FunctionFacts) -> None:
-    """Refuse a side that imported other code than its revision's (OtherCodeError)."""
-    if facts.misplaced:
-        raise OtherCodeError(
-            f"{target.name(role)} imported {facts.misplaced}, which is not the"
-            f" {'revision' if target.revision else 'environment'}'s: uninstall an editable install"
-            " of the package"
-        )
 
 
 def compare_results(
@@ -138,6 +164,16 @@ class _NewError(Exception):
     """The candidate can do it, and the baseline cannot."""
 
 
+def observe(pool: WorkerPool, target: FunctionTarget, role: str) -> FunctionFacts:
+    process = pool.start(target.release, target.name(role))
+    try:
+        pool.wait_for(process, target.release)
+        process.call(import_function, target.source)
+        return process.call(try_function, target.origin)
+    finally:
+        pool.end([process])
+
+
 def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
     """See what both sides do; raises _NewError where only the candidate can do it."""
     baseline, candidate = targets
@@ -160,6 +196,13 @@ def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
         check_versions(old, new)
     again = observe(pool, baseline, "baseline") if any(old.results) else old
     return _Observed(old, new, compare_results(old, again, new))
+
+
+def _launch(pair: FunctionPair, count: int) -> None:
+    with pair:
+        pair.prepare()
+        while len(pair.launches) < count and pair.has_time(has_answer=False):
+            pair.launch()
 
 
 class _Decision:
@@ -201,20 +244,34 @@ class _Decision:
     def _timed(self, calls: CallPlan) -> VerdictRecord:
         """Launch the control, then both sides, until the verdict is certain or time is up."""
         baseline, limit_s = self._targets[0], self._plan.time_limit_s
+        begin_s = self._clock()
         # half of the time for half of the launches
         pair = self._pair((baseline, baseline), calls, limit_s / 2)
-        ended = _FixedRule(pair, MIN_LAUNCHES, self._clock).run()
-        self._control = ended.launches
-        if ended.is_enough:  # a budget is for both
-            pair = self._pair(self._targets, calls, limit_s - ended.seconds)
-            ended = _FunctionRule(pair, self._plan, self._on_launch, self._clock).run()
-            self._launches = ended.launches
-        verdict = Verdict.INCONCLUSIVE if ended.status == Status.OK else None
-        return self._record(Failure(ended.status, ended.detail), verdict)
+        _launch(pair, MIN_LAUNCHES)
+        self._control = pair.launches
+        if len(self._control) == MIN_LAUNCHES:  # a budget is for both
+            pair = self._pair(self._targets, calls, limit_s - (self._clock() - begin_s))
+            self._launch_until_certain(pair)
+            self._launches = pair.launches
+        verdict = Verdict.INCONCLUSIVE if pair.ending.status == Status.OK else None
+        return self._record(pair.ending, verdict)
 
-    def _pair(self, targets: FunctionTargets, calls: CallPlan, limit_s: float) -> RevisionPair:
-        limit = TimeLimit(limit_s, 2 * MIN_LAUNCHES, self._clock, _FixedRule.purpose)
-        return RevisionPair(self._pool, targets, calls, limit)
+    def _pair(self, targets: FunctionTargets, calls: CallPlan, limit_s: float) -> FunctionPair:
+        limit = TimeLimit(
+            limit_s, 2 * MIN_LAUNCHES, self._clock, purpose="a verdict with its control"
+        )
+        return FunctionPair(self._pool, targets, calls, limit)
+
+    def _launch_until_certain(self, pair: FunctionPair) -> None:
+        with pair:
+            pair.prepare()
+            is_enough = has_answer = False
+            while not is_enough and pair.has_time(has_answer):
+                pair.launch()
+                judgement = judge_launches(pair.launches, self._plan)
+                assert judgement is not None, "there is a launch"
+                self._on_launch(judgement)
+                is_enough, has_answer = judgement.enough, judgement.launches >= MIN_LAUNCHES
 
     def _compiling(self, observed: _Observed) -> Pair[CompilationFigures] | None:
         first = observed.baseline.compilation, observed.candidate.compilation
@@ -301,9 +358,10 @@ def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) ->
     if observed.results.outcome == ResultsOutcome.DIFFERENT:
         raise InputError(f"results differ: {observed.results.detail}")
     calls = CallPlan.of((observed.baseline, observed.candidate))
-    launched = _FixedRule(RevisionPair(pool, targets, calls, TimeLimit()), count).run()
-    if launched.status == Status.INTERRUPTED:
+    pair = FunctionPair(pool, targets, calls, TimeLimit())
+    _launch(pair, count)
+    if pair.ending.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
-    if launched.status != Status.OK:
-        raise MachineError(launched.detail)
-    return [launch.log_ratio for launch in launched.launches]
+    if pair.ending.status != Status.OK:
+        raise MachineError(pair.ending.detail)
+    return [launch.log_ratio for launch in pair.launches]

@@ -1,8 +1,9 @@
-"""Launch targets until a stop rule has enough: the loop of all that is timed in fresh processes.
+"""Launch targets until a stop rule has enough: the loop for several that are timed in turn.
 
 A launch is a fresh process, or one for each of two sides, which measures some of the targets once.
-`pair_rule` launches a baseline and a candidate, `race` ways of stepping, `release_ratio` what the
-history measures, `environment.vectors` vectorised forms, and `tuning.measurements` settings.
+`race` launches ways of stepping, `release_ratio` what the history measures, `environment.vectors`
+vectorised forms, and `tuning.measurements` settings. A baseline and a candidate are launched by
+whoever judges them (see `pair_launches`).
 """
 
 import contextlib

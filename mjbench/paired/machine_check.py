@@ -14,9 +14,8 @@ import mujoco
 from mjbench.errors import MachineError
 from mjbench.measuring import anytime, timing
 from mjbench.paired import verdict
-from mjbench.paired.judgement import MIN_LAUNCHES
 from mjbench.paired.targets import Target
-from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.simulation import models

@@ -18,10 +18,11 @@ from mjbench.errors import MachineError
 from mjbench.measuring import anytime
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import moved_check
-from mjbench.paired.pair_rule import PairRule, Sufficiency
+from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
+from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.verdict import CONFIDENCE
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.moved_install import ImmovableError
@@ -144,37 +145,6 @@ def spread_of(residues: Sequence[ResidueRow]) -> Spread | None:
     return Spread(estimate, max(0.0, max(lows) / min(highs) - 1), max(highs) / min(lows) - 1)
 
 
-class _SpreadRule(PairRule):
-    purpose = "a spread"
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        target: Target,
-        plan: SpreadPlan,
-        on_launch: Callable[[int], None],
-        clock: Callable[[], float],
-    ):
-        super().__init__(pool, (target, target), plan.sizes, plan.time_limit_s, clock)
-        self._plan, self._release, self._on_launch = plan, target.release, on_launch
-
-    def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        try:
-            moved_check.check(pool, self._release)
-        except ImmovableError as error:
-            raise MachineError(f"its code cannot be moved: {error}") from error
-        return schedule(random.Random())
-
-    def min_launches(self) -> int:
-        return min(MIN_LAUNCHES, self._plan.launches) * len(RESIDUES)
-
-    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
-        # with fewer launches for an answer, a residue has no interval
-        count = len(launches)
-        self._on_launch(count)
-        return Sufficiency(count >= self._plan.most_launches, count >= MIN_LAUNCHES * len(RESIDUES))
-
-
 def measure(
     pool: WorkerPool,
     target: Target,
@@ -183,22 +153,37 @@ def measure(
     clock: Callable[[], float] = time.monotonic,
 ) -> SpreadRecord:
     """Compare a release with itself moved, until every residue has its launches or time is up."""
-    launched = _SpreadRule(pool, target, plan, on_launch, clock).run()
-    samples, check, detail = launched.launches, launched.work_check, launched.detail
-    if launched.status == Status.OK and not detail and not launched.is_enough:
+    begin_s = clock()
+    limit = TimeLimit(plan.time_limit_s, clock=clock, purpose="a spread")
+    with TargetPair(pool, target, target, plan.sizes, limit) as pair:
+        try:
+            moved_check.check(pool, target.release)
+        except ImmovableError as error:
+            raise MachineError(f"its code cannot be moved: {error}") from error
+        limit.min_launches = min(MIN_LAUNCHES, plan.launches) * len(RESIDUES)
+        pair.prepare(schedule(random.Random()))
+        while (count := len(pair.launches)) < plan.most_launches:
+            # with fewer launches for an answer, a residue has no interval
+            if not pair.has_time(has_answer=count >= MIN_LAUNCHES * len(RESIDUES)):
+                break
+            pair.launch()
+            on_launch(count + 1)
+    samples, detail = pair.launches, pair.ending.detail
+    check = pair.work.work_check if pair.work else None
+    if pair.ending.status == Status.OK and not detail and len(samples) < plan.most_launches:
         detail = f"time ran out after {len(samples)} of {plan.most_launches} launches"
     residues = residue_rows(samples)
     return SpreadRecord(
         model=target.model.name,
         release=target.release.version,
         build=target.release.key,
-        status=launched.status,
+        status=pair.ending.status,
         detail=detail,
         spread=spread_of(residues),
         residues=residues,
         nbatch=check.nbatch if check else None,
         nstep=check.nstep if check else None,
         launches=len(samples),
-        seconds=launched.seconds,
+        seconds=clock() - begin_s,
         samples=samples,
     )

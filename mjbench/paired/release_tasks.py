@@ -20,13 +20,12 @@ import numpy as np
 from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.paired import cores, preparation
 from mjbench.paired.operations import Operation
-from mjbench.paired.pair_work import StepWork
-from mjbench.paired.process_pairs import ProcessPair
+from mjbench.paired.pair_launches import StepWork
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_pool import ProcessPair, WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.release_ratios import (

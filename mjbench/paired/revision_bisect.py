@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.paired import bisect, function_verdict, revision_sides
+from mjbench.paired import bisect, function_sides, function_verdict
 from mjbench.paired.bisect import SearchRange, VersionMeasurer
 from mjbench.paired.bisect_records import BisectMeasured, VersionKind, VersionRow
+from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.records import VerdictRecord
-from mjbench.paired.revision_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.revisions import Commit
@@ -29,7 +29,7 @@ class _RevisionMeasurer(VersionMeasurer):
         pair = self._pair(baseline, candidate)
         self.on_phase(f"comparing {pair.baseline.name} and {pair.candidate.name}")
         with WorkerPool() as pool:
-            (targets,) = revision_sides.check_out(pool, pair)
+            (targets,) = function_sides.check_out(pool, pair)
             record = function_verdict.decide(pool, targets, self.plan)
         if record.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
@@ -37,7 +37,7 @@ class _RevisionMeasurer(VersionMeasurer):
 
     def log_ratios(self, baseline: int, candidate: int, count: int) -> Sequence[float]:
         with WorkerPool() as pool:
-            (targets,) = revision_sides.check_out(pool, self._pair(baseline, candidate))
+            (targets,) = function_sides.check_out(pool, self._pair(baseline, candidate))
             return function_verdict.launch_log_ratios(pool, targets, count)
 
     def _pair(self, baseline: int, candidate: int) -> RevisionComparison:

@@ -1,23 +1,27 @@
 """Decide which of two targets is faster: launch them until the verdict is certain.
 
-`judge` decides from the launches so far; `decide` launches until it has enough.
+`judge` is the rule: what launches show, and whether they are enough. `decide` launches until they
+are, and makes the record.
 """
 
+import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
 
 from mjbench.errors import MachineError
 from mjbench.measuring import anytime
-from mjbench.measuring.anytime import Evidence
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.anytime import Evidence, Interval
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
-from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge, judge_exact
+from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.moved_check import Averaging, averaging
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.pair_rule import Launched, PairRule, Sufficiency
+from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import (
     MAX_E_VALUE,
@@ -25,23 +29,25 @@ from mjbench.paired.records import (
     PackageVersions,
     Pair,
     PlacementEffect,
-    TargetRow,
     VerdictRecord,
     VerdictRow,
 )
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
+from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.releases.installs import ReleaseSpec
-from mjbench.releases.placement import PlacementPair
 from mjbench.status import Status
-from mjbench.units import percent_change
 
 # Unless another is asked for.
 CONFIDENCE = outcomes.CONFIDENCE
-# After as many launches, a comparison shows half of its work as done.
-_HALFWAY_LAUNCHES = 15
+# A verdict of faster or slower is final when its interval's half-width is at most this share of the
+# change.
+SHARE = 0.8
+# Fewer launches give no verdict, however clear: of launches in two modes, the first six are of one
+# mode in 3 % of comparisons, the first eight in 0.8 %. With placements, it is two of each residue.
+MIN_LAUNCHES = 8
 
 
 @dataclass(frozen=True)
@@ -66,17 +72,118 @@ class VerdictPlan:
     family: int = 1
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PairedResult(Launched):
-    """How a comparison ended.
+@dataclass(frozen=True)
+class Judgement:
+    """What launches show about the ratio of candidate time to baseline time.
 
     Attributes:
+      enough: whether more launches are unnecessary for the verdict and precision asked for.
+      e_slower: e-value against "not slower" (see `anytime.Fit.e_values`); 1 or less is no evidence.
+    """
+
+    verdict: Verdict
+    ratio: Ratio
+    launches: int
+    enough: bool
+    e_slower: float = 1.0
+    e_faster: float = 1.0
+
+
+def judge(
+    log_ratios: Sequence[float],
+    min_effect: float,
+    confidence: float,
+    precision: float,
+    residues: Sequence[int] | None = None,
+    family: int = 1,
+) -> Judgement:
+    """Judge launches, each the natural logarithm of candidate time over baseline time.
+
+    The verdict is `same` if the whole interval is within the smallest effect that matters. It is
+    `slower` or `faster` if the interval excludes "no change" and the estimate is nearer to that
+    effect than to no change.
+
+    Launches are enough if the verdict is `same`, or if the interval's half-width is at most a SHARE
+    of the change (to stop as soon as the interval excludes "no change" would overstate the change).
+    They are also enough if the half-width is at most `precision`, or half of the smallest effect if
+    that is less. In a family of comparisons, `slower` and `faster` need more: an e-value that
+    suffices for any number of changes in the family (see `anytime.e_benjamini_hochberg`).
+
+    Args:
+      confidence: of the whole procedure, however often it is called.
+      residues: of the launches' placements; None if libraries stay where they are.
+    """
+    evidence = anytime.evidence(log_ratios, confidence, residues)
+    return conclude(evidence, min_effect, confidence, precision, family)
+
+
+def judge_exact(log_ratio: float, min_effect: float) -> Judgement:
+    """Judge a ratio that has no noise: one launch decides."""
+    ratio = math.exp(log_ratio)
+    return Judgement(exact_verdict(ratio, min_effect), Ratio(ratio, ratio, ratio), 1, enough=True)
+
+
+def exact_verdict(ratio: float, min_effect: float) -> Verdict:
+    if ratio >= 1 + min_effect:
+        return Verdict.SLOWER
+    return Verdict.FASTER if ratio <= 1 / (1 + min_effect) else Verdict.SAME
+
+
+def conclude(
+    evidence: Evidence, min_effect: float, confidence: float, precision: float, family: int = 1
+) -> Judgement:
+    """Judge what launches show; see `judge` for the rule and the other arguments."""
+    interval = evidence.interval
+    log_effect = float(np.log1p(min_effect))
+    has_launches = interval.count >= MIN_LAUNCHES
+    verdict = _verdict(interval, log_effect) if has_launches else Verdict.INCONCLUSIVE
+    # half of the effect: an interval as wide as the effect on both sides could never be `same`
+    precise = min(float(np.log1p(precision)), log_effect / 2)
+    is_narrow = interval.half_width <= max(precise, abs(interval.mean) * SHARE)
+    is_change = verdict in (Verdict.SLOWER, Verdict.FASTER)
+    e_value = evidence.e_positive if interval.mean > 0 else evidence.e_negative
+    is_sure = not is_change or e_value * (1 - confidence) >= family
+    return Judgement(
+        verdict,
+        Ratio.of_log(interval.mean, interval.half_width),
+        interval.count,
+        has_launches and (verdict == Verdict.SAME or (is_narrow and is_sure)),
+        evidence.e_positive,
+        evidence.e_negative,
+    )
+
+
+def _verdict(interval: Interval, log_effect: float) -> Verdict:
+    if -log_effect < interval.low and interval.high < log_effect:
+        return Verdict.SAME
+    if interval.low > 0 and interval.mean > log_effect / 2:
+        return Verdict.SLOWER
+    if interval.high < 0 and interval.mean < -log_effect / 2:
+        return Verdict.FASTER
+    return Verdict.INCONCLUSIVE
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PairedResult:
+    """What launches of two targets gave, and how they ended.
+
+    Attributes:
+      status: how they ended; `OK` also where time ran out.
+      detail: one line; empty when ok, unless time ran out before there were enough launches.
+      seconds: from start to end, the workers' start included.
       judgement: of the launches that moved them, or of all if none did; None without any.
     """
 
     baseline: Target
     candidate: Target
+    status: Status
     metric: Metric = Metric.TIME
+    detail: str = ""
+    launches: Sequence[LaunchRow] = ()
+    seconds: float = 0.0
+    work_check: WorkCheck | None = None
+    results: ResultsCheck | None = None
+    workload_file: Path | None = None
     averaging: Averaging | None = None
     judgement: Judgement | None = None
     as_shipped: Judgement | None = None
@@ -199,77 +306,6 @@ def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
     return Ratio(numerator.estimate / denominator.estimate, low, high)
 
 
-class _VerdictRule(PairRule):
-    """Launch until the verdict is certain; `averaging` is None until it is known."""
-
-    purpose = "a verdict"
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        targets: tuple[Target, Target],
-        plan: VerdictPlan,
-        on_launch: Callable[[Judgement], None] = lambda judgement: None,
-        clock: Callable[[], float] = time.monotonic,
-    ):
-        super().__init__(pool, targets, plan.sizes, plan.time_limit_s, clock)
-        self._plan, self._on_launch = plan, on_launch
-        self._releases = targets[0].release, targets[1].release
-        self.averaging: Averaging | None = None
-
-    def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        spec = METRICS[self._plan.sizes.metric]
-        as_shipped = self._plan.as_shipped or not spec.follows_placement
-        self.averaging = Averaging(False) if as_shipped else averaging(pool, *self._releases)
-        return self.averaging.placements()
-
-    def min_launches(self) -> int:
-        assert self.averaging is not None, "`placements` is called first"
-        if METRICS[self._plan.sizes.metric].is_exact:
-            return 1
-        return self.averaging.launches_with(MIN_LAUNCHES)
-
-    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
-        work = self._pair.work
-        log_scale = _log_scale(work.work_check if work else None, self._plan)
-        judgement = judge_launches(launches, self._plan, log_scale)
-        assert judgement is not None, "there is a launch"
-        self._on_launch(judgement)
-        return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
-
-
-class _CountedRule(_VerdictRule):
-    """Launch until a number of launches can be judged, whatever they say."""
-
-    purpose = "a ratio"
-
-    def __init__(
-        self, pool: WorkerPool, targets: tuple[Target, Target], plan: VerdictPlan, count: int
-    ):
-        super().__init__(pool, targets, plan)
-        self._count = count
-
-    def min_launches(self) -> int:
-        return self._count
-
-    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
-        is_enough = len(launches_to_judge(launches)) >= self._count
-        return Sufficiency(is_enough, is_enough)
-
-
-def launch_log_ratios(
-    pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
-) -> list[float]:
-    """Return the log ratios of some launches, whatever they say, as `decide` would judge them."""
-    launched = _CountedRule(pool, (baseline, candidate), plan, count).run()
-    if launched.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    if not launched.is_enough:
-        raise MachineError(launched.detail)
-    log_scale = _log_scale(launched.work_check, plan)
-    return [launch.log_ratio + log_scale for launch in launches_to_judge(launched.launches)]
-
-
 def decide(
     pool: WorkerPool,
     baseline: Target,
@@ -278,60 +314,77 @@ def decide(
     on_launch: Callable[[Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> PairedResult:
-    """Compare two targets until the verdict is certain, or time is up (see `LaunchRule.run`)."""
-    rule = _VerdictRule(pool, (baseline, candidate), plan, on_launch, clock)
-    launched = rule.run()
-    log_scale = _log_scale(launched.work_check, plan)
-    has_moved = rule.averaging is not None and rule.averaging.is_on
+    """Compare two targets until the verdict is certain, or time is up.
+
+    Where a side crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds what
+    was measured until then.
+    """
+    begin_s, is_exact = clock(), METRICS[plan.sizes.metric].is_exact
+    limit = TimeLimit(plan.time_limit_s, clock=clock, purpose="a verdict")
+    averaged: Averaging | None = None
+    with TargetPair(pool, baseline, candidate, plan.sizes, limit) as pair:
+        averaged = _averaging(pool, baseline, candidate, plan)
+        limit.min_launches = 1 if is_exact else averaged.launches_with(MIN_LAUNCHES)
+        pair.prepare(averaged.placements())
+        is_enough = has_answer = False
+        while not is_enough and pair.has_time(has_answer):
+            pair.launch()
+            judgement = judge_launches(pair.launches, plan, _log_scale(pair, plan))
+            assert judgement is not None, "there is a launch"
+            on_launch(judgement)
+            is_enough, has_answer = judgement.enough, judgement.launches >= MIN_LAUNCHES
+    log_scale, work = _log_scale(pair, plan), pair.work
+    has_moved = averaged is not None and averaged.is_on
     return PairedResult(
-        **vars(launched),
         baseline=baseline,
         candidate=candidate,
+        status=pair.ending.status,
         metric=plan.sizes.metric,
-        averaging=rule.averaging,
-        judgement=judge_launches(launched.launches, plan, log_scale),
-        as_shipped=(_judge_as_shipped(launched.launches, plan, log_scale) if has_moved else None),
+        detail=pair.ending.detail,
+        launches=pair.launches,
+        seconds=clock() - begin_s,
+        work_check=work.work_check if work else None,
+        results=work.results if work else None,
+        workload_file=work.baseline_workload if work else None,
+        averaging=averaged,
+        judgement=judge_launches(pair.launches, plan, log_scale),
+        as_shipped=_judge_as_shipped(pair.launches, plan, log_scale) if has_moved else None,
     )
 
 
-def sides_key(sides: Sequence[TargetRow]) -> str:
-    return repr([asdict(side) for side in sides])
+def launch_log_ratios(
+    pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
+) -> list[float]:
+    """Return the log ratios of some launches, whatever they say, as `decide` would judge them."""
+    limit = TimeLimit(plan.time_limit_s, count, purpose="a ratio")
+    with TargetPair(pool, baseline, candidate, plan.sizes, limit) as pair:
+        pair.prepare(_averaging(pool, baseline, candidate, plan).placements())
+        while len(launches_to_judge(pair.launches)) < count and pair.has_time(has_answer=False):
+            pair.launch()
+    if pair.ending.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    judged = launches_to_judge(pair.launches)
+    if len(judged) < count:
+        raise MachineError(pair.ending.detail)
+    log_scale = _log_scale(pair, plan)
+    return [launch.log_ratio + log_scale for launch in judged]
 
 
-def completed_share(launches: int) -> float:
-    return 1 - 1 / (1 + launches / _HALFWAY_LAUNCHES)
+def _averaging(
+    pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan
+) -> Averaging:
+    if plan.as_shipped or not METRICS[plan.sizes.metric].follows_placement:
+        return Averaging(False)
+    return averaging(pool, baseline.release, candidate.release)
 
 
-def decide_each(
-    pool: WorkerPool,
-    pairs: Sequence[tuple[Target, Target]],
-    plan: VerdictPlan,
-    earlier: Sequence[VerdictRecord],
-    on_progress: Progress,
-) -> Iterator[PairedResult]:
-    """Yield the verdict on each pair but those of `earlier`; the last may be interrupted."""
-    done = {sides_key(record.sides) for record in earlier}
-    for number, (baseline, candidate) in enumerate(pairs):
-        if sides_key([baseline.row(), candidate.row()]) in done:
-            continue
-        name = f"{candidate.model.name}, MuJoCo {candidate.release.version}"
-
-        def on_launch(judgement: Judgement, number: int = number, name: str = name) -> None:
-            text = f"{name} {percent_change(judgement.ratio.estimate)} %"
-            on_progress(text, (number + completed_share(judgement.launches)) / len(pairs))
-
-        result = decide(pool, baseline, candidate, plan, on_launch)
-        yield result
-        if result.status == Status.INTERRUPTED:
-            return
-
-
-def _log_scale(work_check: WorkCheck | None, plan: VerdictPlan) -> float:
+def _log_scale(pair: TargetPair, plan: VerdictPlan) -> float:
     """Return what turns log ratios of the time of a step into those that are judged.
 
     Where timesteps differ, they are of the time of a simulated second; not the slowest steps, which
     have to keep up with a rate.
     """
+    work_check = pair.work.work_check if pair.work else None
     if work_check is None or plan.sizes.metric != Metric.TIME:
         return 0.0
     return work_check.log_scale

@@ -1,22 +1,24 @@
 """Processes in the environment of any release, each doing tasks (see `worker`).
 
 Workers are forked of programs where that is possible, and are programs else. Where the system
-allows it, the kernel draws no addresses for them: workers draw their own.
+allows it, the kernel draws no addresses for them: workers draw their own. `ProcessPairs` starts two
+for each launch of a comparison, those of the next launch while one is measured.
 """
 
 import contextlib
+import itertools
 import os
 import pickle
 import random
 import socket
 import subprocess
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import writing
-from mjbench.host import child, child_connection, platforms, scratch
+from mjbench.errors import MjbenchError, writing
+from mjbench.host import child, child_connection, machine, platforms, scratch
 from mjbench.host.child_connection import Process
 from mjbench.paired import cores as affinity
 from mjbench.paired import launch_seeds, release_python
@@ -28,11 +30,14 @@ from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import installs, movable
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_install import ImmovableError, MovableInstall
-from mjbench.releases.placement import Placement
+from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 
 # Programs that wait for requests, at most: those of two sides, for the releases used last; and
 # those among them that were started early.
 _MAX_SERVERS, _MAX_EARLY = 6, 2
+
+# Asks new processes, of the baseline and the candidate, for what a launch needs, without waiting.
+Equip = Callable[[Sequence[WorkerProcess]], None]
 
 
 @dataclass(frozen=True)
@@ -291,3 +296,135 @@ class WorkerPool:
                 env=release_python.padded(command, environment, stack_bytes),
                 pass_fds=[theirs.fileno()],
             )
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessPair:
+    """The processes of one launch, and the core that they are measured on; None for all."""
+
+    processes: tuple[WorkerProcess, WorkerProcess]
+    placements: PlacementPair
+    core: int | None = None
+
+
+class ProcessPairs:
+    """Starts two processes for each launch, one in each of two releases.
+
+    A process that fails raises its error in `wait`, so that it does not end the launches before its
+    own.
+    """
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        releases: tuple[ReleaseSpec, ReleaseSpec],
+        names: tuple[str, str],
+        placements: Iterator[PlacementPair] | None = None,
+    ):
+        """Start the processes of the first launch; `equip` tells all of them what they need."""
+        self._pool, self._releases, self._names = pool, releases, names
+        self._placements = placements or itertools.repeat(AS_SHIPPED)
+        self._seeds = pool.seeds(releases)
+        self._next_seeds = next(self._seeds)
+        self._equip: Equip | None = None
+        # Those that were started ahead, for the next launch.
+        self._next: ProcessPair | None = None
+        # Those whose launches are over, and which are ended while the next ones start.
+        self._finished: list[ProcessPair] = []
+        self._failure: MjbenchError | None = None
+        try:
+            self._start_ahead(affinity.USABLE)
+        except BaseException:
+            self.close()
+            raise
+
+    def equip(self, equip: Equip) -> None:
+        """Have the processes of every launch asked for what they need, the next one's now."""
+        self._equip = equip
+        if self._next is not None:
+            equip(self._next.processes)
+
+    def wait(self) -> None:
+        """Wait until the processes of the next launch are ready."""
+        try:
+            if self._failure is not None:
+                raise self._failure
+            next_pair = self._start_ahead(affinity.USABLE)
+            for process, release in zip(next_pair.processes, self._releases, strict=True):
+                self._pool.wait_for(process, release)
+        except BaseException:
+            self.close()
+            raise
+
+    @contextlib.contextmanager
+    def launch(self, core: int | None) -> Iterator[ProcessPair]:
+        """Yield the processes of a launch, which must be ready, with this thread on their core.
+
+        The processes of the next launch start on other cores meanwhile. Ask nothing of the
+        processes of this launch after the block: they are ended now or later.
+
+        Args:
+          core: that the launch is measured on; None for all of them, where nothing else may run.
+        """
+        assert self._next is not None, "`wait` has started them"
+        pair, self._next = self._next, None
+        others = affinity.beside(core) if core is not None and machine.usable_cores() > 1 else ()
+        try:
+            ahead = self._start_ahead(others) if others else None
+            self._end_finished()
+            with affinity.pinned(core):
+                yield replace(pair, core=core)
+            if ahead is not None:
+                affinity.confine([process.pid for process in ahead.processes], affinity.USABLE)
+        finally:
+            self._finished.append(pair)
+            if not others:  # nothing starts meanwhile, and what comes next may need all memory
+                self._end_finished()
+
+    def is_next_ready(self) -> bool:
+        """Return whether nothing is started ahead that is still starting."""
+        try:
+            return (
+                self._failure is not None
+                or self._next is None
+                or all(process.is_ready() for process in self._next.processes)
+            )
+        except MjbenchError as error:
+            self._failure = error
+            return True
+
+    def close(self) -> None:
+        if self._next is not None:
+            self._finished.append(self._next)
+        self._next, self._failure = None, None
+        self._end_finished()
+
+    def _end_finished(self) -> None:
+        pairs, self._finished = self._finished, []
+        self._pool.end([process for pair in pairs for process in pair.processes])
+
+    def _start_ahead(self, allowed: Collection[int]) -> ProcessPair:
+        """Return the processes of the next launch; start them if need be, without waiting."""
+        if self._next is not None:
+            return self._next
+        seeds, self._next_seeds = self._next_seeds, next(self._seeds)
+        placements = next(self._placements)
+        both = (placements.old, placements.new)
+        started: dict[int, WorkerProcess] = {}
+        try:
+            for i in random.sample((0, 1), 2):  # neither of the two is always the first
+                started[i] = self._pool.start(
+                    self._releases[i], self._names[i], both[i], i, allowed, seeds
+                )
+            pair = ProcessPair((started[0], started[1]), placements)
+            if self._equip is not None:
+                self._equip(pair.processes)
+            if self._next_seeds.program != seeds.program:
+                for i in random.sample((0, 1), 2):
+                    release = self._releases[i]
+                    self._pool.start_program_early(release, i, allowed, self._next_seeds)
+        except BaseException:
+            self._pool.end(list(started.values()))
+            raise
+        self._next = pair
+        return pair

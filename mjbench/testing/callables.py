@@ -35,7 +35,7 @@ ROUND_S = 0.1
 MOST_QUADS = 100
 # No time is shorter, in seconds: a clock may not tell two readings apart.
 _SHORTEST_S = 1e-9
-# Fewer rounds give no answer, however clear: see `paired.judgement.MIN_LAUNCHES`.
+# Fewer rounds give no answer, however clear: see `paired.verdict.MIN_LAUNCHES`.
 LEAST_ROUNDS = 8
 # Standard deviation, from process to process, of the log ratio of identical functions
 # (docs/python.md).

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from commands import PYTHONPATH, mjbench
 
-from mjbench.paired import function_verdict, judgement
+from mjbench.paired import function_verdict, verdict
 
 OLD = """
 def advance(x):
@@ -60,7 +60,7 @@ def ab(checkout: Path, *arguments: str, **variables: str) -> subprocess.Complete
 def test_functions_are_compared_and_become_a_comment(
     checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (function_verdict, judgement):  # a difference as large as this needs few launches
+    for module in (function_verdict, verdict):  # a difference as large as this needs few launches
         monkeypatch.setattr(module, "MIN_LAUNCHES", 4)
     file, runs = tmp_path / "out.json", ("--results", str(tmp_path))
     functions = [f"bench.py::{name}" for name in ("step", "other", "new")]

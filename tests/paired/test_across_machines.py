@@ -16,10 +16,10 @@ from mjbench.paired.across_machines import (
     MachineRow,
     MachinesOutcome,
 )
-from mjbench.paired.judgement import judge
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
+from mjbench.paired.verdict import judge
 from mjbench.store.runs import InputFile
 
 

@@ -2,24 +2,23 @@
 
 import math
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
+from paired_examples import InventedPair
 
 from mjbench.errors import InputError, MachineError, UnavailableError
 from mjbench.paired import family, function_verdict
 from mjbench.paired.call_results import Leaf
-from mjbench.paired.function_pair import (
-    CallPlan,
+from mjbench.paired.function_sides import (
     FunctionTarget,
     FunctionTargets,
-    RevisionPair,
+    OtherCodeError,
 )
-from mjbench.paired.function_verdict import OtherCodeError
-from mjbench.paired.launches import Targets
+from mjbench.paired.function_verdict import CallPlan, FunctionPair
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import ResultsOutcome, Verdict
@@ -89,27 +88,22 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
                 raise facts
             return facts
 
-        class InventedPair(Targets[LaunchRow]):
-            def __init__(self, pool: Any, targets: Any, plan: CallPlan, limit: TimeLimit):
-                is_control = targets[0] is targets[1]
-                self._launch_s = min(
-                    invented.launch_s, invented.control_s if is_control else math.inf
-                )
-                self.time_limit, self.work = limit, None
-                self._mean = invented.control if is_control else invented.log_ratio
+        def pair(pool: Any, targets: Any, plan: CallPlan, limit: TimeLimit) -> InventedPair:
+            is_control = targets[0] is targets[1]
+            mean = invented.control if is_control else invented.log_ratio
+            launch_s = min(invented.launch_s, invented.control_s if is_control else math.inf)
 
-            def prepare(self) -> None:
-                self.time_limit.start()
-
-            def launch(self, positions: Sequence[int]) -> LaunchRow:
-                clock[0] += self._launch_s
-                ratio = np.exp(rng.gauss(self._mean, 0.002))
+            def invent() -> LaunchRow:
+                clock[0] += launch_s
+                ratio = np.exp(rng.gauss(mean, 0.002))
                 ns = [1_000_000, int(1_000_000 * ratio), int(1_000_000 * ratio), 1_000_000]
                 later = [round(invented.slowing * block) for block in ns]
                 return LaunchRow(0, None, ["ABBA"] * 4, [ns, ns, ns, later])
 
+            return InventedPair(limit, invent)
+
         monkeypatch.setattr(function_verdict, "observe", observe)
-        monkeypatch.setattr(function_verdict, "RevisionPair", InventedPair)
+        monkeypatch.setattr(function_verdict, "FunctionPair", pair)
         pool: Any = None
         plan = VerdictPlan()
         return function_verdict.decide(pool, invented.targets, plan, clock=lambda: clock[0])
@@ -277,7 +271,7 @@ def test_calls_that_are_too_slow_are_refused_before_the_first_block(
     with WorkerPool() as pool:
         plan, limit = CallPlan.of([slow, slow], metric), TimeLimit(60.0, 16)
         with pytest.raises(error, match=message):
-            RevisionPair(pool, (BASELINE, CANDIDATE), plan, limit)._new_work()
+            FunctionPair(pool, (BASELINE, CANDIDATE), plan, limit)._new_work()
 
 
 def test_an_argument_that_only_the_baseline_takes_is_new(decided: Decided) -> None:

@@ -5,9 +5,9 @@ import random
 
 import pytest
 
-from mjbench.paired.judgement import judge
 from mjbench.paired.machine_check import Noise
 from mjbench.paired.outcomes import Verdict
+from mjbench.paired.verdict import judge
 
 
 def test_more_noise_and_longer_launches_need_larger_changes() -> None:

@@ -13,10 +13,10 @@ import pytest
 from mjbench.errors import UnavailableError
 from mjbench.host import machine
 from mjbench.paired import memory_blocks
-from mjbench.paired.judgement import judge
 from mjbench.paired.memory_blocks import GROWTH_NSTEP, growth_section
 from mjbench.paired.metrics import GROWTH_UNIT_BYTES, Metric
 from mjbench.paired.outcomes import Verdict
+from mjbench.paired.verdict import judge
 from mjbench.paired.worker import Worker
 from mjbench.simulation import models, workload
 

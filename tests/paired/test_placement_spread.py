@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from paired_examples import CARTPOLE
+from paired_examples import CARTPOLE, InventedPair
 
-from mjbench.paired import moved_check, pair_rule, placement_spread
-from mjbench.paired.launches import Targets
+from mjbench.paired import moved_check, placement_spread
 from mjbench.paired.placement_spread import MIN_LAUNCHES, SpreadPlan, SpreadRecord
 from mjbench.paired.records import LaunchRow
-from mjbench.paired.time_limit import TimeLimit
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import Status
@@ -115,31 +113,19 @@ class Clock:
         return self.now
 
 
-class Pair(Targets[LaunchRow]):
-    """Stands for targets that are launched without a process."""
-
-    work = None
-
-    def __init__(self, clock: Clock, time_limit: TimeLimit, placements: Callable[[], object]):
-        self._clock, self.time_limit, self._placements = clock, time_limit, placements
-
-    def prepare(self) -> None:
-        self._placements()
-        self.time_limit.start()
-
-    def launch(self, positions: Sequence[int]) -> LaunchRow:
-        self._clock.now += 1.0
-        return launch(PlacementPair(None, Placement(0, 0)), 0.0)
-
-
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[[SpreadPlan], tuple[int, str]]:
     """Return what says how many launches a plan makes, and what is said of it."""
     clock = Clock()
+
+    def invent() -> LaunchRow:
+        clock.now += 1.0
+        return launch(PlacementPair(None, Placement(0, 0)), 0.0)
+
     monkeypatch.setattr(
-        pair_rule,
+        placement_spread,
         "TargetPair",
-        lambda pool, old, new, sizes, time_limit, placements: Pair(clock, time_limit, placements),
+        lambda pool, old, new, sizes, time_limit: InventedPair(time_limit, invent),
     )
     monkeypatch.setattr(moved_check, "check", lambda pool, release: None)
 

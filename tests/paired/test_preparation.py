@@ -14,7 +14,7 @@ from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import preparation, run_sizes
 from mjbench.paired.metrics import Metric
-from mjbench.paired.protocol import TargetPair
+from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from verdict_records import SAME, SLOWER, launch
 
-from mjbench.paired import bisect, judgement, release_bisect, verdict
+from mjbench.paired import bisect, release_bisect, verdict
 from mjbench.paired.bisect import SearchRange, VersionMeasurer
 from mjbench.paired.bisect_records import VersionKind, VersionRow
 from mjbench.paired.records import VerdictRecord
@@ -48,7 +48,7 @@ class OfHistory(VersionMeasurer):
         judged = None
         while judged is None or not (judged.enough or judged.launches >= 60):
             log_ratios.append(self._draw(baseline, candidate))
-            judged = judgement.judge(log_ratios, 0.01, 0.99, 0.005)
+            judged = verdict.judge(log_ratios, 0.01, 0.99, 0.005)
         self.comparisons.append((baseline, candidate))
         launches = [launch(log_ratio) for log_ratio in log_ratios]
         return replace(SAME, verdict=judged.verdict, ratio=judged.ratio, samples=launches)

@@ -13,12 +13,11 @@ from mjbench.host.child_connection import ChildError
 from mjbench.measuring import stats
 from mjbench.paired import moved_check, operations, preparation, release_ratio
 from mjbench.paired.moved_check import Averaging
-from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import section_numbers
 from mjbench.paired.release_tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.paired.targets import Target
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_pool import ProcessPair, ProcessPairs, WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.release_ratios import (

@@ -10,8 +10,7 @@ from verdict_records import SAME, SLOWER, launch
 
 from mjbench.errors import InputError
 from mjbench.paired import function_verdict, revision_bisect
-from mjbench.paired.function_pair import FunctionTargets
-from mjbench.paired.revision_sides import RevisionComparison, parse_function
+from mjbench.paired.function_sides import FunctionTargets, RevisionComparison, parse_function
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases.revisions import Repository
 

@@ -13,13 +13,12 @@ from paired_examples import CARTPOLE, CUBES, INSTALLED
 from mjbench.errors import Failure, InputError, MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import selfcheck
-from mjbench.paired.judgement import Judgement
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.records import LaunchRow, PlacementEffect
 from mjbench.paired.selfcheck import Case
 from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow, TrialRecord
-from mjbench.paired.verdict import PairedResult, VerdictPlan
+from mjbench.paired.verdict import Judgement, PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.releases.release import NoChangePair

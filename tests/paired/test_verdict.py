@@ -3,17 +3,17 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from paired_examples import BRIEF, CARTPOLE, INSTALLED
+from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import pair_work, preparation, verdict
-from mjbench.paired.judgement import Judgement, judge
+from mjbench.paired import pair_launches, preparation, verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.outcomes import Cause, Verdict
@@ -21,7 +21,8 @@ from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
-from mjbench.paired.verdict import PairedResult
+from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.verdict import Judgement, PairedResult, judge
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
@@ -106,7 +107,7 @@ def test_a_launch_that_proves_too_heavy_is_not_finished(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(preparation, "launch_s", lambda all_blocks_s, *nsection: 0.01)
-    monkeypatch.setattr(pair_work, "launch_s", lambda all_blocks_s, *nsection: 100.0)
+    monkeypatch.setattr(pair_launches, "launch_s", lambda all_blocks_s, *nsection: 100.0)
     plan = verdict.VerdictPlan(time_limit_s=60.0, as_shipped=True)
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert result.row().verdict == Verdict.INCONCLUSIVE
@@ -132,6 +133,41 @@ def test_a_model_that_does_not_load_is_bad_input(pool: WorkerPool, tmp_path: Pat
     assert result.status == Status.INPUT
     assert result.detail.startswith("baseline (MuJoCo")
     assert "cannot load it" in result.detail
+
+
+def invented_decision(monkeypatch: pytest.MonkeyPatch, averaging: Any) -> PairedResult:
+    """Decide on launches of a second each that are all alike."""
+    clock, work = [0.0], SimpleNamespace(work_check=None, results=None, baseline_workload="file")
+
+    def invent() -> LaunchRow:
+        clock[0] += 1.0
+        return LaunchRow(0, None, ["ABBA"], [[1, 1, 1, 1]], AS_SHIPPED, [1])
+
+    def pair(pool: Any, old: Any, new: Any, sizes: Any, limit: TimeLimit) -> InventedPair:
+        return InventedPair(limit, invent, work)
+
+    monkeypatch.setattr(verdict, "TargetPair", pair)
+    monkeypatch.setattr(verdict, "averaging", averaging)
+    pool: Any = None
+    plan = verdict.VerdictPlan()
+    return verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: clock[0])
+
+
+def test_launches_end_once_they_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = invented_decision(monkeypatch, lambda *_: Averaging(False))
+    assert (result.status, result.detail) == (Status.OK, "")
+    assert result.judgement is not None and result.judgement.enough
+    assert (len(result.launches), result.seconds) == (8, 8.0)
+    assert result.workload_file == "file"
+
+
+def test_a_comparison_that_cannot_begin_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise MachineError("it fell over")
+
+    result = invented_decision(monkeypatch, fail)
+    assert (result.status, result.detail) == (Status.FAILED, "it fell over")
+    assert (result.launches, result.averaging, result.work_check) == ([], None, None)
 
 
 def test_a_comparison_that_measured_nothing_says_so_with_none() -> None:

@@ -14,10 +14,10 @@ from benchmarks import history_repeats
 from benchmarks.studies import selfcheck_page
 from benchmarks.studies.page_part import of_lines
 from mjbench.paired import selfcheck
-from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.race_record import Loop
 from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.paired.verdict import judge
 from mjbench.paths import BASE
 from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.releases.release_ratios import RatioRecord

@@ -15,8 +15,7 @@ from benchmarks.studies import (
 )
 from benchmarks.studies.page_part import of_lines
 from benchmarks.studies.simulated_launches import Scenario, simulate
-from mjbench.paired.judgement import judge
-from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.verdict import VerdictPlan, judge
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,15 @@ from pathlib import Path
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.paired import revision_sides
-from mjbench.paired.function_pair import FunctionTargets
-from mjbench.paired.revision_sides import FunctionName, RevisionComparison
+from mjbench.paired import function_sides
+from mjbench.paired.function_sides import (
+    EnvironmentComparison,
+    FunctionName,
+    FunctionTargets,
+    RevisionComparison,
+)
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.revisions import WORKTREE, Repository
 
@@ -26,7 +31,7 @@ from mjbench.releases.revisions import WORKTREE, Repository
 def test_functions_are_named_by_file_or_module(
     tmp_path: Path, text: str, expected: FunctionName
 ) -> None:
-    assert revision_sides.parse_function(text, tmp_path / "sub", tmp_path) == expected
+    assert function_sides.parse_function(text, tmp_path / "sub", tmp_path) == expected
 
 
 @pytest.mark.parametrize(
@@ -41,7 +46,7 @@ def test_functions_are_named_by_file_or_module(
 )
 def test_other_names_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        revision_sides.parse_function(text, tmp_path, tmp_path)
+        function_sides.parse_function(text, tmp_path, tmp_path)
 
 
 @pytest.fixture
@@ -71,11 +76,11 @@ def targets(
     pool: WorkerPool, repository: Repository, names: tuple[str, str], function: str
 ) -> FunctionTargets:
     baseline, candidate = map(repository.parse, names)
-    parsed = revision_sides.parse_function(function, repository.top, repository.top)
+    parsed = function_sides.parse_function(function, repository.top, repository.top)
     comparison = RevisionComparison(
         repository, baseline, candidate, [parsed], repository.top.resolve()
     )
-    (pair,) = revision_sides.check_out(pool, comparison)
+    (pair,) = function_sides.check_out(pool, comparison)
     return pair
 
 
@@ -113,7 +118,7 @@ def test_copies_of_packages_that_measure_are_not_the_trees_own(tmp_path: Path) -
     for package in ("third_party/numpy", "third_party/other", "src/mujoco"):
         (tmp_path / package).mkdir(parents=True)
         (tmp_path / package / "__init__.py").touch()
-    assert revision_sides.own_packages(tmp_path) == {"mujoco", "other"}
+    assert function_sides.own_packages(tmp_path) == {"mujoco", "other"}
 
 
 def test_revisions_of_mjbench_are_refused(pool: WorkerPool, repository: Repository) -> None:
@@ -172,7 +177,7 @@ def test_only_what_has_to_be_built_is(
         (tmp_path / folder).mkdir()
         for name, text in files.items():
             (tmp_path / folder / name).write_text(text)
-    assert revision_sides.build_reason(tmp_path / "a", tmp_path / "b") == reason
+    assert function_sides.build_reason(tmp_path / "a", tmp_path / "b") == reason
 
 
 def test_what_is_built_is_imported_from_where_it_is_installed(
@@ -181,8 +186,8 @@ def test_what_is_built_is_imported_from_where_it_is_installed(
     wheel = tmp_path / "own.whl"
     wheel.touch()
     release = ReleaseSpec("main", "4.0.0", own_wheels=(wheel,))
-    monkeypatch.setattr(revision_sides, "build_reason", lambda *trees: "a test")
-    monkeypatch.setattr(revision_sides.revision_builds, "built", lambda *_: release)
+    monkeypatch.setattr(function_sides, "build_reason", lambda *trees: "a test")
+    monkeypatch.setattr(function_sides.revision_builds, "built", lambda *_: release)
     for target in targets(pool, repository, ("v1", "HEAD"), "speed/bench.py::step"):
         assert not target.source.are_first
         assert target.origin.folders[1].endswith(release.key)
@@ -195,5 +200,60 @@ def test_files_that_pin_other_versions_are_named(tmp_path: Path) -> None:
         (tmp_path / folder / "requirements.txt").write_text(text)
         (tmp_path / folder / "uv.lock").write_text("the same")
     (tmp_path / "b/poetry.lock").touch()
-    changed = revision_sides.changed_locks(tmp_path / "a", tmp_path / "b")
+    changed = function_sides.changed_locks(tmp_path / "a", tmp_path / "b")
     assert changed == ["poetry.lock", "requirements.txt"]
+
+
+# Of environments.
+
+OLD = ReleaseSpec("own==1.0", "4.0.0", requirements=("own==1.0",), has_packages=True)
+NEW = ReleaseSpec("own==2.0", "4.0.0", requirements=("own==2.0",), has_packages=True)
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder of installs that hold the packages which were named."""
+
+    def install(release: ReleaseSpec) -> Path:
+        folder = tmp_path / "cache" / release.key
+        info = folder / "own-1.0.dist-info"
+        info.mkdir(parents=True, exist_ok=True)
+        (info / "METADATA").write_text("Name: own\nVersion: 1.0\n")
+        (info / "RECORD").write_text("own/__init__.py,,1\n")
+        return folder
+
+    monkeypatch.setenv("MJBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(installs, "install", install)
+    return tmp_path / "cache"
+
+
+def comparison(cwd: Path, *functions: str) -> EnvironmentComparison:
+    parsed = function_sides.parse_functions(functions, cwd)
+    return EnvironmentComparison(OLD, [NEW], parsed, cwd)
+
+
+def test_both_sides_run_the_same_code_with_their_own_packages(tmp_path: Path, cache: Path) -> None:
+    cwd = tmp_path / "work"
+    cwd.mkdir()
+    (cwd / "bench.py").write_text("def step(): pass\n")
+    ((old, new),) = function_sides.install_all(comparison(cwd, "bench.py::step"))
+    assert old.source == new.source
+    assert old.source.text == b"def step(): pass\n"
+    assert (old.source.file, old.source.folders) == (str(cwd / "bench.py"), (str(cwd),))
+    assert (old.origin.packages, new.origin.packages) == ({"own"}, {"own"})
+    assert old.origin.folders == (str(cache / OLD.key),)
+    assert new.origin.folders == (str(cache / NEW.key),)
+    assert (new.label, new.row().packages, new.row().revision) == ("own==2.0", "own==2.0", "")
+
+
+def test_a_file_in_a_package_is_imported_as_its_module(tmp_path: Path, cache: Path) -> None:
+    (tmp_path / "speed").mkdir()
+    (tmp_path / "speed/__init__.py").touch()
+    (tmp_path / "speed/bench.py").touch()
+    ((old, _),) = function_sides.install_all(comparison(tmp_path, "speed/bench.py::step"))
+    assert (old.source.module, old.source.folders) == ("speed.bench", (str(tmp_path),))
+
+
+def test_a_file_that_does_not_exist_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"there is no file \S*none\.py"):
+        comparison(tmp_path, "none.py::step")

@@ -13,7 +13,7 @@ import pytest
 
 from mjbench.errors import MachineError
 from mjbench.measuring.calls import Compilation, PreparedCall
-from mjbench.paired import compiled_steps
+from mjbench.paired import accelerated_steps
 from mjbench.paths.accelerated import accelerated_path
 from mjbench.paths.base import States
 from mjbench.paths.warp import CACHE_VARIABLE
@@ -66,8 +66,8 @@ def step(
     simulations: Workload, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> PreparedCall:
     path = stub_path(lambda *_: program)
-    monkeypatch.setattr(compiled_steps, "accelerated_path", lambda name: path)
-    return compiled_steps.compiled_step(SOURCE, "mjx", stored(simulations, tmp_path), tmp_path)
+    monkeypatch.setattr(accelerated_steps, "accelerated_path", lambda name: path)
+    return accelerated_steps.compiled_step(SOURCE, "mjx", stored(simulations, tmp_path), tmp_path)
 
 
 def stub_path(prepare: Callable[..., Program], **others: object) -> SimpleNamespace:
@@ -95,7 +95,11 @@ def test_compiling_anew_is_timed_without_what_a_process_has_kept(
     def prepare(*_: object) -> Program:
         log.append("compile")
         (listener,) = listeners
-        for event in ("/jax/other", compiled_steps._COMPILE_EVENT, compiled_steps._COMPILE_EVENT):
+        for event in (
+            "/jax/other",
+            accelerated_steps._COMPILE_EVENT,
+            accelerated_steps._COMPILE_EVENT,
+        ):
             listener(event, 0.1, name="step")
         programs.append(Program(simulations))
         return programs[-1]
@@ -104,10 +108,10 @@ def test_compiling_anew_is_timed_without_what_a_process_has_kept(
     listeners: list[Callable[..., None]] = []
     monitoring = SimpleNamespace(register_event_duration_secs_listener=listeners.append)
     jax = SimpleNamespace(clear_caches=lambda: log.append("clear"), monitoring=monitoring)
-    monkeypatch.setattr(compiled_steps, "accelerated_path", lambda name: path)
+    monkeypatch.setattr(accelerated_steps, "accelerated_path", lambda name: path)
     monkeypatch.setitem(sys.modules, "jax", cast(ModuleType, jax))
     monkeypatch.setenv(_CACHE, "/elsewhere")
-    call = compiled_steps.compilation(SOURCE, "mjx", stored(simulations, tmp_path))
+    call = accelerated_steps.compilation(SOURCE, "mjx", stored(simulations, tmp_path))
     assert _CACHE not in os.environ
     assert log == []
     for _ in range(2):
@@ -129,7 +133,7 @@ def test_warp_keeps_its_kernels_where_processes_of_an_environment_look(
     monkeypatch.setenv(CACHE_VARIABLE, "/elsewhere")
     path = accelerated_path("warp")
     assert path.environment()[CACHE_VARIABLE] is None
-    compiled_steps._use_cache(path, tmp_path)
+    accelerated_steps._use_cache(path, tmp_path)
     assert os.environ[CACHE_VARIABLE] == str(tmp_path)
 
 
@@ -154,8 +158,8 @@ def test_a_program_is_of_the_cache_where_compiling_adds_nothing_to_it(
         return Program(simulations)
 
     path = stub_path(prepare)
-    monkeypatch.setattr(compiled_steps, "accelerated_path", lambda name: path)
-    call = compiled_steps.compiled_step(SOURCE, "mjx", stored(simulations, tmp_path), cache)
+    monkeypatch.setattr(accelerated_steps, "accelerated_path", lambda name: path)
+    call = accelerated_steps.compiled_step(SOURCE, "mjx", stored(simulations, tmp_path), cache)
     assert call.compilation is not None
     took = call.compilation()
     assert (took.is_cached, took.programs) == (not is_new, None)

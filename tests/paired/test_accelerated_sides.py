@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.paired import compiled_sides
-from mjbench.paired.compiled_sides import CompiledComparison
+from mjbench.paired import accelerated_sides
+from mjbench.paired.accelerated_sides import AcceleratedComparison
 from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
@@ -23,8 +23,8 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def with_engine(spec: ReleaseSpec) -> ReleaseSpec:
-    comparison = CompiledComparison(spec, [spec], [], ["mjx"], Sizes())
-    return compiled_sides.with_engines(comparison).baseline
+    comparison = AcceleratedComparison(spec, [spec], [], ["mjx"], Sizes())
+    return accelerated_sides.with_engines(comparison).baseline
 
 
 def test_mjx_stands_beside_the_named_packages_in_the_version_that_is_installed_here() -> None:
@@ -54,7 +54,7 @@ def test_this_environment_is_refused() -> None:
 
 def source_of(path: str, folder: Path, metric: Metric = Metric.TIME) -> FunctionSource:
     model, workload, cache = models.resolve("cartpole"), folder / "workload", folder / "cache"
-    return compiled_sides._source(model, path, workload, cache, metric)
+    return accelerated_sides._source(model, path, workload, cache, metric)
 
 
 def test_a_module_compiles_without_the_cache_where_compiling_is_compared(tmp_path: Path) -> None:

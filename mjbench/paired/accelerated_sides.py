@@ -1,6 +1,6 @@
 """Models that a path steps which compiles, such as MJX, in two environments.
 
-To the engine that times, they are functions (see `compiled_steps`).
+To the engine that times, they are functions (see `accelerated_steps`).
 """
 
 from collections.abc import Sequence
@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError
-from mjbench.paired import environment_sides
-from mjbench.paired.function_pair import FunctionTarget, FunctionTargets, SteppedRun
+from mjbench.paired import function_sides
+from mjbench.paired.function_sides import FunctionTarget, FunctionTargets, SteppedRun
 from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
@@ -28,7 +28,7 @@ NBATCH, NSTEP = 32, 10
 
 
 @dataclass(frozen=True)
-class CompiledComparison:
+class AcceleratedComparison:
     """Models to compare in a baseline and in candidates, by paths that compile."""
 
     baseline: ReleaseSpec
@@ -42,7 +42,7 @@ class CompiledComparison:
         return [self.baseline, *self.candidates]
 
 
-def with_engines(comparison: CompiledComparison) -> CompiledComparison:
+def with_engines(comparison: AcceleratedComparison) -> AcceleratedComparison:
     """Return a comparison whose environments have what the paths need, where it is not named."""
     names = [accelerated_path(name).distributions for name in comparison.path_names]
     needed = sorted({name for each in names for name in each} - {"mujoco"})
@@ -69,8 +69,8 @@ def _with(spec: ReleaseSpec, needed: Sequence[str]) -> ReleaseSpec:
     return replace(spec, name=name, requirements=(*spec.requirements, *added), has_packages=True)
 
 
-def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTargets]:
-    origins = [environment_sides.install(spec) for spec in comparison.specs]
+def prepare(pool: WorkerPool, comparison: AcceleratedComparison) -> list[FunctionTargets]:
+    origins = [function_sides.install(spec) for spec in comparison.specs]
     caches = {spec.key: pool.new_folder() for spec in comparison.specs}
     pairs = []
     for source in comparison.sources:
@@ -94,7 +94,9 @@ def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTa
     return pairs
 
 
-def _draw(pool: WorkerPool, comparison: CompiledComparison, source: ModelSource) -> DrawnWorkload:
+def _draw(
+    pool: WorkerPool, comparison: AcceleratedComparison, source: ModelSource
+) -> DrawnWorkload:
     sizes = comparison.sizes
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     request = SampleRequest(sizes.nbatch or NBATCH, nstep, sizes.hold, sizes.seed, sizes.starts)
@@ -123,7 +125,7 @@ def _source(
         call = f"compilation({arguments})"
     text = (
         "from pathlib import Path\n"
-        "from mjbench.paired.compiled_steps import compilation, compiled_step\n"
+        "from mjbench.paired.accelerated_steps import compilation, compiled_step\n"
         "from mjbench.simulation.models import ModelSource\n"
         f"step = {call}\n"
     )

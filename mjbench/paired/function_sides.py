@@ -1,21 +1,108 @@
-"""Two revisions of the user's code, ready to be imported: their files, and functions in them."""
+"""The two sides of a comparison of functions: revisions of the user's code, or environments.
+
+In revisions, the files of each side are written, and built where need be. In environments, releases
+of MuJoCo with packages beside them, the code is the user's as it lies here, the same on both sides.
+A process that times a side must have imported that side's code, else it is an `OtherCodeError`.
+"""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjbench.errors import InputError, shown
-from mjbench.paired.function_pair import FunctionTarget, FunctionTargets
-from mjbench.paired.timed_function import MEASURING, CodeOrigin, FunctionSource
+from mjbench.errors import InputError, MachineError, shown
+from mjbench.paired.records import TargetRow
+from mjbench.paired.timed_function import MEASURING, CodeOrigin, FunctionFacts, FunctionSource
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs, revision_builds, source_layout
+from mjbench.releases import installs, packages, revision_builds, source_layout
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.revisions import Repository, Revision
+from mjbench.simulation.starts import Starts
+from mjbench.status import ExitCode
 from mjbench.units import count_of, listed
 
 # What a function of the user's code can be, for messages.
 FORMS = "FILE.py::FUNCTION or MODULE:FUNCTION"
+
+
+class OtherCodeError(MachineError):
+    """What would have been measured is not the code of a revision (exit code 5)."""
+
+    exit_code = ExitCode.OTHER_CODE
+
+
+@dataclass(frozen=True)
+class SteppedRun:
+    """What a function does that steps a model."""
+
+    path: str
+    nbatch: int
+    nstep: int
+    starts: Starts
+
+
+@dataclass(frozen=True)
+class FunctionTarget:
+    """A function in one revision, or in one environment: a release with packages beside it.
+
+    Attributes:
+      tree: the hash of the revision's files; empty where environments are compared.
+    """
+
+    function: str
+    revision: Revision | None
+    tree: str
+    source: FunctionSource
+    origin: CodeOrigin
+    release: ReleaseSpec
+    run: SteppedRun | None = None
+
+    @property
+    def path(self) -> str:
+        return self.run.path if self.run else ""
+
+    def name(self, role: str) -> str:
+        """Return what error messages call it in a role, such as `baseline (main)`."""
+        return f"{role} ({self.label})"
+
+    @property
+    def label(self) -> str:
+        return self.revision.name if self.revision else self.release.label
+
+    def row(self) -> TargetRow:
+        return TargetRow(
+            release=self.release.version,
+            model=self.function,
+            path=self.path,
+            options={},
+            model_options={},
+            build=self.release.key,
+            revision=self.revision.name if self.revision else "",
+            commit=self.revision.commit if self.revision else "",
+            tree=self.tree,
+            packages=self.release.name if self.release.has_packages else "",
+        )
+
+
+FunctionTargets = tuple[FunctionTarget, FunctionTarget]
+
+
+def check_origin(target: FunctionTarget, role: str, facts: FunctionFacts) -> None:
+    """Refuse a side that imported other code than its revision's (OtherCodeError)."""
+    if facts.misplaced:
+        raise OtherCodeError(
+            f"{target.name(role)} imported {facts.misplaced}, which is not the"
+            f" {'revision' if target.revision else 'environment'}'s: uninstall an editable install"
+            " of the package"
+        )
+
+
+def check_versions(baseline: FunctionFacts, candidate: FunctionFacts) -> None:
+    """Refuse sides that ran on another Python, MuJoCo, NumPy or JAX (OtherCodeError)."""
+    for name in baseline.versions.keys() & candidate.versions.keys():
+        old, new = baseline.versions[name], candidate.versions[name]
+        if old != new:
+            raise OtherCodeError(f"the baseline ran on {name} {old}, the candidate on {new}")
 
 
 @dataclass(frozen=True)
@@ -147,8 +234,8 @@ def check_out(
     for name, revision in zip("ab", (comparison.baseline, comparison.candidate), strict=True):
         tree = comparison.repository.check_out(revision, root / name, work / name)
         sides.append(_Side(revision, root / name, tree, installed))
-    packages = frozenset().union(*(own_packages(side.folder) for side in sides))
-    if "mjbench" in packages:
+    own = frozenset().union(*(own_packages(side.folder) for side in sides))
+    if "mjbench" in own:
         raise InputError(
             "mjbench cannot compare revisions of itself: processes that time functions import it"
         )
@@ -160,7 +247,7 @@ def check_out(
         ]
     elif changed := changed_locks(sides[0].folder, sides[1].folder):
         on_phase(f"both revisions run with what is installed here; other {listed(changed)}")
-    return [_targets(comparison, function, sides, packages) for function in comparison.functions]
+    return [_targets(comparison, function, sides, own) for function in comparison.functions]
 
 
 def own_packages(tree: Path) -> frozenset[str]:
@@ -194,7 +281,7 @@ def _targets(
     comparison: RevisionComparison,
     function: FunctionName,
     sides: Sequence[_Side],
-    packages: frozenset[str],
+    own: frozenset[str],
 ) -> FunctionTargets:
     """Return a function in both revisions; the text of a file is the candidate's on both sides."""
     top, layout, text = comparison.repository.top.resolve(), sides[1].folder, None
@@ -212,7 +299,7 @@ def _targets(
                 are_first=not side.is_built,
                 cwd=str(_cwd(side.folder, comparison.cwd.relative_to(top))),
             ),
-            CodeOrigin(packages, side.code_folders, str(top)),
+            CodeOrigin(own, side.code_folders, str(top)),
             side.release,
         )
         for side in sides
@@ -255,3 +342,66 @@ def package_of(tree: Path, file: Path) -> tuple[Path, str]:
         parts.insert(0, folder.name)
         folder = folder.parent
     return folder, ".".join(parts)
+
+
+@dataclass(frozen=True)
+class EnvironmentComparison:
+    """Functions to compare in a baseline and in candidates; files are relative to the root."""
+
+    baseline: ReleaseSpec
+    candidates: Sequence[ReleaseSpec]
+    functions: Sequence[FunctionName]
+    cwd: Path
+
+    @property
+    def files(self) -> list[Path]:
+        """The user's files that hold the functions, and the wheels that are named."""
+        named = [self.root / each.file for each in self.functions if each.file is not None]
+        specs = (self.baseline, *self.candidates)
+        return [*dict.fromkeys(named), *(wheel for spec in specs for wheel in spec.files)]
+
+    @property
+    def root(self) -> Path:
+        return Path(self.cwd.anchor)
+
+
+def parse_functions(texts: Sequence[str], cwd: Path) -> list[FunctionName]:
+    """Return the functions that texts name."""
+    root = Path(cwd.anchor)
+    functions = [parse_function(text, cwd, root) for text in dict.fromkeys(texts)]
+    for each in functions:
+        if each.file is not None and not (root / each.file).is_file():
+            raise InputError(f"there is no file {root / each.file}")
+    return functions
+
+
+def install_all(comparison: EnvironmentComparison) -> list[FunctionTargets]:
+    specs = (comparison.baseline, *comparison.candidates)
+    origins = [install(spec) for spec in specs]
+    return [
+        (
+            _target_in(comparison, function, comparison.baseline, origins[0]),
+            _target_in(comparison, function, candidate, origin),
+        )
+        for candidate, origin in zip(comparison.candidates, origins[1:], strict=True)
+        for function in comparison.functions
+    ]
+
+
+def install(spec: ReleaseSpec) -> CodeOrigin:
+    """Install an environment that is missing; return where its packages must be imported from."""
+    if spec.name == installs.INSTALLED:
+        return CodeOrigin(frozenset(), (), "")
+    folder = installs.install(spec).resolve()
+    names = packages.modules(folder, packages.names_of(spec.beside))
+    return CodeOrigin(names, (str(folder),), "")
+
+
+def _target_in(
+    comparison: EnvironmentComparison, function: FunctionName, spec: ReleaseSpec, origin: CodeOrigin
+) -> FunctionTarget:
+    root, cwd, text = comparison.root, comparison.cwd, None
+    if function.file is not None:
+        text = (root / function.file).read_bytes()
+    source = function_source(function, text, root, root, source_layout.source_folders(cwd))
+    return FunctionTarget(function.text, None, "", replace(source, cwd=str(cwd)), origin, spec)

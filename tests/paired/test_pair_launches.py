@@ -9,19 +9,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from paired_examples import CARTPOLE
+from paired_examples import CARTPOLE, InventedPair
 
-from mjbench.errors import MachineError
+from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, platforms
 from mjbench.host.child_connection import ChildError
-from mjbench.paired import cores, launch_seeds, pair_work, protocol, time_limit
-from mjbench.paired.process_pairs import ProcessPairs
-from mjbench.paired.protocol import TargetPair
+from mjbench.paired import cores, launch_seeds, pair_launches, time_limit
+from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.records import LaunchRow
+from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_pool import ProcessPairs, WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.placement import AS_SHIPPED
+from mjbench.status import Status
 
 needs_affinity = pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="no affinity on this system"
@@ -45,7 +47,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
     """Yield three launches of two identical targets."""
     has_affinity = hasattr(os, "sched_getaffinity")
     spied = Spied(os.sched_getaffinity(0) if has_affinity else set())
-    time_quads = protocol.time_quads
+    time_quads = pair_launches.time_quads
 
     def spying(baseline: Any, candidate: Any, count: int) -> Any:
         spied.pids.append((baseline.pid, candidate.pid))
@@ -56,8 +58,8 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
         return time_quads(baseline, candidate, count)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(protocol, "time_quads", spying)
-        patch.setattr(pair_work, "MAX_LAYOUTS", time_limit.LAYOUTS)
+        patch.setattr(pair_launches, "time_quads", spying)
+        patch.setattr(pair_launches, "MAX_LAYOUTS", time_limit.LAYOUTS)
         pair = TargetPair(pool, CARTPOLE, CARTPOLE)
         pair.prepare()
         for _ in range(LAUNCHES):
@@ -98,7 +100,7 @@ def test_a_launch_goes_on_while_the_next_processes_start(
 ) -> None:
     answers = iter([False, False, True])
     monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
-    monkeypatch.setattr(pair_work, "quad_count", lambda all_blocks_s, nsection: nsection)
+    monkeypatch.setattr(pair_launches, "quad_count", lambda all_blocks_s, nsection: nsection)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE)
     pair.prepare()
     launch = pair.launch()
@@ -113,7 +115,7 @@ def test_an_interrupt_ends_what_is_measured(
         baseline.ask(Worker.time_blocks)  # it waits for a block to run, and is asked for none
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(protocol, "time_quads", interrupt)
+    monkeypatch.setattr(pair_launches, "time_quads", interrupt)
     before, allowed = list(pool._processes), platforms.affinity()
     pair = TargetPair(pool, CARTPOLE, CARTPOLE)
     pair.prepare()
@@ -132,7 +134,7 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
         pytest.skip("one core: nothing starts ahead")
     pair = TargetPair(pool, CARTPOLE, CARTPOLE)
     pair.prepare()
-    time_quads = protocol.time_quads
+    time_quads = pair_launches.time_quads
 
     def kill_next(baseline: Any, candidate: Any, count: int) -> Any:
         ahead = pair._pairs._next
@@ -140,7 +142,7 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
         os.kill(ahead.processes[0].pid, signal.SIGKILL)
         return time_quads(baseline, candidate, count)
 
-    monkeypatch.setattr(protocol, "time_quads", kill_next)
+    monkeypatch.setattr(pair_launches, "time_quads", kill_next)
     pair.launch()
     with pytest.raises(ChildError, match=r"baseline .*killed by signal 9"):
         pair.launch()
@@ -250,11 +252,87 @@ def test_all_simulations_are_drawn_equally_often_and_none_twice_at_once(
     counts = [0] * size
     for _ in range(40):
         before = list(counts)
-        drawn = pair_work.draw_least(counts, count)
+        drawn = pair_launches.draw_least(counts, count)
         assert len(set(drawn)) == count
         assert [n + (i in drawn) for i, n in enumerate(before)] == counts
         assert max(counts) - min(counts) <= 1
 
 
 def test_simulations_are_drawn_in_random_order() -> None:
-    assert len({tuple(pair_work.draw_least([0] * 8, 8)) for _ in range(20)}) > 15
+    assert len({tuple(pair_launches.draw_least([0] * 8, 8)) for _ in range(20)}) > 15
+
+
+# When launches end, and what is left of them then: nothing is launched.
+
+
+def launched(
+    count: int,
+    problem: str = "",
+    limit_s: float = 1e9,
+    error: BaseException | None = None,
+) -> InventedPair:
+    """Return what was launched until there is a number of launches; four have an answer.
+
+    Args:
+      error: raised by the third.
+    """
+    clock = [0.0]
+
+    def invent() -> LaunchRow:
+        if len(pair.launches) == 2 and error is not None:
+            raise error
+        clock[0] += 1.0
+        return LaunchRow(0, None, ["ABBA"], [[1, 1, 1, 1]], AS_SHIPPED, [1])
+
+    limit = TimeLimit(limit_s, 4, clock=lambda: clock[0], purpose="a test")
+    with InventedPair(limit, invent) as pair:
+        if problem:
+            raise MachineError(problem)
+        pair.prepare()
+        while len(pair.launches) < count and pair.has_time(len(pair.launches) >= 4):
+            pair.launch()
+    assert pair.is_closed
+    return pair
+
+
+def test_launches_go_on_while_there_is_time() -> None:
+    pair = launched(5)
+    assert pair.ending == Failure(Status.OK, "")
+    assert len(pair.launches) == 5
+
+
+def test_launches_end_with_the_time_limit_and_what_they_gave() -> None:
+    pair = launched(50, limit_s=10.0)
+    assert pair.ending == Failure(Status.OK, "")
+    assert len(pair.launches) == 10
+
+
+def test_a_time_limit_that_allows_no_answer_is_explained() -> None:
+    pair = launched(50, limit_s=2.0)
+    assert pair.ending.status == Status.OK
+    assert "a test needs at least 4 launches: give --budget 5s or more" in pair.ending.detail
+    assert len(pair.launches) == 2
+
+
+@pytest.mark.parametrize(
+    ("error", "ending"),
+    [
+        (MachineError("it fell over"), Failure(Status.FAILED, "it fell over")),
+        (KeyboardInterrupt(), Failure(Status.INTERRUPTED, "interrupted")),
+    ],
+)
+def test_what_was_launched_before_a_failure_stays(error: BaseException, ending: Failure) -> None:
+    pair = launched(5, error=error)
+    assert pair.ending == ending
+    assert len(pair.launches) == 2
+
+
+def test_a_pair_that_cannot_be_prepared_says_why() -> None:
+    pair = launched(5, problem="its code cannot be moved")
+    assert pair.ending == Failure(Status.FAILED, "its code cannot be moved")
+    assert (pair.launches, pair.work) == ([], None)
+
+
+def test_a_fault_of_the_program_is_no_ending() -> None:
+    with pytest.raises(ZeroDivisionError):
+        launched(5, error=ZeroDivisionError())

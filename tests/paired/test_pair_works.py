@@ -10,13 +10,12 @@ import pytest
 from paired_examples import CARTPOLE
 
 from mjbench.errors import InputError
-from mjbench.paired import operations, pair_work, preparation
+from mjbench.paired import operations, pair_launches, preparation
 from mjbench.paired.metrics import Metric
 from mjbench.paired.operations import PreparedOperation
 from mjbench.paired.outcomes import ResultsOutcome
-from mjbench.paired.pair_work import OperationWork, StepWork
+from mjbench.paired.pair_launches import OperationWork, StepWork, TargetPair
 from mjbench.paired.preparation import Preparation, WorkCheck
-from mjbench.paired.protocol import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
@@ -29,9 +28,9 @@ from mjbench.simulation.models import ModelSource
 @pytest.fixture(autouse=True)
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have as few blocks as there can be."""
-    monkeypatch.setattr(pair_work, "quad_count", lambda all_blocks_s, nsection: 1)
-    monkeypatch.setattr(pair_work, "layout_count", lambda all_blocks_s, nsection: 1)
-    monkeypatch.setattr(pair_work, "MAX_LAYOUTS", 1)
+    monkeypatch.setattr(pair_launches, "quad_count", lambda all_blocks_s, nsection: 1)
+    monkeypatch.setattr(pair_launches, "layout_count", lambda all_blocks_s, nsection: 1)
+    monkeypatch.setattr(pair_launches, "MAX_LAYOUTS", 1)
 
 
 @pytest.fixture(params=["load", "reset", "rays", "rollout", "batch", "memory", "growth", "arena"])

@@ -1,0 +1,291 @@
+"""Measurements that come to verdicts: of `versions` and `ab`, and of the functions of `api`.
+
+They differ in what is compared: models in releases or with other settings, functions of the user's
+code in revisions or environments, or models that a path steps which compiles (to the engine that
+times, these are functions, too).
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
+from mjbench.counts import explain
+from mjbench.counts.explain import InstructionComparison
+from mjbench.counts.instructions import InstructionCounter
+from mjbench.errors import InputError
+from mjbench.measuring.progress import Progress
+from mjbench.paired import (
+    accelerated_sides,
+    function_sides,
+    function_verdict,
+    targets,
+    verdict,
+)
+from mjbench.paired.accelerated_sides import AcceleratedComparison
+from mjbench.paired.function_sides import (
+    EnvironmentComparison,
+    FunctionTarget,
+    FunctionTargets,
+    RevisionComparison,
+)
+from mjbench.paired.metrics import COMPILING_METRICS, FUNCTION_METRICS, Metric
+from mjbench.paired.records import TargetRow, VerdictRecord, finished
+from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.targets import Target
+from mjbench.paired.verdict import Judgement, VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paths import BASE, find
+from mjbench.releases import packages
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.simulation.models import ModelSource
+from mjbench.status import Status
+from mjbench.store.runs import Record
+from mjbench.units import listed, percent_change
+
+# Seconds without an answer after which a process is killed, unless it compiles; and if it does.
+_PATIENCE_S, _COMPILER_PATIENCE_S = 60.0, 600.0
+# After as many launches, a comparison shows half of its work as done.
+_HALFWAY_LAUNCHES = 15
+
+_Side = TypeVar("_Side", bound=Target | FunctionTarget)
+# Makes both sides of all comparisons ready, and is called with a function for a line of progress.
+_Prepare = Callable[[WorkerPool, Callable[[str], None]], Sequence[tuple[_Side, _Side]]]
+
+
+def between_releases(
+    specs: Sequence[ReleaseSpec],
+    sources: Sequence[ModelSource],
+    path_names: Sequence[str] | None,
+    plan: VerdictPlan,
+    functions: Sequence[str] = (),
+) -> Measurement:
+    """Return the measurement of models, or of functions, in environments, the baseline first.
+
+    Args:
+      path_names: None where the user names none.
+      functions: as the user names them, such as `bench.py::step`.
+
+    Raises:
+      InputError: there is no such path or function, or these cannot be compared like that.
+    """
+    (baseline, *candidates), metric = specs, plan.sizes.metric
+    if functions:
+        if path_names:
+            raise InputError("--paths are of models, not of functions")
+        check_function_plan(plan)
+        cwd = Path.cwd().resolve()
+        parsed = function_sides.parse_functions(functions, cwd)
+        return _of_functions(EnvironmentComparison(baseline, candidates, parsed, cwd), plan)
+    if not path_names:
+        _check_packages(specs)
+        path_names = [BASE]
+    if compiling := [name for name in path_names if find(name).compiles]:
+        others = [name for name in path_names if name not in compiling]
+        if others or metric not in COMPILING_METRICS:
+            named, known = listed(compiling), " or ".join(COMPILING_METRICS)
+            unfit = listed(others) if others else f"--metric {metric}"
+            raise InputError(f"{named} can be compared alone, by {known}: leave out {unfit}")
+        compiled = AcceleratedComparison(baseline, candidates, sources, path_names, plan.sizes)
+        return _of_compiled(compiled, plan)
+    targets.check_metric(metric, path_names)
+    if metric == Metric.INSTRUCTIONS:
+        comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
+        return _of_instructions(comparison, plan)
+    pairs = targets.of_releases(baseline, candidates, sources, path_names)
+    return between_targets("versions", pairs, replace(plan, family=max(len(pairs), plan.family)))
+
+
+def _check_packages(specs: Sequence[ReleaseSpec]) -> None:
+    """Refuse packages that the default path does not use: it would be the same on both sides.
+
+    Raises:
+      InputError: there is one.
+    """
+    named = packages.names_of([part for spec in specs for part in spec.beside])
+    if unused := sorted(named - {"numpy"}):
+        raise InputError(
+            f"{BASE} does not use {listed(unused)}: name a path that does, such as --paths mjx, or"
+            " a function, --function"
+        )
+
+
+def between_targets(
+    command: str, pairs: Sequence[tuple[Target, Target]], plan: VerdictPlan
+) -> Measurement:
+    """Return the measurement of pairs of baseline and candidate."""
+    sides = [target for pair in pairs for target in pair]
+    return _measurement(
+        command,
+        plan,
+        {"targets": [target.row() for target in sides]},
+        [*(file for target in sides for file in target.files), *plan.sizes.starts.files],
+        lambda pool, on_phase: pairs,
+        _decide_targets,
+    )
+
+
+def _decide_targets(
+    pool: WorkerPool, pair: tuple[Target, Target], plan: VerdictPlan, on_progress: Progress
+) -> VerdictRecord:
+    name = f"{pair[1].model.name}, MuJoCo {pair[1].release.version}"
+    return verdict.decide(pool, *pair, plan, _shown_launch(name, on_progress)).record()
+
+
+def _of_instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measurement:
+    builds, sources = [comparison.baseline, *comparison.candidates], comparison.sources
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        def on_candidate(number: int) -> None:
+            version = comparison.candidates[number].version
+            observer(f"MuJoCo {version}", number / len(comparison.candidates))
+
+        with InstructionCounter(plan.sizes) as counter:
+            for record in explain.verdicts(comparison, counter, finished(earlier), on_candidate):
+                yield Item([record])
+
+    return Measurement(
+        "versions",
+        {
+            **asdict(plan),
+            "metric": Metric.INSTRUCTIONS,
+            "releases": [release.key for release in builds],
+            "models": [source.name for source in sources],
+        },
+        input_files(sources, builds, plan.sizes.starts),
+        measure,
+        finished,
+    )
+
+
+def between_revisions(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
+    revisions = comparison.baseline, comparison.candidate
+    measurement = _function_measurement(
+        "ab",
+        plan,
+        {
+            "revisions": [asdict(revision) for revision in revisions],
+            "functions": [function.text for function in comparison.functions],
+        },
+        comparison.files,
+        len(comparison.functions),
+        lambda pool, on_phase: function_sides.check_out(pool, comparison, on_phase),
+    )
+    return replace(measurement, notes=[*comparison.notes, *measurement.notes])
+
+
+def _of_functions(comparison: EnvironmentComparison, plan: VerdictPlan) -> Measurement:
+    specs = comparison.baseline, *comparison.candidates
+    return _function_measurement(
+        "versions",
+        plan,
+        {
+            "releases": [spec.key for spec in specs],
+            "functions": [function.text for function in comparison.functions],
+        },
+        comparison.files,
+        len(comparison.functions) * len(comparison.candidates),
+        lambda pool, on_phase: function_sides.install_all(comparison),
+    )
+
+
+def _of_compiled(comparison: AcceleratedComparison, plan: VerdictPlan) -> Measurement:
+    comparison = accelerated_sides.with_engines(comparison)
+    names, sources = comparison.path_names, comparison.sources
+    return _function_measurement(
+        "versions",
+        plan,
+        {
+            "releases": [spec.key for spec in comparison.specs],
+            "models": [source.name for source in sources],
+            "paths": list(names),
+        },
+        input_files(sources, comparison.specs, plan.sizes.starts),
+        len(sources) * len(names) * len(comparison.candidates),
+        lambda pool, on_phase: accelerated_sides.prepare(pool, comparison),
+        _COMPILER_PATIENCE_S,
+    )
+
+
+def check_function_plan(plan: VerdictPlan) -> None:
+    """Refuse a plan that says what is of models alone, where functions are compared.
+
+    Raises:
+      InputError: it does.
+    """
+    metric = plan.sizes.metric
+    if plan.sizes != Sizes(metric=metric):
+        raise InputError("sizes, start states and controls are of models, not of functions")
+    if metric not in FUNCTION_METRICS:
+        raise InputError(f"--metric {metric} is of models, not of functions")
+
+
+def _function_measurement(
+    command: str,
+    plan: VerdictPlan,
+    arguments: Mapping[str, Any],
+    files: Sequence[Path],
+    count: int,
+    prepare: _Prepare[FunctionTarget],
+    patience_s: float = _PATIENCE_S,
+) -> Measurement:
+    """Return the measurement of a number of verdicts; both sides run where code lies as it does."""
+    plan = replace(plan, family=max(plan.family, count), as_shipped=True)
+    return _measurement(command, plan, arguments, files, prepare, _decide_functions, patience_s)
+
+
+def _decide_functions(
+    pool: WorkerPool, pair: FunctionTargets, plan: VerdictPlan, on_progress: Progress
+) -> VerdictRecord:
+    name = " ".join(filter(None, (pair[1].function, pair[1].path)))
+    on_progress(name, 0.0)
+    return function_verdict.decide(pool, pair, plan, _shown_launch(name, on_progress))
+
+
+def _measurement(
+    command: str,
+    plan: VerdictPlan,
+    arguments: Mapping[str, Any],
+    files: Sequence[Path],
+    prepare: _Prepare[_Side],
+    decide: Callable[[WorkerPool, tuple[_Side, _Side], VerdictPlan, Progress], VerdictRecord],
+    patience_s: float = _PATIENCE_S,
+) -> Measurement:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        done = {_sides_key(record.sides) for record in finished(earlier)}
+        with WorkerPool(patience_s) as pool:
+            pairs = prepare(pool, observer.begin)
+            for number, pair in enumerate(pairs):
+                if _sides_key([side.row() for side in pair]) in done:
+                    continue
+
+                def on_progress(name: str, share: float, number: int = number) -> None:
+                    observer(name, (number + share) / len(pairs))
+
+                record = decide(pool, pair, plan, on_progress)
+                yield Item([record])
+                if record.status == Status.INTERRUPTED:
+                    return
+
+    return Measurement(
+        command, {**asdict(plan), **arguments}, files, measure, finished, pinning_notes()
+    )
+
+
+def _sides_key(sides: Sequence[TargetRow]) -> str:
+    return repr([asdict(side) for side in sides])
+
+
+def _shown_launch(name: str, on_progress: Progress) -> Callable[[Judgement], None]:
+    """Return what shows, after each launch, what launches come to so far."""
+
+    def on_launch(judgement: Judgement) -> None:
+        text = f"{name} {percent_change(judgement.ratio.estimate)} %"
+        on_progress(text, completed_share(judgement.launches))
+
+    return on_launch
+
+
+def completed_share(launches: int) -> float:
+    return 1 - 1 / (1 + launches / _HALFWAY_LAUNCHES)
