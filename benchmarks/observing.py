@@ -119,7 +119,7 @@ def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
       InputError: there is no such model.
       MachineError: `mjbench run` failed.
     """
-    from mjbench.program.profiling import MANY_RATE_HZ
+    from mjbench.program.sampling import MANY_RATE_HZ
 
     usual_hz = MANY_RATE_HZ if name == PROCESSES else py_spy.DEFAULT_RATE_HZ
     rate = ["--rate", str(rate_hz)] if rate_hz else []
@@ -239,7 +239,7 @@ class _Observers:
         self, profilers: Sequence["psutil.Process"], program: Sequence["psutil.Process"]
     ) -> None:
         """Stop profilers at a moment at which none of them has stopped the program."""
-        from mjbench.program.profiling import process_state
+        from mjbench.program.sampling import process_state
 
         while True:
             for profiler in profilers:

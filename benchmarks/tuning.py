@@ -33,7 +33,7 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import ExitCode, Status
-from mjbench.tuning.distance import SHARE
+from mjbench.tuning.accuracy import SHARE
 from mjbench.tuning.measurements import CMeasurements
 from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.tuning.search_base import SearchPlan

@@ -3,7 +3,7 @@
 from typing import Any
 
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.simulation.judgement import (
+from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     EngineJudgement,
     JudgedPart,

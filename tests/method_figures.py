@@ -16,13 +16,13 @@ from mjbench.comparison import (
     accelerated_check,
     accelerated_limits,
     accelerated_steps,
+    block_sizes,
     plan,
-    sizes,
 )
 from mjbench.counts import explain
 from mjbench.host import machine
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.loop import latency, overhead
+from mjbench.loop import habit_costs, latency
 from mjbench.measuring import calls, stats
 from mjbench.paired import metrics, outcomes, race, race_record
 from mjbench.program import loop_time, py_spy
@@ -34,7 +34,7 @@ from mjbench.report import latency as latency_section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import PathResult, derive_all
 from mjbench.simulation import changed_work, package_timer, sampling, starts, workload
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.store import runs
 from mjbench.testing import callables, fixture
 from mjbench.tuning import records, reference, trajectories
@@ -139,14 +139,14 @@ def work() -> Iterator[str]:
     yield f"{starts.KEYFRAME_SETTLE_S} s from a keyframe"
     yield f"{starts.DEFAULT_SETTLE_S:.0f} s without one"
     yield f"a correlation time of {workload.CONTROL_TIME_S} s"
-    yield f"The default is {sizes.NBATCH} × {sizes.NSTEP}"
-    yield f"more than {1000 * sizes.LONG_BLOCK_S:.0f} ms"
+    yield f"The default is {block_sizes.NBATCH} × {block_sizes.NSTEP}"
+    yield f"more than {1000 * block_sizes.LONG_BLOCK_S:.0f} ms"
     first, second = (round(1 / spread) for spread in sampling.SPREADS[1:3])
     yield f"is made {first}, then {second} times smaller"
 
 
 def loop() -> Iterator[str]:
-    yield f"Student's {percent(overhead.CONFIDENCE)} interval"
+    yield f"Student's {percent(habit_costs.CONFIDENCE)} interval"
     median, high, higher = (f"{100 * quantile:g} %" for quantile in latency.QUANTILES)
     yield f"which latency {median}, {high} and {higher} of the steps do not exceed"
     yield f"sleeps until {latency.SPIN_NS / 1e6:g} ms before a paced step"

@@ -20,8 +20,8 @@ from mjbench.paths.accelerated import (
 )
 from mjbench.paths.base import Options, States
 from mjbench.simulation import compat, models, trajectory, workload
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Peaks
 
 # A model without contacts or other constraints.

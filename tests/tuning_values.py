@@ -6,7 +6,7 @@ from mjbench.host import machine
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.starts import Starts, Window
 from mjbench.store import run_file, runs
-from mjbench.tuning.distance import Distance, Units
+from mjbench.tuning.accuracy import Distance, Units
 from mjbench.tuning.physics import Physics
 from mjbench.tuning.reference import Present
 

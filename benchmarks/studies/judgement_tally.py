@@ -9,7 +9,7 @@ from mjbench.comparison.records import MeasurementRecord
 from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import models, work, workload
-from mjbench.simulation.judgement import EngineJudgement
+from mjbench.simulation.accelerated_judgement import EngineJudgement
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 

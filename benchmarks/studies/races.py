@@ -365,10 +365,10 @@ def _outcome(stored: "RaceRecord", truth: Sequence[float], rng: np.random.Genera
 
 def _true_speedups(stored: "RaceRecord") -> list[float]:
     """Return the speed-up of each variant over the plain loop in all undisturbed launches."""
-    from mjbench.measuring import anytime
+    from mjbench.measuring import launch_stats
 
     logs = [[each.log_ratio(i, 0) for each in stored.launches] for i in range(len(stored.variants))]
-    return [math.exp(anytime.mean_and_deviation(of_variant)[0]) for of_variant in logs]
+    return [math.exp(launch_stats.mean_and_deviation(of_variant)[0]) for of_variant in logs]
 
 
 def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceRecord, float]":

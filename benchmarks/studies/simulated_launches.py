@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.measuring import anytime
-from mjbench.measuring.anytime import Evidence, Interval
+from mjbench.measuring import launch_stats
+from mjbench.measuring.launch_stats import Evidence, Interval
 from mjbench.paired.launch_seeds import FIXED_LAUNCHES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan, conclude
@@ -146,7 +146,7 @@ def simulate(
 
 def _evidence(cells: np.ndarray, confidence: float, length: int) -> Sequence[Evidence]:
     """Return what launches show, for each comparison."""
-    fitted = anytime.fit(cells)
+    fitted = launch_stats.fit(cells)
     columns = (fitted.mean, fitted.half_width(confidence), *fitted.e_values())
     return [
         Evidence(Interval(mean, mean - half_width, mean + half_width, length), above, below)
@@ -183,7 +183,7 @@ class _Launches:
         return cls(noise + scenario.page_deviation * page, residues)
 
     def cells(self, comparisons: np.ndarray, truth: float, length: int) -> np.ndarray:
-        """Return the first launches of some comparisons as `anytime.fit` takes them."""
+        """Return the first launches of some comparisons as `launch_stats.fit` takes them."""
         values = self.log_ratios[comparisons, :length] + truth
         if self.residues is None:
             return values[:, None, :]

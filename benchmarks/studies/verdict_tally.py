@@ -16,7 +16,7 @@ from benchmarks.studies.simulated_launches import (
     skewed_alike,
     two_modes,
 )
-from mjbench.measuring import anytime
+from mjbench.measuring import launch_stats
 from mjbench.paired.launch_seeds import RANDOM_LAUNCHES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan
@@ -175,7 +175,7 @@ def _slower(unchanged: Outcomes, changed: Outcomes, level: float | None) -> np.n
         return is_slower
     e_values = unchanged.e_slower.reshape(shape).copy()
     e_values[:, 0] = changed.e_slower
-    rejected = [anytime.e_benjamini_hochberg(family, level) for family in e_values.tolist()]
+    rejected = [launch_stats.e_benjamini_hochberg(family, level) for family in e_values.tolist()]
     is_slower &= np.array(rejected)
     return is_slower
 

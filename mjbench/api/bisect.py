@@ -7,7 +7,6 @@ from typing import Any
 
 from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
 from mjbench.paired import release_bisect, revision_bisect
-from mjbench.paired.bisect import short_name
 from mjbench.paired.bisect_records import (
     BisectMeasured,
     BisectRecord,
@@ -15,6 +14,7 @@ from mjbench.paired.bisect_records import (
     VersionKind,
     finished,
 )
+from mjbench.paired.bisect_search import short_name
 from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases.catalogue import ReleaseRange

@@ -12,9 +12,9 @@ from mjbench.counts.instructions import InstructionCounter
 from mjbench.counts.records import counted
 from mjbench.errors import MachineError
 from mjbench.limits import SECONDS, TIME_LIMIT_S
-from mjbench.loop import overhead
+from mjbench.loop import habit_costs
 from mjbench.loop import profile as loop_profile
-from mjbench.loop.overhead import OverheadRow
+from mjbench.loop.habit_costs import OverheadRow
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.paired.run_sizes import Sizes
@@ -109,7 +109,7 @@ def of_habits(
     """Return the measurement of what habits of a loop cost, `mjbench profile --habits`."""
 
     def measure_model(source: ModelSource) -> list[OverheadRow]:
-        return [overhead.measure(source, limit_s, starts=starts, budget_s=budget_s)]
+        return [habit_costs.measure(source, limit_s, starts=starts, budget_s=budget_s)]
 
     arguments = {"budget_s": budget_s}
     return of_each_model("overhead", sources, starts, OverheadRow, measure_model, arguments)

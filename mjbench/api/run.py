@@ -9,9 +9,9 @@ from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.program import launch
 from mjbench.program.launch import Program
-from mjbench.program.profiling import Sampling
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedies import confirm, listing
+from mjbench.program.sampling import Sampling
 from mjbench.report import flame
 from mjbench.store.runs import Record, Run
 

@@ -10,7 +10,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.store.runs import Record, Run
-from mjbench.tuning import knobs, variants
+from mjbench.tuning import edited_model, knobs
 from mjbench.tuning.records import Effect, TuneRecord
 from mjbench.tuning.search_base import PARTS, SearchPlan
 from mjbench.tuning.settings import NBATCH, edits_of
@@ -45,11 +45,11 @@ def measurement(
     if copy is not None:
         if len(sources) > 1:
             raise InputError("--write takes one model")
-        variants.check_source(sources[0])
+        edited_model.check_source(sources[0])
 
     def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
         if copy is not None:
-            variants.copy_in_child(sources[0], None, copy, limit_s)
+            edited_model.copy_in_child(sources[0], None, copy, limit_s)
         with WorkerPool() as pool:
 
             def tuned(source: ModelSource, on_progress: Progress) -> Item:
@@ -70,5 +70,5 @@ def write_best(run: Run, source: ModelSource, copy: Path, limit_s: float) -> boo
     best = record.best()
     edits = edits_of(best.settings) if best else []
     if edits:
-        variants.copy_in_child(source, edits, copy, limit_s)
+        edited_model.copy_in_child(source, edits, copy, limit_s)
     return bool(edits)

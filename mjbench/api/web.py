@@ -12,7 +12,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
 from mjbench.web import measure as builds
 from mjbench.web import node_process, npm_package
-from mjbench.web.build_run import Engine
+from mjbench.web.timed_build import Engine
 
 
 def measurement(

@@ -20,7 +20,7 @@ from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
-from mjbench.tuning import variants
+from mjbench.tuning import edited_model
 from mjbench.tuning.records import CONFIDENCE, MIN_EFFECT, Effect, Recommendation, TuneRecord
 from mjbench.tuning.settings import NO_CHANGE, Edit, edits_of
 
@@ -90,4 +90,4 @@ def measure(
 
 def _save(source: ModelSource, edits: Sequence[Edit], file: Path, channel: Channel) -> None:
     channel.doing("applying the settings")
-    models.save(variants.compiled(source, edits), file)
+    models.save(edited_model.compiled(source, edits), file)

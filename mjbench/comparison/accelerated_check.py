@@ -1,7 +1,7 @@
 """How far a compiled run is from C: single steps, the run to its end, and the timed blocks.
 
 `check_run` drives the compiled programs beside the reference run and returns a `CheckedRun`, with
-the judgement of each part (`mjbench.simulation.judgement`).
+the judgement of each part (`mjbench.simulation.accelerated_judgement`).
 """
 
 import dataclasses
@@ -29,8 +29,7 @@ from mjbench.comparison.accelerated_steps import (
 from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
 from mjbench.simulation import agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
-from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import (
+from mjbench.simulation.accelerated_judgement import (
     EngineJudgement,
     JudgedPart,
     Measure,
@@ -38,6 +37,7 @@ from mjbench.simulation.judgement import (
     Precision,
     finite_or_none,
 )
+from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.trajectory import COMPARED, MAX_SINGLE_STEPS, SingleSteps
 from mjbench.simulation.work_check import Fields
 from mjbench.simulation.workload import Workload

@@ -17,9 +17,14 @@ from mjbench.comparison.accelerated_limits import (
     SAME_PLACE,
     SAME_TANGENT_DEGREES,
 )
+from mjbench.simulation.accelerated_judgement import (
+    EngineAnswer,
+    PairContacts,
+    Precision,
+    finite_or_none,
+)
 from mjbench.simulation.constraint_problem import ConstraintProblem
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import EngineAnswer, PairContacts, Precision, finite_or_none
 
 # What a contact without a geom is of.
 _FLEX = "flex"

@@ -20,7 +20,7 @@ from mjbench.comparison.accelerated_limits import (
 )
 from mjbench.paths.accelerated import Advance, start_fields
 from mjbench.simulation import compat, trajectory
-from mjbench.simulation.judgement import Measure, Precision, finite_or_none
+from mjbench.simulation.accelerated_judgement import Measure, Precision, finite_or_none
 from mjbench.simulation.trajectory import Trajectory
 from mjbench.simulation.workload import Workload
 

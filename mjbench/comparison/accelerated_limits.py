@@ -8,7 +8,7 @@ limit that is "chosen" has no other source than what is said. Planted faults hav
 limits, and C itself within them (`tests/comparison/test_accelerated_check.py`).
 """
 
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 
 # --- smooth dynamics
 

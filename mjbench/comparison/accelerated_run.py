@@ -40,8 +40,13 @@ from mjbench.paths.accelerated import (
 )
 from mjbench.paths.warp_buffers import OverflowedError
 from mjbench.simulation import models, work
+from mjbench.simulation.accelerated_judgement import (
+    EngineAnswer,
+    EngineJudgement,
+    JudgedPart,
+    PartName,
+)
 from mjbench.simulation.constraint_problem import converging, without_constraints
-from mjbench.simulation.judgement import EngineAnswer, EngineJudgement, JudgedPart, PartName
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status

@@ -25,9 +25,7 @@ from mjbench.comparison.accelerated_limits import (
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
-from mjbench.simulation.constraint_problem import ConstraintProblem, Solution, without_constraints
-from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import (
+from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     JudgedPart,
     Measure,
@@ -37,6 +35,8 @@ from mjbench.simulation.judgement import (
     finite_or_none,
     worst,
 )
+from mjbench.simulation.constraint_problem import ConstraintProblem, Solution, without_constraints
+from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.trajectory import COMPARED, SingleSteps
 from mjbench.simulation.work_check import Fields
 

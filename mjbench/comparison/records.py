@@ -12,7 +12,7 @@ from mjbench import paths
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import Variant
 from mjbench.paths.accelerated import AcceleratedPath
-from mjbench.simulation.judgement import EngineAnswer, EngineJudgement, Precision
+from mjbench.simulation.accelerated_judgement import EngineAnswer, EngineJudgement, Precision
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.simulation.workload import Product

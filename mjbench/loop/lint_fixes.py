@@ -19,9 +19,9 @@ from typing import Any
 
 from mjbench.errors import InputError, MachineError, one_line, printable, writing
 from mjbench.loop import lint
-from mjbench.loop.certain_names import CertainNames
-from mjbench.loop.copying import Copying
-from mjbench.loop.hoisting import Hoist, Hoisting
+from mjbench.loop.lint_certain_names import CertainNames
+from mjbench.loop.lint_fix_copies import Copying
+from mjbench.loop.lint_fix_hoisting import Hoist, Hoisting
 from mjbench.loop.lint_rule import Match, Rule
 from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice

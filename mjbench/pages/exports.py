@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError, MachineError
-from mjbench.paired import across_machines, family
-from mjbench.paired.across_machines import MachinesOutcome
+from mjbench.paired import family, machine_verdicts
+from mjbench.paired.machine_verdicts import MachinesOutcome
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
@@ -251,7 +251,7 @@ def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
     machines = [machine.name for machine in identify([run.header.machine for run in runs])]
     for run, machine in zip(runs, machines, strict=True):
         yield from (replace(case, name=f"{machine}: {case.name}") for case in _path_cases(run))
-    across = across_machines.decide(across_machines.rows_of(runs, machines))
+    across = machine_verdicts.decide(machine_verdicts.rows_of(runs, machines))
     for comparison in across.comparisons:
         name = verdicts.comparison_name(comparison)
         sentence = verdicts.describe_machines(comparison, name)

@@ -2,14 +2,14 @@
 
 Of many comparisons of targets that do not differ, one is called slower or faster sooner or later.
 So a change of a family of comparisons needs an e-value that suffices for their number (see
-`anytime.e_benjamini_hochberg`).
+`launch_stats.e_benjamini_hochberg`).
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mjbench.measuring import anytime
+from mjbench.measuring import launch_stats
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Cause, Verdict
 from mjbench.paired.records import VerdictRow
@@ -56,7 +56,7 @@ def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
     changes: dict[Verdict, list[VerdictRow]] = {}
     for verdict in (Verdict.SLOWER, Verdict.FASTER):
         e_values = [e_value(row, verdict) for row in rows]
-        certain = anytime.e_benjamini_hochberg(e_values, 1 - confidence)
+        certain = launch_stats.e_benjamini_hochberg(e_values, 1 - confidence)
         changes[verdict] = [row for row, is_sure in zip(rows, certain, strict=True) if is_sure]
     slower, faster = changes[Verdict.SLOWER], changes[Verdict.FASTER]
     decided = [*slower, *faster, *(row for row in rows if row.verdict == Verdict.SAME)]

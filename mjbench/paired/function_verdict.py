@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from mjbench.errors import Failure, InputError, MachineError, UnavailableError
 from mjbench.host import machine
-from mjbench.measuring import anytime
+from mjbench.measuring import launch_stats
 from mjbench.measuring.calls import Compilation
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsCheck, compare
@@ -128,7 +128,7 @@ def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow 
     if not launches:
         return None
     log_ratios = [launch.log_ratio for launch in launches]
-    interval = anytime.anytime_interval(log_ratios, confidence)
+    interval = launch_stats.anytime_interval(log_ratios, confidence)
     ratio = Ratio.of_log(interval.mean, interval.half_width)
     return ControlRow(ratio, len(launches), interval.low <= 0 <= interval.high)
 

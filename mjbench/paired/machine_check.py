@@ -12,7 +12,7 @@ from statistics import NormalDist
 import mujoco
 
 from mjbench.errors import MachineError
-from mjbench.measuring import anytime, timing
+from mjbench.measuring import launch_stats, timing
 from mjbench.paired import verdict
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan
@@ -50,7 +50,7 @@ class Noise:
         count = min(_MAX_LAUNCHES, max(MIN_LAUNCHES, int(seconds / self.launch_s)))
         normal = NormalDist(0.0, max(self.deviation, 1e-6))
         launches = [normal.inv_cdf((i + 0.5) / count) for i in range(count)]
-        interval = anytime.evidence(launches, verdict.CONFIDENCE).interval
+        interval = launch_stats.evidence(launches, verdict.CONFIDENCE).interval
         return math.exp(interval.high - interval.low) - 1
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
 from mjbench.errors import MachineError
-from mjbench.measuring import anytime
+from mjbench.measuring import launch_stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import moved_check
 from mjbench.paired.pair_launches import TargetPair
@@ -125,7 +125,7 @@ def residue_rows(launches: Sequence[LaunchRow]) -> list[ResidueRow]:
 
 
 def _residue_row(residue: int, log_ratios: Sequence[float]) -> ResidueRow:
-    interval = anytime.anytime_interval(log_ratios, CONFIDENCE)
+    interval = launch_stats.anytime_interval(log_ratios, CONFIDENCE)
     estimate, low, high = np.exp([interval.mean, interval.low, interval.high]).tolist()
     has_interval = interval.count >= MIN_LAUNCHES
     ratio = Ratio(estimate, low, high) if has_interval else Ratio(estimate, None, None)

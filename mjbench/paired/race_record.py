@@ -16,7 +16,7 @@ import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
-from mjbench.measuring import anytime
+from mjbench.measuring import launch_stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paths.parallelism import nthread
 from mjbench.simulation import package_timer
@@ -217,7 +217,7 @@ class RaceRecord:
         """Return the speed-up of a variant over the plain loop; None where it was not timed.
 
         It is from the launches after the race where there are enough of the variant, else from all
-        that timed it. The interval may be computed after any launch (see `anytime`).
+        that timed it. The interval may be computed after any launch (see `launch_stats`).
         """
         position = self._position(variant)
         return None if position is None else self.speedups[position]
@@ -319,7 +319,7 @@ class RaceRecord:
         """
         if all(launch.is_final for launch in launches):
             ratios = [launch.log_ratio(baseline, candidate) for launch in launches]
-            return Ratio.of_log(*anytime.student_interval(ratios, CONFIDENCE))
+            return Ratio.of_log(*launch_stats.student_interval(ratios, CONFIDENCE))
         return Ratio.of_log(*log_ratio(launches, baseline, candidate, CONFIDENCE))
 
 
@@ -328,7 +328,7 @@ def standing_of(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: 
 
     A variant is out once it is certainly slower than the fastest. The error of that is spent over
     all ordered pairs of entrants, because which is the fastest follows from the same launches; the
-    intervals may be looked at after every launch (see `anytime`).
+    intervals may be looked at after every launch (see `launch_stats`).
 
     Args:
       launches: of the race; the first timed all of the group.
@@ -361,11 +361,11 @@ def log_ratio(
 
     The spread of launches is pooled over all variants that those launches timed, unless that of the
     two is larger: so three launches of many variants have an interval, and a variant whose times
-    scatter has a wide one. Disturbed launches are left out of the mean (see `anytime.fit`).
+    scatter has a wide one. Disturbed launches are left out of the mean (see `launch_stats.fit`).
     """
     both = [each for each in launches if {baseline, candidate} <= set(each.variants)]
     ratios = np.array([each.log_ratio(baseline, candidate) for each in both])
-    fitted = anytime.fit(ratios[None, None, :])
+    fitted = launch_stats.fit(ratios[None, None, :])
     variants = sorted(set.intersection(*(set(each.variants) for each in both)))
     pooled, freedom = _pooled_variance(both, variants)
     own_freedom = int(fitted.freedom[0])

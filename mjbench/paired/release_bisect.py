@@ -4,8 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.errors import MachineError
-from mjbench.paired import bisect, verdict
-from mjbench.paired.bisect import SearchRange, VersionMeasurer
+from mjbench.paired import bisect_search, verdict
 from mjbench.paired.bisect_records import (
     BisectChange,
     BisectMeasured,
@@ -13,6 +12,7 @@ from mjbench.paired.bisect_records import (
     VersionKind,
     VersionRow,
 )
+from mjbench.paired.bisect_search import SearchRange, VersionMeasurer
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -82,7 +82,7 @@ def search(
     )
     with WorkerPool() as pool:
         measurer = _ReleaseMeasurer(pool, releases, source, plan, on_phase)
-        for record in bisect.search(measurer, searched, plan.min_effect, earlier):
+        for record in bisect_search.search(measurer, searched, plan.min_effect, earlier):
             if isinstance(record, BisectRecord):
                 changes = [_with_causes(change, source) for change in record.changes]
                 yield replace(record, changes=changes)

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.paired import bisect, function_sides, function_verdict
-from mjbench.paired.bisect import SearchRange, VersionMeasurer
+from mjbench.paired import bisect_search, function_sides, function_verdict
 from mjbench.paired.bisect_records import BisectMeasured, VersionKind, VersionRow
+from mjbench.paired.bisect_search import SearchRange, VersionMeasurer
 from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.verdict import VerdictPlan
@@ -74,4 +74,4 @@ def search(
         [VersionRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)],
     )
     measurer = _RevisionMeasurer(comparison, commits, plan, on_phase)
-    return bisect.search(measurer, searched, plan.min_effect, earlier)
+    return bisect_search.search(measurer, searched, plan.min_effect, earlier)

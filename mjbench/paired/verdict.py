@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.errors import MachineError
-from mjbench.measuring import anytime
-from mjbench.measuring.anytime import Evidence, Interval
+from mjbench.measuring import launch_stats
+from mjbench.measuring.launch_stats import Evidence, Interval
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
 from mjbench.paired.call_results import ResultsCheck
@@ -78,7 +78,7 @@ class Judgement:
 
     Attributes:
       enough: whether more launches are unnecessary for the verdict and precision asked for.
-      e_slower: e-value against "not slower" (see `anytime.Fit.e_values`); 1 or less is no evidence.
+      e_slower: e-value against "not slower" (see `launch_stats.Fit.e_values`); 1 is no evidence.
     """
 
     verdict: Verdict
@@ -107,13 +107,13 @@ def judge(
     of the change (to stop as soon as the interval excludes "no change" would overstate the change).
     They are also enough if the half-width is at most `precision`, or half of the smallest effect if
     that is less. In a family of comparisons, `slower` and `faster` need more: an e-value that
-    suffices for any number of changes in the family (see `anytime.e_benjamini_hochberg`).
+    suffices for any number of changes in the family (see `launch_stats.e_benjamini_hochberg`).
 
     Args:
       confidence: of the whole procedure, however often it is called.
       residues: of the launches' placements; None if libraries stay where they are.
     """
-    evidence = anytime.evidence(log_ratios, confidence, residues)
+    evidence = launch_stats.evidence(log_ratios, confidence, residues)
     return conclude(evidence, min_effect, confidence, precision, family)
 
 
@@ -421,7 +421,7 @@ def _judge_as_shipped(
     shipped = [launch for launch in launches if not launch.placements.is_moved]
     if not shipped:
         return None
-    interval = anytime.interval_beside(
+    interval = launch_stats.interval_beside(
         [launch.log_ratio + log_scale for launch in shipped],
         plan.confidence,
         [launch.log_ratio + log_scale for launch in moved],

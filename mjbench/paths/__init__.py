@@ -117,7 +117,7 @@ def _running_user_code() -> Iterator[None]:
 def _problem(path: SteppingPath) -> str:
     """Return what is wrong with a path of the user's own, in one line; empty if nothing is."""
     from mjbench.paths.accelerated import AcceleratedPath
-    from mjbench.simulation.judgement import Precision
+    from mjbench.simulation.accelerated_judgement import Precision
 
     kinds = {"name": str, "summary": str, "closed_loop": bool, "compiles": bool}
     kinds |= {"options": tuple, "products": tuple}

@@ -19,8 +19,8 @@ from mjbench import extras, paths
 from mjbench.errors import InputError, one_line
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
 from mjbench.simulation import compat, work
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import (
     PortableWorkload,

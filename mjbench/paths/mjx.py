@@ -31,8 +31,8 @@ from mjbench.paths.accelerated import (
 from mjbench.paths.base import Options, States
 from mjbench.paths.warp import CACHE_VARIABLE
 from mjbench.simulation import compat
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 

@@ -24,9 +24,9 @@ from mjbench.program import activities, call_times, gil_waits, py_spy, recorded_
 from mjbench.program.activities import Place
 from mjbench.program.call_times import ProgramCalls
 from mjbench.program.gil_waits import GilWait
-from mjbench.program.profiling import ProcessorClock, ProcessorUse, Profiling, Sampling
 from mjbench.program.py_spy import Frame, ThreadSamples
 from mjbench.program.recorded_models import RecordedModel
+from mjbench.program.sampling import ProcessorClock, ProcessorUse, Profiling, Sampling
 from mjbench.program.step_times import StepTimes
 
 # Seconds between looks at the program: each also sees whether the profiler has stopped it.

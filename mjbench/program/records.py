@@ -18,9 +18,9 @@ from mjbench.program.gil_waits import GilWait
 from mjbench.program.launch import ProgramObservation
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import PhysicsCost
-from mjbench.program.profiling import ProcessorUse
 from mjbench.program.remedies import listing, trials, wrong_results
 from mjbench.program.remedies.remedy import Remedy
+from mjbench.program.sampling import ProcessorUse
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import StepTimes
 from mjbench.status import Status

@@ -19,7 +19,7 @@ from mjbench.bounds import (
     PositiveInt,
     Version,
 )
-from mjbench.measuring import anytime
+from mjbench.measuring import launch_stats
 from mjbench.releases.placement import Placement
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
@@ -112,7 +112,7 @@ def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> Lo
     count = len(set(residues)) if residues else 1
     if len(log_ratios) <= count:
         return None
-    mean, deviation = anytime.mean_and_deviation(clipped(log_ratios, residues), residues)
+    mean, deviation = launch_stats.mean_and_deviation(clipped(log_ratios, residues), residues)
     return LogEstimate(mean, max(deviation, MIN_DEVIATION))
 
 

@@ -8,8 +8,8 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.paired import across_machines
-from mjbench.paired.across_machines import (
+from mjbench.paired import machine_verdicts
+from mjbench.paired.machine_verdicts import (
     AcrossMachines,
     MachineComparison,
     MachinesOutcome,
@@ -44,7 +44,7 @@ class SideBySide:
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
     machines = identify([run.header.machine for run in runs])
     names = [machine.name for machine in machines]
-    decided = across_machines.decide(across_machines.rows_of(runs, names))
+    decided = machine_verdicts.decide(machine_verdicts.rows_of(runs, names))
     return SideBySide(machines, decided, advice_across.advice_across(runs, names))
 
 

@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Iterator, Sequence
 
-from mjbench.paired.bisect import short_name
 from mjbench.paired.bisect_records import (
     BisectChange,
     BisectComparison,
@@ -12,6 +11,7 @@ from mjbench.paired.bisect_records import (
     BisectTrial,
     VersionKind,
 )
+from mjbench.paired.bisect_search import short_name
 from mjbench.paired.outcomes import Verdict
 from mjbench.releases.installs import wheel_digest
 from mjbench.report import formats, verdicts

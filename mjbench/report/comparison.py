@@ -7,6 +7,11 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race_record import MAX_LAUNCHES, MIN_LAUNCHES
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.report import comparison_figures, formats
+from mjbench.report.accelerated_judgements import (
+    judgement_conclusion,
+    judgement_tables,
+    version_lines,
+)
 from mjbench.report.advice import (
     Advice,
     advise,
@@ -24,7 +29,6 @@ from mjbench.report.crossovers import (
     work_crossovers,
 )
 from mjbench.report.engine_warnings import warning_lines
-from mjbench.report.judgements import judgement_conclusion, judgement_tables, version_lines
 from mjbench.report.results import FORMER, ModelResults, PathResult, derive_all
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer

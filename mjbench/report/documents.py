@@ -7,7 +7,7 @@ from pathlib import Path
 from mjbench.comparison.listing import ListedModel
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
-from mjbench.paired.across_machines import AcrossMachines
+from mjbench.paired.machine_verdicts import AcrossMachines
 from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.releases import speed_history
 from mjbench.releases.catalogue import ReleaseRow

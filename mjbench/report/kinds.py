@@ -14,8 +14,8 @@ from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.host.neighbours import Disturbance
+from mjbench.loop.habit_costs import OverheadRow
 from mjbench.loop.latency import LatencyRow
-from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
 from mjbench.paired import selfcheck as trials
@@ -33,8 +33,8 @@ from mjbench.report import (
     counts,
     documents,
     environment,
+    habit_costs,
     latency,
-    overhead,
     placement,
     planning,
     profile,
@@ -150,7 +150,7 @@ COMPARE = Kind(
     lambda run: comparison.sections(derive_all(run.records)),
     lambda run: comparison.flat_rows(derive_all(run.records)),
 )
-OVERHEAD = _kind(OverheadRow, overhead.sections, "overhead")
+OVERHEAD = _kind(OverheadRow, habit_costs.sections, "overhead")
 PROFILE = _kind(ProfileRow, profile.sections, "profile")
 PROGRAM = _kind(ProgramRow, program.sections, "run", rows=program.program_rows)
 LATENCY = _kind(LatencyRow, latency.sections, "latency")

@@ -17,7 +17,7 @@ from mjbench.paired.model_comparison import race_of
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
-from mjbench.simulation.judgement import EngineAnswer
+from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.store.json_form import in_json

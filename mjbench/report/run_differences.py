@@ -18,7 +18,7 @@ from mjbench.paths.accelerated import CPU
 from mjbench.report import formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.report.results import PathResult, derive_all, steps_per_block
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 from mjbench.store.machine_identity import MachineIdentity, identify
 from mjbench.store.run_set import RunSet

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from mjbench.report.formats import short_percent
 from mjbench.report.starts import starts_lines
 from mjbench.status import Status
-from mjbench.tuning.distance import Distance
+from mjbench.tuning.accuracy import Distance
 from mjbench.tuning.records import Batch, BatchFacts, TuneRecord
 from mjbench.tuning.reference import REFINEMENT, Present
 from mjbench.tuning.settings import label

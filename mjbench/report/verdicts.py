@@ -7,20 +7,20 @@ from typing import Any
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
-from mjbench.paired.across_machines import (
+from mjbench.paired.family import Family
+from mjbench.paired.machine_verdicts import (
     AcrossMachines,
     MachineComparison,
     MachinesOutcome,
     MachineVerdict,
 )
-from mjbench.paired.family import Family
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.releases import packages
 from mjbench.report import charts, formats, verdict_compiling
-from mjbench.report.changes import describe_ratio
+from mjbench.report.change_wording import describe_ratio
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.starts import starts_lines

@@ -1,7 +1,8 @@
 """Compare states, bit by bit and within tolerances.
 
 Paths that run the same C engine must agree to the last bit, over all of mjSTATE_INTEGRATION.
-Engines that compile the step, MJX and Warp, are judged part by part: see `judgement`.
+Engines that compile the step, MJX and Warp, are judged part by part: see
+`accelerated_judgement`.
 """
 
 import hashlib

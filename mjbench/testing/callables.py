@@ -23,9 +23,9 @@ from statistics import NormalDist
 
 import numpy as np
 
-from mjbench.measuring import anytime, calls, stats, timing
-from mjbench.measuring.anytime import Interval
+from mjbench.measuring import calls, launch_stats, stats, timing
 from mjbench.measuring.calls import Function, nothing
+from mjbench.measuring.launch_stats import Interval
 from mjbench.measuring.timing import Clock
 from mjbench.units import duration
 
@@ -158,7 +158,7 @@ def compare(
     while True:
         rounds.append(_time_round(pair, count, clock, rng))
         log_ratios.append(rounds[-1].log_ratio)
-        check = _judge(anytime.anytime_interval(log_ratios, question.confidence), question)
+        check = _judge(launch_stats.anytime_interval(log_ratios, question.confidence), question)
         if not check.is_final:
             spent_s = clock() - begin
             if spent_s * (1 + 1 / len(rounds)) <= question.time_limit_s:

@@ -32,8 +32,8 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import distance, knob_values, reference, trajectories
-from mjbench.tuning.distance import Distance, Motion
+from mjbench.tuning import accuracy, knob_values, reference, trajectories
+from mjbench.tuning.accuracy import Distance, Motion
 from mjbench.tuning.records import Attempt, BatchFacts, TunedProgram, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
 from mjbench.tuning.setting_launch import launch, try_each
@@ -133,7 +133,7 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     full = reference.baseline(model, plan)
     rounded = trajectories.run(model, _rounded(full.trials, path))
     # for as many controls, errors mean something in C and in the engine's precision
-    apart = distance.shares_over_time(model, full.motion, rounded, full.present)
+    apart = accuracy.shares_over_time(model, full.motion, rounded, full.present)
     of_engine = max(LEAST_NCONTROL, reference.horizon(apart, np.zeros_like(apart)))
     ncontrol = min(full.facts.horizon_ncontrol, of_engine)
     trials, runs = full.trials.first(ncontrol), full.present.first(ncontrol)
@@ -144,7 +144,7 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
     sizes = path.default_buffer_sizes(model)
     baseline = EngineBaseline(
-        trials, runs, distance.motion(model, starts_qpos, runs), work.observe(repeated).peaks, sizes
+        trials, runs, accuracy.motion(model, starts_qpos, runs), work.observe(repeated).peaks, sizes
     )
     case.file.write_bytes(pickle.dumps(baseline))
     return BatchFacts(
@@ -278,7 +278,7 @@ def _runs(
 
 
 def _error(model: mujoco.MjModel, baseline: EngineBaseline, runs: Trajectories) -> Distance:
-    return distance.distance(model, baseline.motion, runs, baseline.runs)
+    return accuracy.distance(model, baseline.motion, runs, baseline.runs)
 
 
 def _timed(present: Compiled, other: Compiled, channel: Channel, limit_s: float) -> LaunchRow:

@@ -16,7 +16,7 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import knobs, mesh_notes, observed, reference, variants
+from mjbench.tuning import edited_model, knobs, mesh_notes, observed, reference
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
@@ -194,7 +194,7 @@ def run_present(
     source: ModelSource, plan: TrialPlan, files: SearchFiles, channel: Channel
 ) -> tuple[Present, Mapping[str, float], float]:
     channel.doing(f"running {source.name} with its present settings")
-    model = variants.compiled(source, ())
+    model = edited_model.compiled(source, ())
     baseline = reference.present_runs(model, plan)
     files.baseline.write_bytes(pickle.dumps(baseline))
     models.save(model, files.model)

@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.measuring import anytime, stats
+from mjbench.measuring import launch_stats, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
-from mjbench.tuning.distance import Distance
+from mjbench.tuning.accuracy import Distance
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.physics import Physics
 from mjbench.tuning.reference import Present
@@ -283,7 +283,7 @@ def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Ratio:
       count: ratios whose intervals all hold together with CONFIDENCE (Bonferroni).
     """
     logs = [log_ratio(row) for row in samples]
-    return Ratio.of_log(*anytime.student_interval(logs, 1 - (1 - CONFIDENCE) / count))
+    return Ratio.of_log(*launch_stats.student_interval(logs, 1 - (1 - CONFIDENCE) / count))
 
 
 def saves_time(ratio: Ratio) -> bool:

@@ -22,8 +22,8 @@ from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.simulation import compat, model_options, sampling, starts, work, workload
 from mjbench.simulation.starts import StartPlan, Starts
-from mjbench.tuning import distance, trajectories
-from mjbench.tuning.distance import Distance, Motion
+from mjbench.tuning import accuracy, trajectories
+from mjbench.tuning.accuracy import Distance, Motion
 from mjbench.tuning.physics import Physics, physics
 from mjbench.tuning.trajectories import Trajectories, Trials
 
@@ -32,7 +32,7 @@ REFINEMENT = 8
 # Steps for which each control is held, unless the user says otherwise: a timestep that is larger by
 # 2, 4 or 8 divides it, too.
 HOLD = 8
-# Runs from which settings are tried: `distance.bound` leaves out the largest errors of so many.
+# Runs from which settings are tried: `accuracy.bound` leaves out the largest errors of so many.
 # With fewer than the least number it has less confidence. Where steps are slow, there are fewer.
 NRUN, SLOW_NRUN, LEAST_NRUN = 64, 32, 29
 # Settling runs from which the starts are drawn, each with a seed of its own, at most and at least;
@@ -183,7 +183,7 @@ def present_runs(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
     twin = trajectories.run(model, perturbed(model, trials))
     healthy = _healthy("with the present settings", present, twin)
     trials, present, twin = trials.only(healthy), present.only(healthy), twin.only(healthy)
-    scale = distance.motion(model, _initial_qpos(model, trials), present)
+    scale = accuracy.motion(model, _initial_qpos(model, trials), present)
     ncontrol = trials.ncontrol
     facts = Present(
         nrun=trials.nrun,
@@ -194,14 +194,14 @@ def present_runs(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
         is_comparable=False,
         starts=came_from,
         error=None,
-        rounding=distance.distance(model, scale, twin, present),
+        rounding=accuracy.distance(model, scale, twin, present),
         solver=None,
         motion_m=scale.position.m,
         motion_rad=scale.position.rad,
         physics=physics(model, trials.initial_state, present.points),
         reference_physics=None,
     )
-    rounding = distance.bounds_over_time(model, scale, twin, present)
+    rounding = accuracy.bounds_over_time(model, scale, twin, present)
     is_same = np.logical_and.accumulate(rounding <= SAME_SHARE / ROUNDING_FACTOR)
     return Baseline(trials, scale, present, twin, int(is_same.sum()), None, facts)
 
@@ -215,17 +215,17 @@ def with_reference(
     runs, reference, solver = runs._of(healthy), reference.only(healthy), solver.only(healthy)
     trials, present, twin = runs.trials, runs.present, runs.twin
     initial_qpos = _initial_qpos(model, trials)
-    scale = distance.motion(model, initial_qpos, reference)
+    scale = accuracy.motion(model, initial_qpos, reference)
     usable = horizon(
-        distance.shares_over_time(model, scale, present, reference),
-        distance.shares_over_time(model, scale, twin, present),
+        accuracy.shares_over_time(model, scale, present, reference),
+        accuracy.shares_over_time(model, scale, twin, present),
     )
     ncontrol = min(horizon_ncontrol or max(usable, LEAST_NCONTROL), trials.ncontrol)
     within = reference.first(ncontrol)
-    scale = distance.motion(model, initial_qpos, within)
+    scale = accuracy.motion(model, initial_qpos, within)
 
     def apart(runs: Trajectories, others: Trajectories) -> Distance:
-        return distance.distance(model, scale, runs.first(ncontrol), others.first(ncontrol))
+        return accuracy.distance(model, scale, runs.first(ncontrol), others.first(ncontrol))
 
     facts = replace(
         runs.facts,

@@ -12,7 +12,7 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning.distance import Distance
+from mjbench.tuning.accuracy import Distance
 from mjbench.tuning.records import Attempt, Effect, Recommendation, TuneRecord, Withdrawal
 from mjbench.tuning.reference import HOLD, REFERENCE_S, TrialPlan
 from mjbench.tuning.settings import Setting, label

@@ -32,7 +32,7 @@ from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import distance, trajectories, variants
+from mjbench.tuning import accuracy, edited_model, trajectories
 from mjbench.tuning.physics import physics
 from mjbench.tuning.records import Accuracy, Attempt, Effect, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
@@ -181,9 +181,9 @@ class _Launch:
             key = hashlib.sha256(repr(compiled).encode()).hexdigest()
             file = self.files.folder / f"{key}.mjb"
             if not file.is_file():
-                models.save(variants.compiled(self.source, compiled), file)
+                models.save(edited_model.compiled(self.source, compiled), file)
             model = models.load(ModelSource(self.source.name, file))
-        return variants.with_options(self.source, model, [e for e in edits if e.is_of_options])
+        return edited_model.with_options(self.source, model, [e for e in edits if e.is_of_options])
 
     @functools.cached_property
     def _step_s(self) -> float:
@@ -233,11 +233,11 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
         sensors = trajectories.sensor_change(model, runs, baseline.present)
     error, along, run_errors = None, None, list[float]()
     if baseline.reference is not None:
-        error = distance.distance(model, scale, within, baseline.reference)
+        error = accuracy.distance(model, scale, within, baseline.reference)
         along = physics(model, baseline.trials.initial_state, runs.points)
-        run_errors = distance.shares(model, scale, within, baseline.reference).tolist()
+        run_errors = accuracy.shares(model, scale, within, baseline.reference).tolist()
     effect = Effect.APPROXIMATE if sensors.changed else effect
-    apart = distance.distance(model, scale, within, present)
+    apart = accuracy.distance(model, scale, within, present)
     return Accuracy(
         effect,
         error,
@@ -255,7 +255,7 @@ def _effect(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Ef
     ncontrol = baseline.same_ncontrol
     if ncontrol < min(LEAST_NCONTROL, baseline.trials.ncontrol):
         return Effect.APPROXIMATE  # rounding alone makes as much
-    over_time = distance.bounds_over_time(
+    over_time = accuracy.bounds_over_time(
         model, baseline.motion, runs.first(ncontrol), baseline.present.first(ncontrol)
     )
     return Effect.EQUIVALENT if np.all(over_time <= SAME_SHARE) else Effect.APPROXIMATE

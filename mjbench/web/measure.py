@@ -25,11 +25,11 @@ from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.web import c_reference, rounding_check
-from mjbench.web.build_run import ENGINE_THREADS, MIN_WARM_UP_S, BuildRun, Engine
 from mjbench.web.c_reference import CReference
 from mjbench.web.node_process import NodeError
 from mjbench.web.npm_package import Build
 from mjbench.web.records import WebPathRecord, WebRecord
+from mjbench.web.timed_build import ENGINE_THREADS, MIN_WARM_UP_S, BuildRun, Engine
 
 # Rounds of blocks, at least and at most; both even.
 _LEAST_ROUNDS, _MOST_ROUNDS = 8, 1000

@@ -24,7 +24,7 @@ from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.placement import Placement, PlacementPair
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 from mjbench.store import runs

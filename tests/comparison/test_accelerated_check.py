@@ -17,8 +17,8 @@ from mjbench.comparison.accelerated_check import (
     timed_end_problem,
 )
 from mjbench.paths.accelerated import Compiled
+from mjbench.simulation.accelerated_judgement import EngineAnswer, EngineJudgement, PartName
 from mjbench.simulation.constraint_problem import converging, without_constraints
-from mjbench.simulation.judgement import EngineAnswer, EngineJudgement, PartName
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.store.runs import to_json

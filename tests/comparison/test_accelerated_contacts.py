@@ -9,9 +9,9 @@ import pytest
 
 from mjbench.comparison.accelerated_contacts import ContactJudge
 from mjbench.simulation import compat
+from mjbench.simulation.accelerated_judgement import EngineAnswer, PairContacts, Precision
 from mjbench.simulation.constraint_problem import ConstraintProblem
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import EngineAnswer, PairContacts, Precision
 
 BOX = "<geom type='box' size='0.1 0.1 0.1'/>"
 BALL = "<geom size='0.1'/>"

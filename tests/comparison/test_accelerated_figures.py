@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mjbench.comparison.accelerated_figures import RunFigure
-from mjbench.simulation.judgement import Measure, Precision
+from mjbench.simulation.accelerated_judgement import Measure, Precision
 
 NPOINT, NSIM = 6, 16
 FORCE_N = "contact forces, N"

@@ -18,7 +18,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.report import results
 from mjbench.simulation import models
-from mjbench.simulation.judgement import EngineAnswer, PartName
+from mjbench.simulation.accelerated_judgement import EngineAnswer, PartName
 from mjbench.simulation.work import observe
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status

@@ -20,8 +20,14 @@ from mjbench.comparison.accelerated_steps import (
 )
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import compat, trajectory
+from mjbench.simulation.accelerated_judgement import (
+    EngineAnswer,
+    JudgedPart,
+    PairContacts,
+    PartName,
+    Precision,
+)
 from mjbench.simulation.constraint_problem import converging
-from mjbench.simulation.judgement import EngineAnswer, JudgedPart, PairContacts, PartName, Precision
 from mjbench.simulation.trajectory import SingleSteps
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload

@@ -8,7 +8,7 @@ from example_records import JUDGED
 
 from mjbench.comparison.records import RECORD_TYPES, MeasurementRecord
 from mjbench.host import machine
-from mjbench.simulation.judgement import EngineAnswer, Precision
+from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 from mjbench.store import run_file, runs
 

@@ -8,7 +8,7 @@ import pytest
 
 import mjbench
 from mjbench.errors import InputError
-from mjbench.loop import overhead, profile, rendering
+from mjbench.loop import habit_costs, profile, rendering
 from mjbench.loop.loop_starts import NSTART, LoopStarts
 from mjbench.simulation import compat, models, sampling, work
 from mjbench.simulation.sampling import SampleRequest
@@ -63,13 +63,13 @@ def test_a_profile_of_captured_states_says_so(captured: Path, brief: None) -> No
 
 def test_habits_cost_something_from_captured_states(captured: Path, brief: None) -> None:
     source, starts = models.resolve("cartpole"), StartPlan(file=captured)
-    table = overhead.measure(source, launches=1, starts=starts, budget_s=0.05)
+    table = habit_costs.measure(source, launches=1, starts=starts, budget_s=0.05)
     assert table.starts is not None and table.starts.file == "states.npz"
     assert table.bare_ns > 0
 
 
 def test_a_file_that_does_not_fit_is_bad_input(captured: Path, brief: None) -> None:
-    for measure in (profile.measure, overhead.measure):
+    for measure in (profile.measure, habit_costs.measure):
         with pytest.raises(InputError, match="holds states of another model, cartpole"):
             measure(models.resolve("humanoid"), starts=StartPlan(file=captured))
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from verdict_records import SAME, SLOWER, launch
 
-from mjbench.paired import bisect, release_bisect, verdict
-from mjbench.paired.bisect import SearchRange, VersionMeasurer
+from mjbench.paired import bisect_search, release_bisect, verdict
 from mjbench.paired.bisect_records import VersionKind, VersionRow
+from mjbench.paired.bisect_search import SearchRange, VersionMeasurer
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -87,7 +87,7 @@ def test_the_release_that_slowed_the_cart_pole_is_found_among_42_in_ten_comparis
     versions = [VersionRow(n, record.release) for n, record in enumerate(cartpole) if n]
     searched = SearchRange("cartpole", VersionKind.RELEASE, "2.3.7", "4.0.0", versions)
     assert len(cartpole) == 42
-    *_, result = bisect.search(measurer, searched, 0.01)
+    *_, result = bisect_search.search(measurer, searched, 0.01)
     assert [change.version.name for change in result.changes] == ["3.3.1"]
     assert len(measurer.comparisons) <= 10
 

@@ -23,7 +23,7 @@ from mjbench.report.advice import (
     thread_conclusion,
 )
 from mjbench.report.results import ModelResults, derive
-from mjbench.simulation.judgement import EngineAnswer, Precision
+from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 
 POOL = Variant("rollout", {"threads": 2, "pool": "new"})

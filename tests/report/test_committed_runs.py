@@ -26,7 +26,7 @@ from mjbench.report.advice import advise
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.simulation import models
-from mjbench.simulation.judgement import EngineAnswer
+from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import ExitCode, Status
 from mjbench.store import runs
 

@@ -16,7 +16,7 @@ from mjbench.pages import terminal
 from mjbench.paired.race_record import MAX_LAUNCHES, UnableVariant
 from mjbench.report import comparison
 from mjbench.report.results import ModelResults
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 
 LONG = replace(BATCH_STEP, path="batch_rollout", options={"threads": 2, "data": "persistent"})

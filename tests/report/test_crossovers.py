@@ -15,7 +15,7 @@ from mjbench.report.crossovers import (
     work_crossovers,
 )
 from mjbench.report.results import PathResult
-from mjbench.simulation.judgement import EngineAnswer, Precision
+from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 
 

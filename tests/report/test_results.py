@@ -15,7 +15,7 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.report import comparison, formats, results
 from mjbench.report.results import Cores, ModelResults
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 from mjbench.sweep.calibration import Limits

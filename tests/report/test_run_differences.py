@@ -9,7 +9,7 @@ from example_records import measurement
 from mjbench.host import machine
 from mjbench.paths.accelerated import CPU
 from mjbench.report.run_differences import RunDifference, run_differences
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run, RunHeader
 

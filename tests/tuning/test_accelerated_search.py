@@ -10,7 +10,7 @@ from mjbench.errors import UnavailableError
 from mjbench.pages import terminal
 from mjbench.paired.records import LaunchRow
 from mjbench.report import tuning
-from mjbench.simulation.judgement import Precision
+from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning.accelerated_search import (

@@ -9,7 +9,7 @@ import pytest
 from mjbench.errors import InputError
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
-from mjbench.tuning import distance, reference, trajectories
+from mjbench.tuning import accuracy, reference, trajectories
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
 
 PENDULUM = """<mujoco><option timestep="{timestep}" integrator="{integrator}"/><worldbody>
@@ -144,5 +144,5 @@ def test_perturbed_starts_differ_in_the_last_place():
     difference = np.abs(other.initial_state - trials.initial_state)
     assert 0 < difference.max() < 1e-14
     runs = [trajectories.run(model, each) for each in (trials, other)]
-    scale = distance.motion(model, trials.initial_state[:, 1 : 1 + model.nq], runs[0])
-    assert distance.distance(model, scale, *runs).share < 1e-9
+    scale = accuracy.motion(model, trials.initial_state[:, 1 : 1 + model.nq], runs[0])
+    assert accuracy.distance(model, scale, *runs).share < 1e-9

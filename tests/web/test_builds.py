@@ -18,9 +18,9 @@ from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_STARTS
 from mjbench.status import Status
 from mjbench.web import measure, node_process, npm_package
-from mjbench.web.build_run import Engine
 from mjbench.web.measure import WebPlan
 from mjbench.web.records import WebPathRecord, WebRecord
+from mjbench.web.timed_build import Engine
 
 Measure = Callable[..., WebRecord]
 

@@ -7,7 +7,7 @@ import pytest
 
 from mjbench.errors import Failure
 from mjbench.status import Status
-from mjbench.web import build_run, measure
+from mjbench.web import measure, timed_build
 from mjbench.web.node_process import NodeError
 
 
@@ -110,7 +110,7 @@ def warmed(block_ns: list[int], least_s: float) -> tuple[list[int], int]:
         clock.now_s += ns / 1e9
         return ns
 
-    return build_run.warm_up(block, least_s, clock), len(ran)
+    return timed_build.warm_up(block, least_s, clock), len(ran)
 
 
 def test_warming_up_ends_when_blocks_get_no_faster() -> None:
@@ -118,13 +118,13 @@ def test_warming_up_ends_when_blocks_get_no_faster() -> None:
     blocks_ns, count = warmed([*falling, 1_000_000], 0.1)
     assert blocks_ns[0] == 900_000_000
     assert 25 <= count <= 35
-    assert build_run.seconds_before_steady(blocks_ns) == pytest.approx(sum(falling) / 1e9)
+    assert timed_build.seconds_before_steady(blocks_ns) == pytest.approx(sum(falling) / 1e9)
 
 
 def test_steady_blocks_are_warm_at_once_but_run_for_the_least_time() -> None:
     blocks_ns, count = warmed([1_000_000], 0.1)
     assert blocks_ns[0] == 1_000_000
-    assert build_run.seconds_before_steady(blocks_ns) == 0.0
+    assert timed_build.seconds_before_steady(blocks_ns) == 0.0
     assert count == pytest.approx(101, abs=1)
 
 

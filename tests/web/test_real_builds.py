@@ -13,9 +13,9 @@ from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.status import Status
 from mjbench.web import measure, node_process, npm_package
-from mjbench.web.build_run import Engine
 from mjbench.web.measure import WebPlan
 from mjbench.web.npm_package import Build
+from mjbench.web.timed_build import Engine
 
 
 @pytest.fixture(scope="module")

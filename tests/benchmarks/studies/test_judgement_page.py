@@ -8,7 +8,7 @@ from example_records import JUDGED, measurement
 from benchmarks import judgements
 from benchmarks.studies import judgement_page, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load
-from mjbench.simulation.judgement import EngineAnswer
+from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import Status
 
 CLOSE = replace(JUDGED, answer=EngineAnswer.CLOSE, reason="contacts: box–box")

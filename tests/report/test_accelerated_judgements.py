@@ -5,11 +5,15 @@ from dataclasses import replace
 import pytest
 from example_records import JUDGED, measurement, model_record
 
+from mjbench.report.accelerated_judgements import (
+    judgement_conclusion,
+    judgement_tables,
+    version_lines,
+)
 from mjbench.report.comparison import model_section
 from mjbench.report.content import Section
-from mjbench.report.judgements import judgement_conclusion, judgement_tables, version_lines
 from mjbench.report.results import ModelResults, PathResult, derive
-from mjbench.simulation.judgement import EngineAnswer, Precision
+from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 
 VERSIONS = {"mujoco": "4.0.0", "mujoco-mjx": "3.17.0", "mujoco-warp": "4.0.0"}
 

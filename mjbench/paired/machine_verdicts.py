@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from mjbench.measuring import anytime
+from mjbench.measuring import launch_stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.metrics import Metric
@@ -249,7 +249,7 @@ def _certain(
             min(family.e_value(row, change) for row in _decided(rows)) if v == change else 0.0
             for rows, v in zip(measurements, agreed, strict=True)
         ]
-        is_certain = anytime.e_benjamini_hochberg(e_values, 1 - confidence)
+        is_certain = launch_stats.e_benjamini_hochberg(e_values, 1 - confidence)
         certain = [change if sure else v for v, sure in zip(certain, is_certain, strict=True)]
     return certain
 

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjbench.tuning import distance
-from mjbench.tuning.distance import Motion, Units
+from mjbench.tuning import accuracy
+from mjbench.tuning.accuracy import Motion, Units
 from mjbench.tuning.trajectories import Trajectories
 
 SLIDE_AND_HINGE = mujoco.MjModel.from_xml_string(
@@ -25,17 +25,17 @@ def runs_of(qpos, qvel=None):
 
 
 def test_slides_are_in_metres_and_hinges_in_radians():
-    assert distance.angular(SLIDE_AND_HINGE).tolist() == [False, True]
-    assert distance.angular(FREE).tolist() == [False] * 3 + [True] * 3
+    assert accuracy.angular(SLIDE_AND_HINGE).tolist() == [False, True]
+    assert accuracy.angular(FREE).tolist() == [False] * 3 + [True] * 3
 
 
 def test_the_largest_distance_of_a_run_counts():
     reference = runs_of(np.zeros((2, 3, 2)))
     runs = runs_of([[[0, 0], [0.3, 0], [0.1, 0]], [[0, 0], [0, 0.2], [0, 0]]])
-    scale = Motion(distance.angular(SLIDE_AND_HINGE), Units(1.0, 2.0))
-    shares = distance.shares(SLIDE_AND_HINGE, scale, runs, reference)
+    scale = Motion(accuracy.angular(SLIDE_AND_HINGE), Units(1.0, 2.0))
+    shares = accuracy.shares(SLIDE_AND_HINGE, scale, runs, reference)
     assert shares.tolist() == pytest.approx([0.3, 0.1])
-    apart = distance.distance(SLIDE_AND_HINGE, scale, runs, reference)
+    apart = accuracy.distance(SLIDE_AND_HINGE, scale, runs, reference)
     assert apart.position == Units(pytest.approx(0.3), pytest.approx(0.2))
     assert apart.share == pytest.approx(0.3)
     assert apart.velocity == Units(0.0, 0.0)
@@ -45,34 +45,34 @@ def test_orientations_differ_by_their_angle():
     identity = [0, 0, 0, 1, 0, 0, 0]
     turned = [0, 0, 0, np.cos(0.05), np.sin(0.05), 0, 0]
     runs, reference = (runs_of([[pose]], np.zeros((1, 1, 6))) for pose in (turned, identity))
-    scale = Motion(distance.angular(FREE), Units(1.0, 1.0))
-    apart = distance.distance(FREE, scale, runs, reference)
+    scale = Motion(accuracy.angular(FREE), Units(1.0, 1.0))
+    apart = accuracy.distance(FREE, scale, runs, reference)
     assert apart.position.m == 0.0
     assert apart.position.rad == pytest.approx(0.1 / np.sqrt(3))  # of three degrees of freedom
 
 
 def test_motion_is_the_farthest_from_the_start():
     runs = runs_of([[[0.0, 1.0], [2.0, 0.5]]])
-    moved = distance.motion(SLIDE_AND_HINGE, np.zeros((1, 2)), runs)
+    moved = accuracy.motion(SLIDE_AND_HINGE, np.zeros((1, 2)), runs)
     assert moved.position == Units(pytest.approx(2.0), pytest.approx(1.0))
 
 
 def test_a_model_at_rest_has_a_least_motion():
     reference = runs_of(np.zeros((1, 1, 2)))
     runs = runs_of([[[1e-6, 0.0]]])
-    scale = distance.motion(SLIDE_AND_HINGE, np.zeros((1, 2)), reference)
-    share = distance.shares(SLIDE_AND_HINGE, scale, runs, reference)
-    assert share.tolist() == pytest.approx([1e-6 / distance.LEAST_MOTION])
+    scale = accuracy.motion(SLIDE_AND_HINGE, np.zeros((1, 2)), reference)
+    share = accuracy.shares(SLIDE_AND_HINGE, scale, runs, reference)
+    assert share.tolist() == pytest.approx([1e-6 / accuracy.LEAST_MOTION])
 
 
 def test_nine_runs_in_ten_are_nearer():
     values = np.arange(1.0, 31.0)
-    assert distance.bound(values) == 30.0
-    assert distance.bound(np.arange(1.0, 65.0)) == 62.0
+    assert accuracy.bound(values) == 30.0
+    assert accuracy.bound(np.arange(1.0, 65.0)) == 62.0
 
 
 def test_the_bound_holds_of_nine_runs_in_ten_with_its_confidence():
     rng = np.random.default_rng(0)
     true_quantile = np.exp(1.2815515655)  # of a lognormal at 0.9
-    holds = [distance.bound(rng.lognormal(size=64)) >= true_quantile for _ in range(2000)]
+    holds = [accuracy.bound(rng.lognormal(size=64)) >= true_quantile for _ in range(2000)]
     assert np.mean(holds) > 0.94  # 0.95 or more, but for 2,000 draws

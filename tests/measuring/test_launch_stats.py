@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from mjbench.measuring import anytime
+from mjbench.measuring import launch_stats
 
 RNG = np.random.default_rng(1)
 NORMAL = RNG.normal(0.3, 1.0, 25)
@@ -16,14 +16,14 @@ RESIDUES = [0, 2, 1, 3, 3, 1, 0, 2] * 4
 
 def bayes_factor(x: np.ndarray, mean: float) -> float:
     """Return the factor against a mean as Gönen and others state it, for one group."""
-    n, growth = len(x), 1 + len(x) * anytime.PRIOR
+    n, growth = len(x), 1 + len(x) * launch_stats.PRIOR
     t2 = n * (x.mean() - mean) ** 2 / x.var(ddof=1)
     ratio = (1 + t2 / (n - 1)) / (1 + t2 / ((n - 1) * growth))
     return float(growth**-0.5 * ratio ** (n / 2))
 
 
 def test_the_interval_is_where_the_bayes_factor_reaches_its_bound() -> None:
-    interval = anytime.anytime_interval(list(NORMAL), 0.99)
+    interval = launch_stats.anytime_interval(list(NORMAL), 0.99)
     assert interval.mean == pytest.approx(NORMAL.mean())
     for end in (interval.low, interval.high):
         assert bayes_factor(NORMAL, end) == pytest.approx(100)
@@ -41,11 +41,11 @@ def test_the_e_value_is_the_bayes_factor_of_positive_means() -> None:
         return float(integrate.quad(of_log_deviation, -5, 5, limit=200)[0])
 
     def weighted(effect: float) -> float:
-        density = math.exp(-(effect**2) / (2 * anytime.PRIOR))
-        return 2 * likelihood(effect) * density / math.sqrt(2 * math.pi * anytime.PRIOR)
+        density = math.exp(-(effect**2) / (2 * launch_stats.PRIOR))
+        return 2 * likelihood(effect) * density / math.sqrt(2 * math.pi * launch_stats.PRIOR)
 
     expected = integrate.quad(weighted, 0, 8)[0] / likelihood(0.0)
-    both = anytime.evidence(list(x), 0.99)
+    both = launch_stats.evidence(list(x), 0.99)
     assert both.e_positive == pytest.approx(expected, rel=1e-6)
     # the two halves of the prior
     assert (both.e_positive + both.e_negative) / 2 == pytest.approx(bayes_factor(x, 0.0))
@@ -55,8 +55,8 @@ def test_effects_of_residues_do_not_change_the_interval() -> None:
     residues = RESIDUES[:22]
     effects = np.array([0.0, -5.0, 40.0, 7.0])
     moved = [x + effects[r] for x, r in zip(NORMAL, residues, strict=False)]
-    alone = anytime.anytime_interval(list(NORMAL[:22]), 0.99, residues)
-    interval = anytime.anytime_interval(moved, 0.99, residues)
+    alone = launch_stats.anytime_interval(list(NORMAL[:22]), 0.99, residues)
+    interval = launch_stats.anytime_interval(moved, 0.99, residues)
     assert interval.mean - effects.mean() == pytest.approx(alone.mean)
     assert interval.half_width == pytest.approx(alone.half_width)
 
@@ -64,31 +64,31 @@ def test_effects_of_residues_do_not_change_the_interval() -> None:
 def test_residues_weigh_the_same_however_many_launches_they_have() -> None:
     residues = [0] * 9 + [1] * 3
     samples = [1.0, 2.0, 3.0] * 3 + [11.0, 12.0, 13.0]
-    assert anytime.anytime_interval(samples, 0.99, residues).mean == pytest.approx(7.0)
+    assert launch_stats.anytime_interval(samples, 0.99, residues).mean == pytest.approx(7.0)
 
 
 def test_a_few_launches_beside_many_have_an_interval_around_their_own_mean() -> None:
     others = [float(x) for x in NORMAL[:20]]
-    alone = anytime.anytime_interval([7.0, 7.5], 0.99)
-    beside = anytime.interval_beside([7.0, 7.5], 0.99, others, RESIDUES[:20])
+    alone = launch_stats.anytime_interval([7.0, 7.5], 0.99)
+    beside = launch_stats.interval_beside([7.0, 7.5], 0.99, others, RESIDUES[:20])
     assert alone.high == math.inf
     assert beside.mean == 7.25
     assert beside.count == 22
     # of two launches with the deviation of the others, and the degrees of freedom of both
-    fitted = anytime.fit(np.array([[[7.0, 7.5]]]))
-    more = anytime.fit(anytime._cells(others, RESIDUES[:20]))
+    fitted = launch_stats.fit(np.array([[[7.0, 7.5]]]))
+    more = launch_stats.fit(launch_stats._cells(others, RESIDUES[:20]))
     fitted = replace(
         fitted, freedom=fitted.freedom + more.freedom, squares=fitted.squares + more.squares
     )
     assert beside.half_width == pytest.approx(float(fitted.half_width(0.99)[0]))
-    assert anytime.interval_beside([7.0, 7.5], 0.99, [], []) == alone
+    assert launch_stats.interval_beside([7.0, 7.5], 0.99, [], []) == alone
 
 
 def test_a_disturbed_launch_is_left_out_once_there_are_enough_others() -> None:
     for count, left_out in ((10, 0), (20, 1)):
         samples = NORMAL[:count].copy()
         samples[3] += 30
-        fitted = anytime.fit(samples[None, None, :])
+        fitted = launch_stats.fit(samples[None, None, :])
         assert fitted.left_out[0] == left_out
         others = np.delete(samples, 3) if left_out else samples
         assert fitted.mean[0] == pytest.approx(others.mean())
@@ -96,42 +96,46 @@ def test_a_disturbed_launch_is_left_out_once_there_are_enough_others() -> None:
 
 def test_a_second_mode_is_not_left_out() -> None:
     samples = np.where(np.arange(20) % 4 == 0, 1.0, 0.0) + 0.01 * NORMAL[:20]
-    assert anytime.fit(samples[None, None, :]).left_out[0] == 0
+    assert launch_stats.fit(samples[None, None, :]).left_out[0] == 0
 
 
 def test_no_residue_loses_so_many_launches_that_the_others_could_be_the_disturbed_ones() -> None:
     cells = NORMAL[:24].reshape(1, 4, 6).copy()
     cells[0, 2, 0] += 50
-    assert anytime.fit(cells).left_out[0] == 1
+    assert launch_stats.fit(cells).left_out[0] == 1
     cells[0, 2, 1] += 50
-    assert anytime.fit(cells).left_out[0] == 0
+    assert launch_stats.fit(cells).left_out[0] == 0
 
 
 def test_any_number_of_launches_can_be_judged() -> None:
-    assert anytime.most_disturbed(10**9) == anytime.most_disturbed(anytime.MOST_LAUNCHES) > 400
+    assert (
+        launch_stats.most_disturbed(10**9)
+        == launch_stats.most_disturbed(launch_stats.MOST_LAUNCHES)
+        > 400
+    )
 
 
 @pytest.mark.parametrize(("count", "most"), [(8, 0), (14, 0), (15, 1), (18, 1), (19, 2), (40, 9)])
 def test_disturbed_launches_are_fewer_than_those_of_a_second_mode(count: int, most: int) -> None:
-    assert anytime.most_disturbed(count) == most
+    assert launch_stats.most_disturbed(count) == most
     tail = sum(math.comb(count, k) for k in range(most + 1)) / 2**count
-    assert 2 * tail <= anytime.SECOND_MODE or most == 0
+    assert 2 * tail <= launch_stats.SECOND_MODE or most == 0
 
 
 def test_too_few_launches_have_no_interval_and_are_no_evidence() -> None:
-    interval = anytime.anytime_interval([0.1], 0.99)
+    interval = launch_stats.anytime_interval([0.1], 0.99)
     assert (interval.mean, interval.low, interval.high) == (0.1, -math.inf, math.inf)
-    assert anytime.evidence([0.1], 0.99).e_positive == 1
+    assert launch_stats.evidence([0.1], 0.99).e_positive == 1
     first = RESIDUES[:4]
-    assert anytime.evidence([0.1, 0.1, 0.1, 0.1], 0.99, first).e_positive == 1
-    assert anytime.anytime_interval([0.1, 0.2, 0.1, 0.2], 0.99, first).high == math.inf
+    assert launch_stats.evidence([0.1, 0.1, 0.1, 0.1], 0.99, first).e_positive == 1
+    assert launch_stats.anytime_interval([0.1, 0.2, 0.1, 0.2], 0.99, first).high == math.inf
 
 
 def test_launches_that_are_all_alike_have_an_interval_and_an_e_value() -> None:
-    alike = anytime.evidence([0.0] * 8, 0.99)
+    alike = launch_stats.evidence([0.0] * 8, 0.99)
     assert (alike.interval.low, alike.interval.high) == (0.0, 0.0)
     assert alike.e_positive == alike.e_negative == pytest.approx(9**-0.5)
-    assert anytime.evidence([0.5] * 8, 0.99).e_positive > 100
+    assert launch_stats.evidence([0.5] * 8, 0.99).e_positive > 100
 
 
 def test_an_e_value_against_a_true_hypothesis_is_rarely_ever_large() -> None:
@@ -140,18 +144,18 @@ def test_an_e_value_against_a_true_hypothesis_is_rarely_ever_large() -> None:
     cells = np.random.default_rng(0).standard_normal((2000, 4, 10)) + effects[:, None]
     largest = np.ones(2000)
     for images in range(2, 11):
-        largest = np.maximum(largest, anytime.fit(cells[:, :, :images]).e_values()[0])
+        largest = np.maximum(largest, launch_stats.fit(cells[:, :, :images]).e_values()[0])
     assert np.mean(largest >= 20) <= 0.05
     assert np.mean(largest >= 100) <= 0.01
 
 
 def test_what_cannot_be_judged_is_an_error() -> None:
     with pytest.raises(ValueError, match="need samples"):
-        anytime.anytime_interval([], 0.99)
+        launch_stats.anytime_interval([], 0.99)
     with pytest.raises(ValueError, match="need a confidence"):
-        anytime.anytime_interval([0.0, 1.0], 1.0)
+        launch_stats.anytime_interval([0.0, 1.0], 1.0)
     with pytest.raises(ValueError, match="shorter"):
-        anytime.evidence([0.0, 1.0], 0.99, [0])
+        launch_stats.evidence([0.0, 1.0], 0.99, [0])
 
 
 @pytest.mark.parametrize(
@@ -170,9 +174,9 @@ def test_what_cannot_be_judged_is_an_error() -> None:
 def test_e_values_of_a_family_are_rejected_together(
     e_values: list[float], rejected: tuple[bool, ...]
 ) -> None:
-    assert anytime.e_benjamini_hochberg(e_values, 0.01) == rejected
+    assert launch_stats.e_benjamini_hochberg(e_values, 0.01) == rejected
 
 
 def test_a_family_needs_a_level() -> None:
     with pytest.raises(ValueError, match="need a level"):
-        anytime.e_benjamini_hochberg([1.0], 1.0)
+        launch_stats.e_benjamini_hochberg([1.0], 1.0)

@@ -5,7 +5,7 @@ import pytest
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
-from mjbench.report.changes import describe_ratio
+from mjbench.report.change_wording import describe_ratio
 
 
 @pytest.mark.parametrize(

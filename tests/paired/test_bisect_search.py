@@ -11,8 +11,7 @@ from verdict_records import FAILED, SAME, launch
 
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import bisect
-from mjbench.paired.bisect import SearchRange, VersionMeasurer
+from mjbench.paired import bisect_search
 from mjbench.paired.bisect_records import (
     BisectComparison,
     BisectMeasured,
@@ -22,6 +21,7 @@ from mjbench.paired.bisect_records import (
     VersionRow,
     finished,
 )
+from mjbench.paired.bisect_search import SearchRange, VersionMeasurer
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
 
@@ -75,7 +75,7 @@ def search(
 ) -> Iterator[BisectMeasured]:
     commits = [VersionRow(n, f"{n:040x}", f"commit {n}") for n in range(1, count + 1)]
     searched = SearchRange("bench.py::step", VersionKind.COMMIT, "old", "new", commits)
-    return bisect.search(measurer, searched, 0.01, earlier, itertools.count().__next__)
+    return bisect_search.search(measurer, searched, 0.01, earlier, itertools.count().__next__)
 
 
 def searched_to_its_end(measurer: Invented, count: int) -> BisectRecord:

@@ -12,7 +12,7 @@ from mjbench.errors import InputError, MachineError
 from mjbench.simulation import models
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
-from mjbench.tuning import variants
+from mjbench.tuning import edited_model
 from mjbench.tuning.settings import Edit, Part
 
 CG = Edit(Part.OPTION, "solver", "CG")
@@ -83,12 +83,12 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 
 def test_without_edits_it_is_the_model_itself(source: ModelSource) -> None:
-    assert ModelGuard(models.load(source)).difference(variants.compiled(source, [])) is None
+    assert ModelGuard(models.load(source)).difference(edited_model.compiled(source, [])) is None
 
 
 def test_options_flags_and_exclusions_are_applied(source: ModelSource) -> None:
     plain = models.load(source)
-    model = variants.compiled(source, [CG, NO_ISLAND, SLEEP, Edit(Part.EXCLUDE, "c", "a")])
+    model = edited_model.compiled(source, [CG, NO_ISLAND, SLEEP, Edit(Part.EXCLUDE, "c", "a")])
     assert plain.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_CG
     assert model.opt.disableflags == int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
@@ -102,22 +102,22 @@ def test_flags_that_a_model_sets_are_taken_back(tmp_path: Path) -> None:
     flags = '<option><flag island="disable" energy="enable"/></option>'
     path.write_text(CONTACT_XML.replace("<mujoco>", f"<mujoco>{flags}"))
     back = [Edit(Part.FLAG, "island", "enable"), Edit(Part.FLAG, "energy", "disable")]
-    model = variants.compiled(ModelSource("flags", path), back)
+    model = edited_model.compiled(ModelSource("flags", path), back)
     assert (model.opt.disableflags, model.opt.enableflags) == (0, 0)
 
 
 def test_an_edit_of_the_compiler_changes_what_is_compiled(source: ModelSource) -> None:
-    assert variants.compiled(source, [MASS]).body_mass[1] == 700
+    assert edited_model.compiled(source, [MASS]).body_mass[1] == 700
 
 
 def test_a_pair_that_an_included_file_excludes_is_not_excluded_again(source: ModelSource) -> None:
     pairs = [Edit(Part.EXCLUDE, one, other) for one, other in ("ba", "ac", "ca")]
-    assert variants.compiled(source, pairs).nexclude == 2
+    assert edited_model.compiled(source, pairs).nexclude == 2
 
 
 def test_compiling_leaves_the_folder_as_it_is(source: ModelSource) -> None:
     before = _files(source.path.parent)
-    variants.compiled(source, EDITS)
+    edited_model.compiled(source, EDITS)
     assert _files(source.path.parent) == before
 
 
@@ -130,9 +130,9 @@ def test_urdf_can_have_settings_in_memory(tmp_path: Path) -> None:
         <axis xyz="0 0 1"/></joint></robot>"""
     )
     urdf = ModelSource("arm.urdf", path)
-    assert variants.compiled(urdf, [CG]).opt.solver == mujoco.mjtSolver.mjSOL_CG
+    assert edited_model.compiled(urdf, [CG]).opt.solver == mujoco.mjtSolver.mjSOL_CG
     with pytest.raises(InputError, match=r"arm\.urdf: it is URDF"):
-        variants.write(urdf, [CG], tmp_path / "tuned.xml")
+        edited_model.write(urdf, [CG], tmp_path / "tuned.xml")
     assert [*_files(tmp_path)] == ["arm.urdf"]
 
 
@@ -140,24 +140,24 @@ def test_a_compiled_file_can_have_options_alone(source: ModelSource, tmp_path: P
     path = tmp_path / "robot.mjb"
     mujoco.mj_saveModel(models.load(source), str(path))
     saved = ModelSource("robot.mjb", path)
-    expected = ModelGuard(variants.compiled(source, [CG, NO_ISLAND]))
-    assert expected.difference(variants.compiled(saved, [CG, NO_ISLAND])) is None
+    expected = ModelGuard(edited_model.compiled(source, [CG, NO_ISLAND]))
+    assert expected.difference(edited_model.compiled(saved, [CG, NO_ISLAND])) is None
     with pytest.raises(InputError, match=r"robot\.mjb with compiler fusestatic=true: it is comp"):
-        variants.compiled(saved, [CG, FUSE])
+        edited_model.compiled(saved, [CG, FUSE])
     with pytest.raises(InputError, match="give the MJCF file that it comes from"):
-        variants.write(saved, [CG], tmp_path / "tuned.xml")
+        edited_model.write(saved, [CG], tmp_path / "tuned.xml")
     assert not (tmp_path / "tuned.xml").exists()
 
 
 def test_a_release_without_mjspec_can_have_options_alone(
     source: ModelSource, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected = ModelGuard(variants.compiled(source, [CG, NO_ISLAND]))
+    expected = ModelGuard(edited_model.compiled(source, [CG, NO_ISLAND]))
     monkeypatch.delattr(mujoco, "MjSpec")
-    assert expected.difference(variants.compiled(source, [CG, NO_ISLAND])) is None
+    assert expected.difference(edited_model.compiled(source, [CG, NO_ISLAND])) is None
     with pytest.raises(InputError, match=r"robot\.xml with exclude a c: needs MjSpec"):
-        variants.compiled(source, [Edit(Part.EXCLUDE, "a", "c")])
-    variants.write(source, [CG], source.path.with_name("tuned.xml"))
+        edited_model.compiled(source, [Edit(Part.EXCLUDE, "a", "c")])
+    edited_model.write(source, [CG], source.path.with_name("tuned.xml"))
     assert 'solver="CG"' in source.path.with_name("tuned.xml").read_text()
 
 
@@ -187,8 +187,8 @@ def test_what_mujoco_rejects_is_one_line_that_names_the_setting(
         pytest.skip("only newer releases reject or warn of this")
     target = source.path.with_name("tuned.xml")
     for fails in (
-        lambda: variants.compiled(source, [edit]),
-        lambda: variants.write(source, [edit], target),
+        lambda: edited_model.compiled(source, [edit]),
+        lambda: edited_model.write(source, [edit], target),
     ):
         with pytest.raises(InputError, match=message) as raised:
             fails()
@@ -202,7 +202,7 @@ def test_a_warning_that_the_model_has_without_settings_is_none_of_them(tmp_path:
     path.write_text(CONTACT_XML.replace("<mujoco>", '<mujoco><compiler settotalmass="3"/>'))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        model = variants.compiled(ModelSource("heavy.xml", path), [CG])
+        model = edited_model.compiled(ModelSource("heavy.xml", path), [CG])
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_CG
     assert not caught
 
@@ -211,7 +211,7 @@ def test_a_file_that_mujoco_rejects_blames_no_setting(tmp_path: Path) -> None:
     path = tmp_path / "broken.xml"
     path.write_text("<mujoco><worldbody/><nonsense/></mujoco>")
     with pytest.raises(InputError, match=r"^broken\.xml: MuJoCo cannot load it: .*nonsense"):
-        variants.compiled(ModelSource("broken.xml", path), [CG])
+        edited_model.compiled(ModelSource("broken.xml", path), [CG])
 
 
 # -- the copy -----------------------------------------------------------------------------------
@@ -226,8 +226,8 @@ def test_copies_of_shipped_models_compile_to_what_was_compiled_in_memory(
     plain = models.load(shipped)
     pairs = [] if name in ("cloth", "cube_table", "pile") else [_pair(plain)]
     for edits in ([], *([edit] for edit in EDITS), *([edit] for edit in pairs), [*EDITS, *pairs]):
-        variants.write(shipped, edits, target)
-        expected = ModelGuard(variants.compiled(shipped, edits))
+        edited_model.write(shipped, edits, target)
+        expected = ModelGuard(edited_model.compiled(shipped, edits))
         assert expected.difference(models.load(ModelSource(name, target))) is None
     assert [*_files(tmp_path)] == ["tuned.xml"]
 
@@ -236,13 +236,13 @@ def test_a_copy_beside_the_model_finds_its_meshes_and_includes(source: ModelSour
     target = source.path.with_name("tuned.xml")
     edits = [CG, NO_ISLAND, FUSE, Edit(Part.EXCLUDE, "a", "b"), Edit(Part.EXCLUDE, "a", "c")]
     before = _files(source.path.parent)
-    variants.write(source, edits, target)
+    edited_model.write(source, edits, target)
     after = _files(source.path.parent)
     written = after.pop("tuned.xml").decode()
     assert after == before
     assert written.count("<exclude") == 1  # the included file has the other
     assert models.load(ModelSource("tuned", target)).nexclude == 2
-    variants.write(ModelSource("tuned", target), edits, source.path.with_name("again.xml"))
+    edited_model.write(ModelSource("tuned", target), edits, source.path.with_name("again.xml"))
     assert source.path.with_name("again.xml").read_text() == written
 
 
@@ -252,12 +252,12 @@ def test_a_copy_without_its_meshes_is_not_written(source: ModelSource, tmp_path:
     target = folder / "tuned.xml"
     message = r"tuned\.xml is not written: there, MuJoCo cannot load it: .*; write it to .*robot"
     with pytest.raises(InputError, match=message) as raised:
-        variants.write(source, [CG], target)
+        edited_model.write(source, [CG], target)
     assert "\n" not in str(raised.value)
     assert _files(folder) == {}
     target.write_text("earlier")
     with pytest.raises(InputError, match="is not written"):
-        variants.write(source, [CG], target)
+        edited_model.write(source, [CG], target)
     assert _files(folder) == {"tuned.xml": b"earlier"}
 
 
@@ -280,7 +280,7 @@ def test_a_copy_that_compiles_to_another_model_is_not_written(
     before = _files(folder)
     message = rf"is not written: there, its {field}\w* is not that of robot\.xml with solver=CG"
     with pytest.raises(InputError, match=message):
-        variants.write(source, [CG], folder / "tuned.xml")
+        edited_model.write(source, [CG], folder / "tuned.xml")
     assert _files(folder) == before
 
 
@@ -291,7 +291,7 @@ def test_a_copy_elsewhere_is_written_where_all_that_it_refers_to_is(
     folder.mkdir()
     for name in ("cube.obj", "pairs.xml"):
         (folder / name).write_bytes((source.path.parent / name).read_bytes())
-    variants.write(source, [CG], folder / "tuned.xml")
+    edited_model.write(source, [CG], folder / "tuned.xml")
     model = models.load(ModelSource("tuned", folder / "tuned.xml"))
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_CG
 
@@ -300,7 +300,7 @@ def test_a_file_that_is_there_is_replaced_with_its_permissions(source: ModelSour
     target = source.path.with_name("tuned.xml")
     target.write_text("earlier")
     target.chmod(0o640)
-    variants.write(source, [CG], target)
+    edited_model.write(source, [CG], target)
     assert 'solver="CG"' in target.read_text()
     assert target.stat().st_mode & 0o777 == 0o640
 
@@ -309,7 +309,7 @@ def test_a_link_stays_and_the_file_behind_it_is_written(source: ModelSource) -> 
     folder = source.path.parent
     (folder / "behind.xml").write_text("earlier")
     (folder / "link.xml").symlink_to("behind.xml")
-    variants.write(source, [CG], folder / "link.xml")
+    edited_model.write(source, [CG], folder / "link.xml")
     assert (folder / "link.xml").is_symlink()
     assert 'solver="CG"' in (folder / "behind.xml").read_text()
 
@@ -321,31 +321,31 @@ def test_what_the_model_is_read_from_is_never_replaced(source: ModelSource) -> N
     before = _files(folder)
     for name in ("robot.xml", "link.xml", "pairs.xml", "same.xml"):
         with pytest.raises(InputError, match=r"is a file that robot\.xml is read from"):
-            variants.write(source, [CG], folder / name)
+            edited_model.write(source, [CG], folder / name)
     assert _files(folder) == before
 
 
 def test_a_copy_has_the_name_of_an_mjcf_file(source: ModelSource, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"the name of a copy ends in \.xml"):
-        variants.write(source, [CG], tmp_path / "tuned.mjb")
+        edited_model.write(source, [CG], tmp_path / "tuned.mjb")
     folder = tmp_path / "folder.xml"
     folder.mkdir()
     with pytest.raises(InputError, match="is not a regular file"):
-        variants.write(source, [CG], folder)
+        edited_model.write(source, [CG], folder)
 
 
 def test_a_folder_that_does_not_exist_is_one_line(source: ModelSource, tmp_path: Path) -> None:
     with pytest.raises(MachineError, match=r"cannot write .*No such file or directory"):
-        variants.write(source, [CG], tmp_path / "none" / "tuned.xml")
+        edited_model.write(source, [CG], tmp_path / "none" / "tuned.xml")
 
 
 def test_broken_xml_that_mujoco_reads_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "loose.xml"
     path.write_text(CONTACT_XML.replace("<mujoco>", '<mujoco model="a & b">'))
     loose = ModelSource("loose.xml", path)
-    assert variants.compiled(loose, [CG]).nv > 0
+    assert edited_model.compiled(loose, [CG]).nv > 0
     with pytest.raises(InputError, match=r"loose\.xml: it is not well-formed XML: .*line 2"):
-        variants.write(loose, [CG], tmp_path / "tuned.xml")
+        edited_model.write(loose, [CG], tmp_path / "tuned.xml")
     assert [*_files(tmp_path)] == ["loose.xml"]
 
 
@@ -355,11 +355,11 @@ def test_a_place_for_a_copy_is_refused_before_there_are_settings(
     before = _files(source.path.parent)
     included = next(path for path in source.path.parent.rglob("*.xml") if path != source.path)
     with pytest.raises(InputError, match="is read from"):
-        variants.check_target(source, included)
+        edited_model.check_target(source, included)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     with pytest.raises(InputError, match="beside what it refers to"):
-        variants.check_target(source, elsewhere / "tuned.xml")
-    variants.check_target(source, source.path.with_name("tuned.xml"))
+        edited_model.check_target(source, elsewhere / "tuned.xml")
+    edited_model.check_target(source, source.path.with_name("tuned.xml"))
     assert _files(source.path.parent) == before
     assert not any(elsewhere.iterdir())

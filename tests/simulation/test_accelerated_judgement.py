@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjbench.simulation.judgement import (
+from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     EngineJudgement,
     JudgedPart,

@@ -12,7 +12,7 @@ A copy changes nothing but what a log shows if
 
 import ast
 
-from mjbench.loop.certain_names import DATA, CertainNames
+from mjbench.loop.lint_certain_names import DATA, CertainNames
 from mjbench.loop.script_syntax import dotted_name, is_call, is_periodic, name_nodes
 from mjbench.loop.stepping_script import Loop
 from mjbench.loop.stored_views import store_of, stored_views

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from drawn_charts import drawn
 
-from mjbench.loop.overhead import HabitCost, OverheadRow
-from mjbench.report import overhead
+from mjbench.loop.habit_costs import HabitCost, OverheadRow
+from mjbench.report import habit_costs
 from mjbench.status import Status
 
 COSTS = (
@@ -17,7 +17,7 @@ COSTS = (
 def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
     table = OverheadRow("m", Status.OK, "", 1800.0, 1200.0, 200.0, 500, COSTS)
     rows = [table, OverheadRow("broken", Status.FAILED, "it crashed")]
-    section, failed = overhead.sections(rows)
+    section, failed = habit_costs.sections(rows)
     assert [c.text for c in failed.conclusions] == ["broken: failed: it crashed"]
     (figure,) = section.figures
     assert figure.data.rows[0] == ("engine", 0.0, 1200.0, "step")
@@ -31,7 +31,7 @@ def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
         ),
         ((unsure,), "m: no habit certainly costs anything: give a longer --budget"),
     ):
-        (noisy,) = overhead.sections([replace(table, costs=costs)])
+        (noisy,) = habit_costs.sections([replace(table, costs=costs)])
         assert noisy.conclusions[0].text.startswith(sentence)
     (svg,) = drawn(section)
     assert "engine" in svg

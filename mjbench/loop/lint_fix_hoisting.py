@@ -21,7 +21,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mjbench.loop.certain_names import DATA, MODEL, CertainNames
+from mjbench.loop.lint_certain_names import DATA, MODEL, CertainNames
 from mjbench.loop.script_syntax import COMPREHENSIONS, dotted_name, is_call
 from mjbench.loop.stepping_script import Loop
 

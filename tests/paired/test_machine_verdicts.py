@@ -8,8 +8,8 @@ import pytest
 from verdict_records import FAILED, FASTER, OPEN, SAME, SIDES, SLOWER
 
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import across_machines
-from mjbench.paired.across_machines import (
+from mjbench.paired import machine_verdicts
+from mjbench.paired.machine_verdicts import (
     AcrossMachines,
     Conditions,
     MachineComparison,
@@ -25,7 +25,7 @@ from mjbench.store.runs import InputFile
 
 def decided(**rows: VerdictRow) -> MachineComparison:
     """Return the one comparison that machines measured, by their names."""
-    return only(across_machines.decide([MachineRow(name, row) for name, row in rows.items()]))
+    return only(machine_verdicts.decide([MachineRow(name, row) for name, row in rows.items()]))
 
 
 def only(across: AcrossMachines) -> MachineComparison:
@@ -101,7 +101,7 @@ def test_counts_are_certain() -> None:
 
 
 def repeated(*rows: VerdictRow) -> MachineComparison:
-    return only(across_machines.decide([MachineRow("a", row) for row in rows]))
+    return only(machine_verdicts.decide([MachineRow("a", row) for row in rows]))
 
 
 def test_a_machine_counts_once() -> None:
@@ -143,7 +143,7 @@ def test_all_measurements_must_be_certain_and_none_is_averaged() -> None:
     ],
 )
 def test_unlike_things_are_kept_apart(change: dict[str, object]) -> None:
-    across = across_machines.decide(
+    across = machine_verdicts.decide(
         [MachineRow("a", SLOWER), MachineRow("b", replace(SLOWER, **change))]
     )
     assert [len(comparison.machines) for comparison in across.comparisons] == [1, 1]
@@ -160,7 +160,7 @@ def test_unlike_things_are_kept_apart(change: dict[str, object]) -> None:
 )
 def test_other_conditions_are_kept_apart(change: dict[str, object]) -> None:
     row = MachineRow("a", SLOWER)
-    across = across_machines.decide([row, replace(row, machine="b", **change)])
+    across = machine_verdicts.decide([row, replace(row, machine="b", **change)])
     assert len(across.comparisons) == 2
 
 
@@ -172,7 +172,7 @@ def test_builds_of_a_release_for_several_processors_are_one_release() -> None:
 def test_what_failed_before_its_size_was_known_belongs_to_the_only_size() -> None:
     assert len(decided(a=SAME, b=FAILED).machines) == 2
     other = replace(SAME, nbatch=8)
-    across = across_machines.decide(
+    across = machine_verdicts.decide(
         [MachineRow(n, r) for n, r in zip("abc", (SAME, other, FAILED), strict=True)]
     )
     assert [len(comparison.machines) for comparison in across.comparisons] == [1, 1, 1]
@@ -180,11 +180,11 @@ def test_what_failed_before_its_size_was_known_belongs_to_the_only_size() -> Non
 
 def test_the_highest_confidence_holds_for_all() -> None:
     rows = [MachineRow("a", SAME, 0.95), MachineRow("b", SAME, 0.999)]
-    assert across_machines.decide(rows).confidence == 0.999
+    assert machine_verdicts.decide(rows).confidence == 0.999
 
 
 def test_nothing_was_measured() -> None:
-    across = across_machines.decide([])
+    across = machine_verdicts.decide([])
     assert (across.comparisons, across.machines) == ([], [])
 
 
@@ -214,7 +214,7 @@ def simulated_sets(seed: int, count: int, changes: Sequence[float]) -> Iterator[
     """Yield sets of five models on four machines, on each of which a model changes so much."""
     random = np.random.default_rng(seed)
     for _ in range(count):
-        yield across_machines.decide(
+        yield machine_verdicts.decide(
             [
                 MachineRow(machine, replace(simulated(random, change), model=model), CONFIDENCE)
                 for model in MODELS

@@ -3,8 +3,8 @@
 import pytest
 
 from mjbench.host import machine
-from mjbench.program import profiling, py_spy
-from mjbench.program.profiling import ProcessorClock, ProcessorUse, Profiling, Sampling
+from mjbench.program import py_spy, sampling
+from mjbench.program.sampling import ProcessorClock, ProcessorUse, Profiling, Sampling
 
 
 class FakeSampler:
@@ -32,9 +32,9 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
 
     monkeypatch.setattr(py_spy, "start", start)
     states = iter([b"t"] * paused + [b"R"] * 10_000)
-    monkeypatch.setattr(profiling, "process_state", lambda pid: next(states))
+    monkeypatch.setattr(sampling, "process_state", lambda pid: next(states))
     beside = Profiling.begin(1, tmp_path, Sampling(has_native=True))
-    for _ in range(2 * profiling.LOOKS_TO_ADAPT):
+    for _ in range(2 * sampling.LOOKS_TO_ADAPT):
         beside.look_for_pause()
     assert beside.rate_hz == rate
     assert started == ([10] if rate == 10 else [10, rate])
@@ -42,9 +42,9 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
 
 def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
     monkeypatch.setattr(py_spy, "start", lambda pid, folder, *_: FakeSampler(folder))
-    monkeypatch.setattr(profiling, "process_state", lambda pid: b"t")
+    monkeypatch.setattr(sampling, "process_state", lambda pid: b"t")
     beside = Profiling.begin(1, tmp_path, Sampling(50, has_native=True))
-    for _ in range(2 * profiling.LOOKS_TO_ADAPT):
+    for _ in range(2 * sampling.LOOKS_TO_ADAPT):
         beside.look_for_pause()
     assert beside.rate_hz == 50
     assert beside.paused_share == 1.0

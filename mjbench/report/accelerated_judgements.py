@@ -7,7 +7,7 @@ from mjbench.releases.release import version_key
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable
 from mjbench.report.results import PathResult
-from mjbench.simulation.judgement import (
+from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     EngineJudgement,
     JudgedPart,

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from mjbench.host import isolate
-from mjbench.loop import habits, overhead
+from mjbench.loop import habit_costs, habits
+from mjbench.loop.habit_costs import Launch
 from mjbench.loop.habits import ONE_CALL, ZERO_STEPS
-from mjbench.loop.overhead import Launch
 from mjbench.simulation import models
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
@@ -16,9 +16,9 @@ from mjbench.status import Status
 def test_the_table_has_every_habit_with_its_cheaper_form(
     monkeypatch: pytest.MonkeyPatch, inline: None
 ) -> None:
-    monkeypatch.setattr(overhead, "MOST_QUADS", 3)
-    monkeypatch.setattr(overhead, "BLOCK_S", 1e-4)
-    table = overhead.measure(models.resolve("cartpole"), launches=2)
+    monkeypatch.setattr(habit_costs, "MOST_QUADS", 3)
+    monkeypatch.setattr(habit_costs, "BLOCK_S", 1e-4)
+    table = habit_costs.measure(models.resolve("cartpole"), launches=2)
     assert {cost.source for cost in table.costs or ()} == {
         habit.name for habit in habits.HABITS if habit not in (habits.BARE, habits.ZERO_STEPS)
     }
@@ -32,9 +32,9 @@ def test_the_table_has_every_habit_with_its_cheaper_form(
 
 
 def test_the_budget_bounds_the_quads_of_a_habit() -> None:
-    assert overhead.quads(1.0, 1e-3) == overhead.MOST_QUADS
-    assert overhead.quads(1.0, 0.125) == 8
-    assert overhead.quads(1.0, 10.0) == 1
+    assert habit_costs.quads(1.0, 1e-3) == habit_costs.MOST_QUADS
+    assert habit_costs.quads(1.0, 0.125) == 8
+    assert habit_costs.quads(1.0, 10.0) == 1
 
 
 def test_the_budget_bounds_the_launches(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,14 +48,18 @@ def test_the_budget_bounds_the_launches(monkeypatch: pytest.MonkeyPatch) -> None
         return measured
 
     monkeypatch.setattr(isolate, "call", call)
-    for budget_s, count in ((0.5, overhead.LEAST_LAUNCHES), (3.5, 4), (100.0, overhead.LAUNCHES)):
+    for budget_s, count in (
+        (0.5, habit_costs.LEAST_LAUNCHES),
+        (3.5, 4),
+        (100.0, habit_costs.LAUNCHES),
+    ):
         ended.clear()
         source = models.resolve("cartpole")
-        overhead.measure(source, budget_s=budget_s, clock=lambda: float(len(ended)))
+        habit_costs.measure(source, budget_s=budget_s, clock=lambda: float(len(ended)))
         assert ended == list(range(count))
 
 
 def test_the_row_of_a_failure_has_nothing_but_its_reason() -> None:
-    row = overhead.OverheadRow("robot.xml", Status.INPUT, "no such file")
+    row = habit_costs.OverheadRow("robot.xml", Status.INPUT, "no such file")
     assert not row.is_measured
     assert (row.status, row.detail, row.bare_ns, row.costs) == ("input", "no such file", None, None)
