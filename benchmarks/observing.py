@@ -36,7 +36,6 @@ from benchmarks.programs import side
 from benchmarks.studies import tally_command
 from mjbench.errors import MachineError
 from mjbench.measuring import stats
-from mjbench.program import py_spy
 from mjbench.simulation import models
 from mjbench.status import ExitCode
 
@@ -119,9 +118,10 @@ def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
       InputError: there is no such model.
       MachineError: `mjbench run` failed.
     """
+    from mjbench.program.py_spy import DEFAULT_RATE_HZ
     from mjbench.program.sampling import MANY_RATE_HZ
 
-    usual_hz = MANY_RATE_HZ if name == PROCESSES else py_spy.DEFAULT_RATE_HZ
+    usual_hz = MANY_RATE_HZ if name == PROCESSES else DEFAULT_RATE_HZ
     rate = ["--rate", str(rate_hz)] if rate_hz else []
     ordinary = _run(name, rate, lambda observers, of_program: _let_run(of_program))
     half = ["--rate", str(math.ceil((rate_hz or usual_hz) / 2))]

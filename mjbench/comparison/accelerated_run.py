@@ -1,7 +1,7 @@
 """Measure one accelerated path on one model, in a child process of its own (see `isolate`).
 
-The child loads the workload that `measure` saved, compiles, takes single steps from states of the
-reference run, checks them against C, and only then times the steady program.
+The child loads the workload that `verify_in_child` saved, compiles, takes single steps from states
+of the reference run, checks them against C, and only then times the steady program.
 """
 
 import dataclasses

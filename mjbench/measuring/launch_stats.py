@@ -1,6 +1,6 @@
 """Anytime-valid intervals and e-values of launches, with the placement of code averaged out.
 
-`fit` estimates the mean of launches, with equal weight on each residue (see `placements`), after
+`fit` estimates the mean of launches, with equal weight on each residue (see `placement`), after
 leaving out launches that something else on the machine disturbed. An interval or an e-value of it
 may be computed after every launch, and launching stopped at any time.
 `benchmarks/studies/verdict_simulation.py` measures how often verdicts that rest on them are wrong.

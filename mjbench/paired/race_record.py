@@ -286,8 +286,8 @@ class RaceRecord:
             speedup = None
             if position == 0 and launches:
                 speedup = Ratio(1.0, 1.0, 1.0)
-            elif launches:
-                speedup = self._interval(launches, position, 0)
+            elif launches:  # a ratio of speeds is that of times the other way round
+                speedup = self._interval(launches, baseline=position, candidate=0)
             speedups.append(speedup)
         return speedups
 

@@ -179,7 +179,7 @@ class VerdictRow:
       detail: one line; empty when ok.
       verdict: None where nothing was measured.
       ratio: of time, or of instructions; of the time of a simulated second where timesteps differ.
-      e_slower: evidence that it is slower, as an e-value (see `anytime.Fit.e_values`), and at
+      e_slower: evidence that it is slower, as an e-value (see `launch_stats.Fit.e_values`), and at
         most MAX_E_VALUE; None for instructions.
       cause: why the times of two builds differ; None where they do not, or the targets differ in
         more than the build.

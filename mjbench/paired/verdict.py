@@ -322,6 +322,7 @@ def decide(
     begin_s, is_exact = clock(), METRICS[plan.sizes.metric].is_exact
     limit = TimeLimit(plan.time_limit_s, clock=clock, purpose="a verdict")
     averaged: Averaging | None = None
+    # time that is up, a failure or Ctrl-C ends the block, not the function: see `pair.ending`
     with TargetPair(pool, baseline, candidate, plan.sizes, limit) as pair:
         averaged = _averaging(pool, baseline, candidate, plan)
         limit.min_launches = 1 if is_exact else averaged.launches_with(MIN_LAUNCHES)

@@ -295,7 +295,7 @@ def test_a_damaged_file_is_left_out(tmp_path):
 PROGRAM = """
 import sys
 import mujoco
-sys.modules["mjbench_hook.pacing"].FREE_COST_NS = sys.maxsize
+sys.modules["mjbench_hook.bursts"].FREE_COST_NS = sys.maxsize
 model = mujoco.MjModel.from_xml_string('''
 <mujoco>
   <option integrator="RK4"/>
