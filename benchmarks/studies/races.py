@@ -391,8 +391,11 @@ def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceReco
     variants, entered = Drawn(), replace(stored, launches=())
     # agreement takes a few seconds of the budget
     rule = RaceRule(entered, RaceBudget(BUDGET_S - 5.0, lambda: variants.spent_s))
-    for _ in launch(variants, rule):
-        pass
+    for ending in launch(variants, rule):
+        if ending is not None:
+            rule.end(ending)
+    if rule.record.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
     return rule.record, variants.spent_s
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
+from mjbench.errors import InputError
 from mjbench.paired import release_bisect, revision_bisect
 from mjbench.paired.bisect_records import (
     BisectMeasured,
@@ -17,7 +18,8 @@ from mjbench.paired.bisect_records import (
 from mjbench.paired.bisect_search import short_name
 from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
-from mjbench.releases.catalogue import ReleaseRange
+from mjbench.releases import bundle, catalogue
+from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
 from mjbench.units import percent_change
@@ -45,8 +47,14 @@ def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Mea
 
 
 def release_bisection(
-    releases: ReleaseRange, source: ModelSource, plan: VerdictPlan
+    baseline: ReleaseSpec, candidate: ReleaseSpec, source: ModelSource, plan: VerdictPlan
 ) -> Measurement:
+    """Return the search between two releases; InputError if packages are beside one of them."""
+    if baseline.has_packages or candidate.has_packages:
+        raise InputError(
+            "bisect searches releases of MuJoCo alone: `mjbench versions` has packages"
+        )
+    releases = catalogue.releases_between(baseline, candidate, bundle.default_path())
     measurement = _measurement(
         lambda *observers: release_bisect.search(releases, source, plan, *observers),
         VersionKind.RELEASE,

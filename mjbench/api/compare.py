@@ -275,6 +275,7 @@ class ComparedModel:
                 self._run_race(verified_s)
                 self._run_accelerated()
             self._is_complete = True
+            self._show_known()
             self._observer(self._name, self._shares[1])
         except KeyboardInterrupt:
             if not self._is_complete:

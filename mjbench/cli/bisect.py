@@ -9,7 +9,6 @@ from mjbench.cli.ab import REVISION, revision_comparison
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
-from mjbench.errors import InputError
 from mjbench.simulation import models
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ def bisect(
 
 def _are_revisions(sides: Sequence[str], target: str) -> bool:
     """Return whether two sides are meant as revisions: models of packages have a colon, too."""
-    from mjbench.releases.installs import is_release
+    from mjbench.releases.release_spec import is_release
 
     if "::" in target or any(side.startswith(REVISION) for side in sides):
         return True
@@ -58,16 +57,10 @@ def _are_revisions(sides: Sequence[str], target: str) -> bool:
 
 def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan") -> "Measurement":
     from mjbench.api.bisect import release_bisection
-    from mjbench.releases import bundle, catalogue
-    from mjbench.releases.installs import parse_release
+    from mjbench.releases.release_spec import parse_release
 
     source = models.resolve(model)
-    ends = parse_release(baseline), parse_release(candidate)
-    if any(release.has_packages for release in ends):
-        raise InputError(
-            "bisect searches releases of MuJoCo alone: `mjbench versions` has packages"
-        )
-    return release_bisection(catalogue.releases_between(*ends, bundle.default_path()), source, plan)
+    return release_bisection(parse_release(baseline), parse_release(candidate), source, plan)
 
 
 def _of_revisions(

@@ -25,7 +25,7 @@ from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
-    from mjbench.releases.installs import ReleaseSpec
+    from mjbench.releases.release_spec import ReleaseSpec
 
 
 @cli.command()
@@ -112,7 +112,7 @@ def versions(
 def _releases(
     old: str | None, news: Sequence[str], release_names: Sequence[str]
 ) -> list["ReleaseSpec"]:
-    from mjbench.releases.installs import parse_release
+    from mjbench.releases.release_spec import parse_release
 
     names = [old, *release_names] if old else list(release_names)
     if not names or len(names) + len(news) < 2:
@@ -122,23 +122,28 @@ def _releases(
 
 def releases_and_models(names: Sequence[str]) -> tuple[list[str], list[ModelSource]]:
     """Return the releases among names, and the models of the others; without any, all shipped."""
-    from mjbench.releases import installs
+    from mjbench.releases import release_spec
 
-    release_names = [name for name in names if installs.is_release(name)]
+    release_names = [name for name in names if release_spec.is_release(name)]
     model_names = [name for name in names if name not in release_names]
     return release_names, [_model(name) for name in model_names or models.shipped()]
 
 
 def _model(name: str) -> ModelSource:
-    from mjbench.releases import installs, wheels
+    from mjbench.releases import release_spec, wheels
 
     try:
         return models.resolve(name)
     except models.UnknownModelError:
-        known = [installs.INSTALLED, installs.NEWEST, installs.PREVIOUS, *models.shipped()]
+        known = [
+            release_spec.INSTALLED,
+            release_spec.NEWEST,
+            release_spec.PREVIOUS,
+            *models.shipped(),
+        ]
         raise InputError(
             f"{shown(name)} is neither a release nor a model{suggestion(name, known)}:"
-            f" a release is {installs.FORMS}; a model is one of {', '.join(models.shipped())},"
+            f" a release is {release_spec.FORMS}; a model is one of {', '.join(models.shipped())},"
             f" {models.FORMS}"
         ) from None
     except InputError:

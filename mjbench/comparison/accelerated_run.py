@@ -257,3 +257,12 @@ def _reason_not_to_run(
     if work.describe(workload.model).integrator == "rk4":
         return RK4_REASON
     return CONTACT_REASON if reference_peaks(workload, resources).contacts else None
+
+
+def not_compiled(limit_s: float) -> str:
+    """Return why a path that has not compiled in time has no speed, and what helps."""
+    return (
+        f"not compiled within {COMPILER_PATIENCE * limit_s:g} s, and killed: its"
+        " first step comes later than that, and no speed of its is known. Paths of C need no"
+        f" compiler; --time-limit {2 * limit_s:g} gives this one twice the time"
+    )

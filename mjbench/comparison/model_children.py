@@ -143,7 +143,9 @@ class ModelChildren:
             compiled = self.measured.get(position)
             is_silent = ended.status == Status.TIMEOUT
             if is_silent and (compiled is None or compiled.compile_s is None):
-                ended = dataclasses.replace(ended, detail=_not_compiled(self.plan.limit_s))
+                ended = dataclasses.replace(
+                    ended, detail=accelerated_run.not_compiled(self.plan.limit_s)
+                )
             self.revise(position, ended.status, ended.detail)
             return
         assert self.reference is not None
@@ -183,14 +185,6 @@ class ModelChildren:
         if self.ended.status == Status.OK:
             return Failure(Status.FAILED, "it was not timed")
         return Failure(self.ended.status, self.ended.detail)
-
-
-def _not_compiled(limit_s: float) -> str:
-    return (
-        f"not compiled within {accelerated_run.COMPILER_PATIENCE * limit_s:g} s, and killed: its"
-        " first step comes later than that, and no speed of its is known. Paths of C need no"
-        f" compiler; --time-limit {2 * limit_s:g} gives this one twice the time"
-    )
 
 
 def verify_in_child(

@@ -17,8 +17,8 @@ from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import DrawnWorkload
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import accelerated_path
-from mjbench.releases import installs, packages
-from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases import packages
+from mjbench.releases.release_spec import INSTALLED, ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.workload import whole_holds
@@ -52,9 +52,9 @@ def with_engines(comparison: AcceleratedComparison) -> AcceleratedComparison:
 
 def _with(spec: ReleaseSpec, needed: Sequence[str]) -> ReleaseSpec:
     """Return a release with packages beside it: this environment's versions with its MuJoCo."""
-    if spec.name == installs.INSTALLED:
+    if spec.name == INSTALLED:
         raise InputError(
-            f"name the packages in place of {installs.INSTALLED}, such as jax==0.7.0: both sides"
+            f"name the packages in place of {INSTALLED}, such as jax==0.7.0: both sides"
             " get an environment of their own"
         )
     named = packages.names_of(spec.beside)

@@ -249,7 +249,8 @@ class _Decision:
         pair = self._pair((baseline, baseline), calls, limit_s / 2)
         _launch(pair, MIN_LAUNCHES)
         self._control = pair.launches
-        if len(self._control) == MIN_LAUNCHES:  # a budget is for both
+        # a budget is for both, and what ended the control ends the verdict
+        if pair.ending.status == Status.OK and len(self._control) == MIN_LAUNCHES:
             pair = self._pair(self._targets, calls, limit_s - (self._clock() - begin_s))
             self._launch_until_certain(pair)
             self._launches = pair.launches

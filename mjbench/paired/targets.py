@@ -13,12 +13,12 @@ from mjbench.errors import InputError, describe
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.records import TargetRow
 from mjbench.paths import parallelism
-from mjbench.releases import installs
+from mjbench.releases import release_spec
 from mjbench.simulation import model_options, models
 from mjbench.units import listed
 
 _TIMER = ("on", "off")
-_DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": installs.INSTALLED}
+_DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": release_spec.INSTALLED}
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Target:
       has_timer: whether steps read the timer of MuJoCo's Python package.
     """
 
-    release: installs.ReleaseSpec
+    release: release_spec.ReleaseSpec
     model: models.ModelSource
     path: str = paths.BASE
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -76,8 +76,8 @@ def parse(baseline: str, candidate: str) -> tuple[Target, Target]:
 
 
 def of_releases(
-    baseline: installs.ReleaseSpec,
-    candidates: Sequence[installs.ReleaseSpec],
+    baseline: release_spec.ReleaseSpec,
+    candidates: Sequence[release_spec.ReleaseSpec],
     sources: Sequence[models.ModelSource],
     path_names: Sequence[str],
 ) -> list[tuple[Target, Target]]:
@@ -186,7 +186,7 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
     except InputError as error:
         raise InputError(f"{text!r}: {error}") from None
     return Target(
-        installs.parse_release(settings["release"]),
+        release_spec.parse_release(settings["release"]),
         models.resolve(settings["model"]),
         path.name,
         complete_options(path, options),

@@ -37,7 +37,7 @@ from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
-from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.status import Status
 
 # Unless another is asked for.

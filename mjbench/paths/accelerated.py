@@ -2,7 +2,8 @@
 
 Such a path runs in a process of its own (`comparison.accelerated_run`): its engine uses all cores,
 may never return, and must not run while another path is timed. It computes in its own precision
-and order, so its results are judged part by part, not to the last bit (`simulation.judgement`).
+and order, so its results are judged part by part, not to the last bit
+(`simulation.accelerated_judgement`).
 """
 
 import pathlib

@@ -1,6 +1,6 @@
 """Results of several machines side by side, for `show` and reports.
 
-Verdicts of paired comparisons are decided together (see `paired.across_machines`). Of runs of
+Verdicts of paired comparisons are decided together (see `paired.machine_verdicts`). Of runs of
 `compare`, the tables have the advised path on each machine.
 """
 

@@ -471,7 +471,7 @@ def _cost_line(row: ProgramRow) -> str:
         return "What observing took of the program's time is not known."
     line = f"Observing took {cost(row)} of the program's time."
     if row.cost_share > MAX_COST:
-        line += f" --rate {max(1, row.rate_hz // 2)} makes it less."
+        line += f" --sample-rate {max(1, row.rate_hz // 2)} makes it less."
     return line
 
 

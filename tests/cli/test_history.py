@@ -18,7 +18,6 @@ from mjbench.paired import operations, release_ratio
 from mjbench.paired.operations import registry
 from mjbench.paired.release_tasks import ReleaseTask
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import Placement
 from mjbench.releases.release_ratios import (
     REFERENCE,
@@ -26,6 +25,7 @@ from mjbench.releases.release_ratios import (
     RatioRecord,
     StepRatioRecord,
 )
+from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
 from mjbench.status import Status

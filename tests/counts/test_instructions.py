@@ -17,11 +17,11 @@ from mjbench.counts import instructions
 from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.host import child
-from mjbench.releases import installs
+from mjbench.releases import release_spec
 from mjbench.simulation import models
 from mjbench.status import Status
 
-INSTALLED = installs.parse_release(installs.INSTALLED)
+INSTALLED = release_spec.parse_release(release_spec.INSTALLED)
 REPEATED = ("cartpole", "cube_table")
 OPERATIONS = (
     OperationRequest("load cartpole", models.resolve("cartpole")),

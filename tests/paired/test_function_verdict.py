@@ -27,8 +27,8 @@ from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
 from mjbench.paired.timed_function import CodeOrigin, FunctionFacts, FunctionSource
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.pip import BuildError
+from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.releases.revisions import Revision
 from mjbench.status import ExitCode, Status
 
