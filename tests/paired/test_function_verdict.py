@@ -59,6 +59,7 @@ class Invented:
       control: of the baseline with itself.
       launch_s: seconds that a launch takes.
       control_s: that one of the control takes, where it takes less.
+      control_end: what is raised where the control's processes are ended.
       targets: the two sides.
     """
 
@@ -68,6 +69,7 @@ class Invented:
     control: float = 0.0
     launch_s: float = 0.5
     control_s: float = math.inf
+    control_end: BaseException | None = None
     targets: FunctionTargets = (BASELINE, CANDIDATE)
 
 
@@ -100,7 +102,14 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
                 later = [round(invented.slowing * block) for block in ns]
                 return LaunchRow(0, None, ["ABBA"] * 4, [ns, ns, ns, later])
 
-            return InventedPair(limit, invent)
+            invented_pair = InventedPair(limit, invent)
+
+            def close() -> None:
+                if is_control and invented.control_end is not None:
+                    raise invented.control_end
+
+            monkeypatch.setattr(invented_pair, "close", close)
+            return invented_pair
 
         monkeypatch.setattr(function_verdict, "observe", observe)
         monkeypatch.setattr(function_verdict, "FunctionPair", pair)
@@ -193,8 +202,13 @@ def test_what_neither_can_do_is_an_error_of_the_input(decided: Decided) -> None:
     ("error", "status"),
     [(MachineError("it crashed"), Status.FAILED), (KeyboardInterrupt(), Status.INTERRUPTED)],
 )
-def test_what_ends_an_observation_is_recorded(decided: Decided, error: Any, status: Status) -> None:
+def test_what_ends_an_observation_or_a_control_is_recorded(
+    decided: Decided, error: Any, status: Status
+) -> None:
     assert decided(Invented(sides(error, FACTS))).status == status
+    record = decided(Invented(sides(FACTS, FACTS), control_end=error))
+    assert (record.status, record.verdict) == (status, None)
+    assert record.launches == 0
 
 
 @pytest.mark.parametrize(
