@@ -118,8 +118,7 @@ def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
       InputError: there is no such model.
       MachineError: `mjbench run` failed.
     """
-    from mjbench.program.py_spy import DEFAULT_RATE_HZ
-    from mjbench.program.sampling import MANY_RATE_HZ
+    from mjbench.program.py_spy import DEFAULT_RATE_HZ, MANY_RATE_HZ
 
     usual_hz = MANY_RATE_HZ if name == PROCESSES else DEFAULT_RATE_HZ
     rate = ["--rate", str(rate_hz)] if rate_hz else []

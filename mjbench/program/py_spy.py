@@ -24,6 +24,8 @@ from mjbench.errors import InputError, UnavailableError, one_line
 # Samples per second; with stacks of libraries, each stops the program for a moment
 # (docs/method/run.md).
 DEFAULT_RATE_HZ, NATIVE_RATE_HZ = 100, 10
+# From so many child processes on, samples are fewer: the program needs the profiler's core.
+MANY_CHILDREN, MANY_RATE_HZ = 2, 20
 # Seconds in which the profiler notices that the program has ended.
 ENDING_S = 2.0
 # Seconds that the profiler may take to write its file, once the program has ended.

@@ -15,8 +15,6 @@ from mjbench.program.py_spy import ThreadSamples
 
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
 LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
-# From so many child processes on, samples are fewer: the program needs the profiler's core.
-MANY_CHILDREN, MANY_RATE_HZ = 2, 20
 # Seconds between looks at the program: often until the rate is settled, then less often.
 LOOK_S, LATER_LOOK_S = 0.01, 0.03
 # Looks from one list of the program's processes to the next: to list them takes longer than a look.
@@ -146,9 +144,9 @@ class Profiling:
             self.begin_s = time.monotonic()
         if self.has_many_children or self.begin_s is None or not self.sampler.is_running:
             return
-        self.has_many_children = len(self.children) >= MANY_CHILDREN
+        self.has_many_children = len(self.children) >= py_spy.MANY_CHILDREN
         if self.has_many_children:
-            rate = self.sampling.rate_hz or min(self.rate_hz, MANY_RATE_HZ)
+            rate = self.sampling.rate_hz or min(self.rate_hz, py_spy.MANY_RATE_HZ)
             if rate != self.rate_hz:
                 self._restart(rate)
 
