@@ -22,7 +22,7 @@ from mjbench.sweep.run import Summary, Sweep
 
 @dataclass(frozen=True)
 class Swept:
-    """How all cells that a run set has ended; `summary`: of those measured now, if any were."""
+    """How each cell of a run set ended; `summary` is of those measured now, None without any."""
 
     outcomes: Mapping[Cell, CellOutcome]
     summary: Summary | None = None

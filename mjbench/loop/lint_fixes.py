@@ -113,7 +113,7 @@ def lint_all(
     fixes: bool = False,
     writes: bool = False,
 ) -> Iterator[LintedFile | UncheckedFile]:
-    """Yield what is found, and with `fixes` can be changed, in each file; or why none is known."""
+    """Yield the findings of each file, with `fixes` also their changes; or why it is unchecked."""
     for file in files:
         if isinstance(file, UncheckedFile):
             yield file

@@ -2,8 +2,8 @@
 
 A launch is a fresh process, or one for each of two sides, which measures some of the targets once.
 `race` launches ways of stepping, `release_ratio` what the history measures, `environment.vectors`
-vectorised forms, and `tuning.measurements` settings. A baseline and a candidate are launched by
-whoever judges them (see `pair_launches`).
+vectorised forms, and `tuning.measurements` settings. `verdict` launches a baseline and a candidate
+by itself, until it is certain (see `pair_launches`).
 """
 
 import contextlib

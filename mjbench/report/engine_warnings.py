@@ -4,16 +4,17 @@ from collections.abc import Mapping
 
 from mjbench.report.formats import short_percent
 from mjbench.simulation.starts import Window
+from mjbench.units import count_of
 
 # Values of mjtWarning by which MuJoCo says that memory was full and it left something out.
 _MEMORY_WARNINGS = ("CONTACTFULL", "CNSTRFULL", "VGEOMFULL")
-# From this share of the steps on, a solver that stops at its limit of iterations is mentioned.
-_MOST_LIMITED = 0.5
+# A solver that stops at its limit of iterations in more than this share of the steps is mentioned.
+_MENTIONED_LIMITED = 0.5
 
 
 def limited_lines(window: Window) -> list[str]:
     """Return that the solver mostly stops at its limit of iterations, where it does."""
-    if window.solver_limited <= _MOST_LIMITED:
+    if window.solver_limited <= _MENTIONED_LIMITED:
         return []
     limited = short_percent(window.solver_limited)
     return [
@@ -39,6 +40,4 @@ def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
 
 
 def _simulations(counts: Mapping[str, int]) -> str:
-    return ", ".join(
-        f"{name} in {count} simulation{'s' * (count > 1)}" for name, count in counts.items()
-    )
+    return ", ".join(f"{name} in {count_of(count, 'simulation')}" for name, count in counts.items())

@@ -22,7 +22,7 @@ from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.formats import Form
 from mjbench.status import Status
-from mjbench.units import duration, listed, plain
+from mjbench.units import count_of, duration, listed, plain
 
 # The least share of a layer that the first sentence names beside physics; and the most layers, or
 # fields that do not repeat, that a sentence names.
@@ -195,7 +195,7 @@ def _recorded(facts: EnvironmentFacts) -> str:
     wrappers = f" in {', '.join(facts.wrappers)}" if facts.wrappers else " without wrappers"
     steps = "a varying number of steps of the engine"
     if facts.frame_skip:
-        steps = f"{facts.frame_skip} step{'s' * (facts.frame_skip > 1)} of the engine"
+        steps = f"{count_of(facts.frame_skip, 'step')} of the engine"
     return (
         f"{facts.framework}: {facts.core}{wrappers}; each step takes {steps}:"
         f" {', '.join(facts.calls)}. {facts.nstep:,} steps with random actions (seed"

@@ -9,7 +9,7 @@ from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.installs import InstallSize
 from mjbench.report.content import Column, DataTable
 from mjbench.report.formats import yes_no
-from mjbench.units import mebibytes
+from mjbench.units import count_of, mebibytes
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def install_lines(installs: Sequence[InstallSize]) -> Iterator[str]:
     """Yield installs, a line each, and the size of several together."""
     for install in installs:
         days = int(install.unused_days)
-        used = "today" if days < 1 else f"{days} day{'s' * (days > 1)} ago"
+        used = "today" if days < 1 else f"{count_of(days, 'day')} ago"
         yield f"{install.name}  {mebibytes(install.size_bytes)}, used {used}"
     if len(installs) > 1:
         total_bytes = sum(install.size_bytes for install in installs)

@@ -22,6 +22,7 @@ from mjbench.simulation.workload import start_data
 from mjbench.tuning import model_features as features
 from mjbench.tuning.observed import ObservedModel, Usage
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
+from mjbench.units import count_of
 
 Values = Callable[[ObservedModel], list[Setting]]
 Condition = Callable[[ObservedModel], bool]
@@ -201,7 +202,7 @@ def excludes(observed: ObservedModel) -> list[Setting]:
     if not pairs or not observed.is_mjcf:
         return []
     edits = tuple(Edit(Part.EXCLUDE, pair.body1, pair.body2) for pair in pairs)
-    count = f"{len(pairs)} pair{'s' * (len(pairs) > 1)}"
+    count = count_of(len(pairs), "pair")
     return [Setting("excludes", f"exclude {count}", edits, evidence=_never_touched(observed))]
 
 
@@ -224,7 +225,7 @@ def _never_touched(observed: ObservedModel) -> str:
     nearest = f"; the closest came within {min(closest_m):.2g} m" if closest_m else ""
     unnamed = observed.unnamed_idle_pairs
     more = f"; {unnamed} more cannot be excluded, as a body has no name" if unnamed else ""
-    return f"{len(pairs)} pair{'s' * (len(pairs) > 1)} never touched {seen}{nearest}{more}"
+    return f"{count_of(len(pairs), 'pair')} never touched {seen}{nearest}{more}"
 
 
 # -- the loop -----------------------------------------------------------------------------------

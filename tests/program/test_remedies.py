@@ -624,4 +624,5 @@ def test_processes_that_are_started_again_and_again_cost_their_whole_line():
     ],
 )
 def test_lines_that_look_alike_are_not_tried(line: str, trial: Trial) -> None:
-    assert not any(each.line.search(line) for each in LINE_REMEDIES if each.trial == trial)
+    (remedy,) = [each for each in LINE_REMEDIES if each.trial == trial]
+    assert not remedy.line.search(line)

@@ -17,15 +17,17 @@ from mjbench.host import machine
 from mjbench.program.call_times import CallTime
 from mjbench.program.hook import call_clock
 from mjbench.program.remedies import call_savings
-from mjbench.program.remedies.call_savings import CallRemedy, CallsInLoop, count_of
+from mjbench.program.remedies.call_savings import CallRemedy, CallsInLoop, count_of, steps_of
 from mjbench.program.remedies.trials import Trial, Way
 from mjbench.simulation import compat
 
-# The arguments of a call on a line. Counts of calls that are estimated from bursts vary by this.
-_ARGUMENTS, _ABOUT = re.compile(r"mj_inverse\(([^()]*)\)"), 0.1
-# Of a loop: calls that span less of it are made at once.
+# What is given to mj_inverse on a line.
+_INVERSE_ARGUMENTS = re.compile(r"mj_inverse\(([^()]*)\)")
+# Counts of calls that are estimated from bursts vary by about this share.
+_COUNT_ERROR = 0.1
+# Calls that span less than this share of their loop are one burst, such as the starts of a pool.
 _LEAST_SPREAD = 0.25
-# Steps after a new MjData that tell what its memory costs them, at most.
+# At most so many steps follow a new MjData in a trial: the first ones pay for its memory.
 _MOST_STEPS = 50
 # What copies an MjData, by the names of the call clock.
 _COPIERS: Mapping[str, Callable[[mujoco.MjData], mujoco.MjData]] = {
@@ -152,7 +154,7 @@ def rollouts(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
 
 
 def no_rollout(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
-    """Return one step of one simulation."""
+    """Return one step of one simulation by rollout, and by mj_step."""
     from mujoco import rollout
 
     starts = np.empty((1, compat.state_size(model, compat.FULLPHYSICS)))
@@ -178,7 +180,7 @@ def no_rollout(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
 def new_data(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     """Return an MjData that is new each time, and one that stays; both are stepped.
 
-    Steps are timed, too: memory that is new costs them.
+    Steps are timed, too: the first ones after a new MjData pay for its memory.
     """
     assert trial.functions is not None, "there are two"
     present, suggested = trial.functions
@@ -269,15 +271,14 @@ def _rollout_trial(
 
 
 def _is_of_stepped_data(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    arguments = _ARGUMENTS.search(calls[0].place.text)
-    steps = [each for each in of_loop if each.callee == "mj_step"]
+    arguments = _INVERSE_ARGUMENTS.search(calls[0].place.text)
+    steps = steps_of(of_loop)
     of_same = [each for each in steps if arguments and f"({arguments[1]}" in each.place.text]
-    return math.isclose(count_of(calls), count_of(of_same), rel_tol=_ABOUT)
+    return math.isclose(count_of(calls), count_of(of_same), rel_tol=_COUNT_ERROR)
 
 
 def _are_several_a_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    steps = [each for each in of_loop if each.callee == "mj_step"]
-    return count_of(calls) > (1 + _ABOUT) * count_of(steps)
+    return count_of(calls) > (1 + _COUNT_ERROR) * count_of(steps_of(of_loop))
 
 
 def _are_spread(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:

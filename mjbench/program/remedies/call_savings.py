@@ -52,7 +52,7 @@ class CallsInLoop:
     @property
     def nstep(self) -> float:
         """Steps in the loop, of all simulations."""
-        return sum(call.all_steps for call in steps_of(self.loop))
+        return sum(call.all_steps for call in steps_of(self.loop.calls))
 
 
 def of_share(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
@@ -132,9 +132,9 @@ def of_call_alone(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
 def of_functions(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     """Return what other functions save; the pair has a step with the call, and with the others."""
     loop, nstep = calls.loop, calls.nstep
-    calls_s, steps_s = seconds_of(calls.calls), seconds_of(steps_of(loop))
+    calls_s, steps_s = seconds_of(calls.calls), seconds_of(steps_of(loop.calls))
     pair_s = calls_s + calls.count * (steps_s / nstep if nstep else 0.0)
-    both = share_with_python(loop, [*calls.calls, *steps_of(loop)])
+    both = share_with_python(loop, [*calls.calls, *steps_of(loop.calls)])
     return _paired(ratio.saved * both * pair_s / (calls_s + steps_s), calls.share, ratio)
 
 
@@ -216,8 +216,8 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
     return min(_MOST_GAIN, max(share_of(loop, calls), 1 - elsewhere - share_of(loop, others)))
 
 
-def steps_of(loop: LoopTime) -> list[CallTime]:
-    return [call for call in loop.calls if call.callee == "mj_step"]
+def steps_of(calls: Sequence[CallTime]) -> list[CallTime]:
+    return [call for call in calls if call.callee == "mj_step"]
 
 
 def count_of(calls: Sequence[CallTime]) -> float:

@@ -146,7 +146,7 @@ def saved(
     only_creates = " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
     is_part = remedy.code == lint_rules.NEW_ARRAY and not only_creates
     ratio = None if remedy.trial is None else measured.ratios.get(remedy.trial)
-    nstep = count_of(steps_of(loop))
+    nstep = count_of(steps_of(loop.calls))
     is_within = loop_within_step(line.place.position, loop.lines_to_step) is not None
     if ratio is not None and count and nstep and not is_within:
         gain = min(share, count * ratio.certainly_saved_s * nstep / loop.seconds)

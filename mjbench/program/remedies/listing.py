@@ -19,7 +19,7 @@ from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime, shares_of
 from mjbench.program.remedies import line_remedies, loop_remedies
 from mjbench.program.remedies.call_remedies import CALL_REMEDIES
-from mjbench.program.remedies.call_savings import CallRemedy, CallsInLoop, count_of
+from mjbench.program.remedies.call_savings import CallRemedy, CallsInLoop, count_of, seconds_of
 from mjbench.program.remedies.loop_remedies import ADVICE, of_samples
 from mjbench.program.remedies.remedy import LEAST_GAIN, Remedy, RemedyKind
 from mjbench.program.remedies.trials import MeasuredRatios, Trial
@@ -154,7 +154,7 @@ def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRe
             if call.callee in remedy.callees:
                 by_place[call.place].append(call)
         if remedy.is_of_loop and by_place:
-            place = max(by_place, key=lambda each: sum(call.seconds for call in by_place[each]))
+            place = max(by_place, key=lambda each: seconds_of(by_place[each]))
             by_place = {place: [call for calls in by_place.values() for call in calls]}
         for place, calls in by_place.items():
             if _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):

@@ -111,12 +111,12 @@ def step_trials(loops: Sequence[LoopTime], incidents: Sequence[Incident]) -> Ite
         if incident.name == call_clock.IN_TURN:
             yield _turns_trial(incident)
     for loop in loops:
-        if seconds_of(steps_of(loop)) > LEAST_GAIN * loop.seconds:
+        if seconds_of(steps_of(loop.calls)) > LEAST_GAIN * loop.seconds:
             yield _timer_trial(loop)
 
 
 def _timer_trial(loop: LoopTime) -> Trial:
-    steps = steps_of(loop)
+    steps = steps_of(loop.calls)
     nstep = sum(call.all_steps for call in steps) / max(1.0, count_of(steps))
     return Trial(no_timer, steps=max(1, round(nstep)))
 
@@ -127,7 +127,7 @@ def _turns_trial(incident: Incident) -> Trial:
 
 def of_timer(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
     has_callbacks = any(call.is_callback for call in loop.calls)
-    share = share_with_python(loop, steps_of(loop))
+    share = share_with_python(loop, steps_of(loop.calls))
     ratio = measured.ratios.get(_timer_trial(loop)) if share else None
     gain = loop.engine_clock if ratio is None else ratio.saved * share
     if gain >= package_timer.MIN_GAIN:
@@ -148,7 +148,9 @@ def of_turns(
     loop: LoopTime, measured: MeasuredRatios, incidents: Sequence[Incident]
 ) -> Iterator[Remedy]:
     for incident in incidents:
-        calls = [call for call in steps_of(loop) if call.place.position == incident.place.position]
+        calls = [
+            call for call in steps_of(loop.calls) if call.place.position == incident.place.position
+        ]
         if incident.name != call_clock.IN_TURN or not calls:
             continue
         share, ratio = share_of(loop, calls), measured.ratios.get(_turns_trial(incident))
