@@ -110,7 +110,12 @@ def trials(
 ) -> Measurement:
     """Return the measurement of `count` verdicts on each pair of targets that differ as is known.
 
-    The candidate has slowdowns, as shares, and calls a function once more in each step.
+    Args:
+      slowdowns: by how much longer blocks of a candidate last, as shares; None for the usual ones,
+        or for none where functions or builds are compared.
+      functions: of the engine; another candidate each calls one of them once more in each step.
+      between_builds: whether releases of equally many instructions are compared, too.
+      is_busy: whether the last core is kept busy meanwhile.
     """
     if slowdowns is None:
         slowdowns = [] if functions or between_builds else _SLOWDOWNS

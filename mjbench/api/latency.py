@@ -107,6 +107,8 @@ def measurement(
     seed: int,
     limit_s: float,
 ) -> Measurement:
+    """Return the measurement of single steps of each model, free-running and paced."""
+
     def measure_model(source: ModelSource) -> list[LatencyRow]:
         request = LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget_s)
         samples = loop_latency.measure(request, limit_s)

@@ -96,6 +96,8 @@ def profile(
 def measurement(
     sources: Sequence[ModelSource], starts: StartPlan, limit_s: float, budget_s: float
 ) -> Measurement:
+    """Return the measurement of where the time of each model's steps goes."""
+
     def measure_model(source: ModelSource) -> list[ProfileRow]:
         return [loop_profile.measure(source, limit_s, starts, budget_s)]
 

@@ -15,6 +15,7 @@ from mjbench.counts import explain
 from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.progress import Progress
 from mjbench.paired import (
     accelerated_sides,
@@ -44,8 +45,8 @@ from mjbench.status import Status
 from mjbench.store.runs import Record
 from mjbench.units import listed, percent_change
 
-# Seconds without an answer after which a process is killed, unless it compiles; and if it does.
-_PATIENCE_S, _COMPILER_PATIENCE_S = 60.0, 600.0
+# Seconds without an answer after which a process that compiles is killed.
+_COMPILER_PATIENCE_S = 600.0
 # After as many launches, a comparison shows half of its work as done.
 _HALFWAY_LAUNCHES = 15
 
@@ -160,6 +161,7 @@ def _of_instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Me
 
 
 def between_revisions(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
+    """Return the measurement of functions in two revisions, `mjbench ab rev=…`."""
     revisions = comparison.baseline, comparison.candidate
     measurement = _function_measurement(
         "ab",
@@ -228,7 +230,7 @@ def _function_measurement(
     files: Sequence[Path],
     count: int,
     prepare: _Prepare[FunctionTarget],
-    patience_s: float = _PATIENCE_S,
+    patience_s: float = TIME_LIMIT_S,
 ) -> Measurement:
     """Return the measurement of a number of verdicts; both sides run where code lies as it does."""
     plan = replace(plan, family=max(plan.family, count), as_shipped=True)
@@ -250,7 +252,7 @@ def _measurement(
     files: Sequence[Path],
     prepare: _Prepare[_Side],
     decide: Callable[[WorkerPool, tuple[_Side, _Side], VerdictPlan, Progress], VerdictRecord],
-    patience_s: float = _PATIENCE_S,
+    patience_s: float = TIME_LIMIT_S,
 ) -> Measurement:
     def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
         done = {_sides_key(record.sides) for record in finished(earlier)}
@@ -288,4 +290,5 @@ def _shown_launch(name: str, on_progress: Progress) -> Callable[[Judgement], Non
 
 
 def completed_share(launches: int) -> float:
+    """Return the share of a comparison that some launches are shown as; it never reaches 1."""
     return 1 - 1 / (1 + launches / _HALFWAY_LAUNCHES)

@@ -218,8 +218,10 @@ def measure_and_print(
     """Measure as the options of a command say; print and store what comes of it.
 
     Args:
-      each: prints what an item comes to; summary: what all come to, at the end. Without both, the
-        sections of the kind are printed: of each item, or of all `at_end`.
+      each: returns the sections of an item, printed as it comes; None for none before the end.
+      summary: returns the sections of all items, printed at the end; None for none.
+      at_end: where neither is given, whether the sections of the kind are of all items, rather
+        than of each.
       code: whether snippets are printed, too; None for a command without that option.
     """
     from mjbench.api.session import Session

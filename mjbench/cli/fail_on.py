@@ -48,6 +48,7 @@ class FailOn:
     allow_inconclusive: bool = False
 
     def of_run(self, run: "Run", confidence: float) -> ExitCode:
+        """Return the exit code that the verdicts of a run stand for."""
         from mjbench.paired.records import VerdictRecord
 
         return self.exit_code([record.row() for record in run.of_type(VerdictRecord)], confidence)

@@ -140,8 +140,7 @@ def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
         raise InputError("--fail-on is about verdicts of `versions` and `ab`, or add --against OLD")
 
     def code(run: "Run") -> int:
-        rows = [record.row() for record in run.of_type(VerdictRecord)]
-        return fail_on.exit_code(rows, family.confidence_of(run.header))
+        return fail_on.of_run(run, family.confidence_of(run.header))
 
     worst = max(judged, key=code)
     exit_code = code(worst)

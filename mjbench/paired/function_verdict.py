@@ -48,6 +48,7 @@ from mjbench.paired.verdict import (
     Judgement,
     VerdictPlan,
     judge_launches,
+    launch_until_certain,
     package_versions,
 )
 from mjbench.paired.worker_pool import ProcessPair, WorkerPool
@@ -147,7 +148,7 @@ def compare_results(
             return ResultsCheck(ResultsOutcome.NONE, facts.problem)
     own = compare(baseline.results, again.results)
     if own.outcome == ResultsOutcome.DIFFERENT:
-        return ResultsCheck(ResultsOutcome.RANDOM, f"of one revision, {own.detail}")
+        return ResultsCheck(ResultsOutcome.RANDOM, f"of the baseline alone, {own.detail}")
     return compare(baseline.results, candidate.results)
 
 
@@ -252,7 +253,9 @@ class _Decision:
         # a budget is for both, and what ended the control ends the verdict
         if pair.ending.status == Status.OK and len(self._control) == MIN_LAUNCHES:
             pair = self._pair(self._targets, calls, limit_s - (self._clock() - begin_s))
-            self._launch_until_certain(pair)
+            with pair:
+                pair.prepare()
+                launch_until_certain(pair, self._plan, self._on_launch)
             self._launches = pair.launches
         verdict = Verdict.INCONCLUSIVE if pair.ending.status == Status.OK else None
         return self._record(pair.ending, verdict)
@@ -262,17 +265,6 @@ class _Decision:
             limit_s, 2 * MIN_LAUNCHES, self._clock, purpose="a verdict with its control"
         )
         return FunctionPair(self._pool, targets, calls, limit)
-
-    def _launch_until_certain(self, pair: FunctionPair) -> None:
-        with pair:
-            pair.prepare()
-            is_enough = has_answer = False
-            while not is_enough and pair.has_time(has_answer):
-                pair.launch()
-                judgement = judge_launches(pair.launches, self._plan)
-                assert judgement is not None, "there is a launch"
-                self._on_launch(judgement)
-                is_enough, has_answer = judgement.enough, judgement.launches >= MIN_LAUNCHES
 
     def _compiling(self, observed: _Observed) -> Pair[CompilationFigures] | None:
         first = observed.baseline.compilation, observed.candidate.compilation
@@ -337,11 +329,11 @@ def decide(
     on_launch: Callable[[Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> VerdictRecord:
-    """Compare a function of two revisions until the verdict is certain, or time is up.
+    """Compare a function on two sides until the verdict is certain, or time is up.
 
     Raises:
-      OtherCodeError: the code that would be measured is not the revisions' own.
-      BuildError: what a revision needs cannot be installed.
+      OtherCodeError: the code that would be measured is not that of its side.
+      BuildError: what a side needs cannot be installed.
     """
     return _Decision(pool, targets, plan, on_launch, clock).run()
 

@@ -13,7 +13,7 @@ import mujoco
 
 from mjbench.errors import MachineError
 from mjbench.measuring import launch_stats, timing
-from mjbench.paired import verdict
+from mjbench.paired import outcomes, verdict
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
@@ -50,7 +50,7 @@ class Noise:
         count = min(_MAX_LAUNCHES, max(MIN_LAUNCHES, int(seconds / self.launch_s)))
         normal = NormalDist(0.0, max(self.deviation, 1e-6))
         launches = [normal.inv_cdf((i + 0.5) / count) for i in range(count)]
-        interval = launch_stats.evidence(launches, verdict.CONFIDENCE).interval
+        interval = launch_stats.evidence(launches, outcomes.CONFIDENCE).interval
         return math.exp(interval.high - interval.low) - 1
 
 

@@ -175,8 +175,11 @@ class LaunchedPair(ABC):
     ) -> bool:
         try:
             self.close()
+        except KeyboardInterrupt as interrupt:
+            if error is None or isinstance(error, ENDING_ERRORS):  # not a fault of the program
+                error = interrupt
         except ENDING_ERRORS as failure:
-            error = failure
+            error = error or failure  # what ended the block comes first
         if isinstance(error, ENDING_ERRORS):
             self.ending = ending_of(error)
             return True

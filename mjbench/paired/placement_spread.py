@@ -18,12 +18,12 @@ from mjbench.errors import MachineError
 from mjbench.measuring import launch_stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import moved_check
+from mjbench.paired.outcomes import CONFIDENCE
 from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
-from mjbench.paired.verdict import CONFIDENCE
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair

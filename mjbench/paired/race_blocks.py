@@ -55,7 +55,7 @@ def equip(
     workload_file: Path,
     returns: Product,
     cores: Sequence[int],
-    import_from: str | None = None,
+    import_from: str | None,
 ) -> None:
     """Read a saved model, and a workload with its final states, for the paths of a race."""
     if import_from:

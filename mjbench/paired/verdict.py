@@ -21,7 +21,7 @@ from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.moved_check import Averaging, averaging
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.pair_launches import TargetPair
+from mjbench.paired.pair_launches import LaunchedPair, TargetPair
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import (
     MAX_E_VALUE,
@@ -40,8 +40,6 @@ from mjbench.releases import installs
 from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.status import Status
 
-# Unless another is asked for.
-CONFIDENCE = outcomes.CONFIDENCE
 # A verdict of faster or slower is final when its interval's half-width is at most this share of the
 # change.
 SHARE = 0.8
@@ -64,7 +62,7 @@ class VerdictPlan:
     """
 
     min_effect: float = outcomes.MIN_EFFECT
-    confidence: float = CONFIDENCE
+    confidence: float = outcomes.CONFIDENCE
     precision: float = outcomes.PRECISION
     time_limit_s: float = outcomes.TIME_LIMIT_S
     sizes: Sizes = field(default_factory=Sizes)
@@ -327,13 +325,7 @@ def decide(
         averaged = _averaging(pool, baseline, candidate, plan)
         limit.min_launches = 1 if is_exact else averaged.launches_with(MIN_LAUNCHES)
         pair.prepare(averaged.placements())
-        is_enough = has_answer = False
-        while not is_enough and pair.has_time(has_answer):
-            pair.launch()
-            judgement = judge_launches(pair.launches, plan, _log_scale(pair, plan))
-            assert judgement is not None, "there is a launch"
-            on_launch(judgement)
-            is_enough, has_answer = judgement.enough, judgement.launches >= MIN_LAUNCHES
+        launch_until_certain(pair, plan, on_launch)
     log_scale, work = _log_scale(pair, plan), pair.work
     has_moved = averaged is not None and averaged.is_on
     return PairedResult(
@@ -351,6 +343,23 @@ def decide(
         judgement=judge_launches(pair.launches, plan, log_scale),
         as_shipped=_judge_as_shipped(pair.launches, plan, log_scale) if has_moved else None,
     )
+
+
+def launch_until_certain(
+    pair: LaunchedPair, plan: VerdictPlan, on_launch: Callable[[Judgement], None]
+) -> None:
+    """Launch a prepared pair until the verdict is certain, or time is up.
+
+    Raises:
+      OutOfTimeError: time is up, and there are too few launches for a verdict.
+    """
+    is_enough = has_answer = False
+    while not is_enough and pair.has_time(has_answer):
+        pair.launch()
+        judgement = judge_launches(pair.launches, plan, _log_scale(pair, plan))
+        assert judgement is not None, "there is a launch"
+        on_launch(judgement)
+        is_enough, has_answer = judgement.enough, judgement.launches >= MIN_LAUNCHES
 
 
 def launch_log_ratios(
@@ -379,7 +388,7 @@ def _averaging(
     return averaging(pool, baseline.release, candidate.release)
 
 
-def _log_scale(pair: TargetPair, plan: VerdictPlan) -> float:
+def _log_scale(pair: LaunchedPair, plan: VerdictPlan) -> float:
     """Return what turns log ratios of the time of a step into those that are judged.
 
     Where timesteps differ, they are of the time of a simulated second; not the slowest steps, which

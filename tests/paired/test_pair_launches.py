@@ -336,3 +336,27 @@ def test_a_pair_that_cannot_be_prepared_says_why() -> None:
 def test_a_fault_of_the_program_is_no_ending() -> None:
     with pytest.raises(ZeroDivisionError):
         launched(5, error=ZeroDivisionError())
+
+
+@pytest.mark.parametrize(
+    ("error", "at_end", "status"),
+    [
+        (None, MachineError("it does not end"), Status.FAILED),
+        (KeyboardInterrupt(), MachineError("it does not end"), Status.INTERRUPTED),
+        (MachineError("it fell over"), KeyboardInterrupt(), Status.INTERRUPTED),
+    ],
+)
+def test_processes_that_do_not_end_hide_neither_an_interrupt_nor_a_fault(
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException | None,
+    at_end: BaseException,
+    status: Status,
+) -> None:
+    def close(pair: InventedPair) -> None:
+        pair.is_closed = True
+        raise at_end
+
+    monkeypatch.setattr(InventedPair, "close", close)
+    assert launched(5, error=error).ending.status == status
+    with pytest.raises(ZeroDivisionError):
+        launched(5, error=ZeroDivisionError())
