@@ -22,7 +22,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -94,10 +94,12 @@ def command_lines(seed: int) -> Iterator[tuple[str, ...]]:
     from mjbench.cli import cli  # asv imports this module where the command line is missing
 
     choices = random.Random(seed)
-    commands = list(leaves(cli, ()))
+    commands = dict(leaves(cli, ()))
     while True:
-        path, command = choices.choice(commands)
-        yield (*path, *_options(choices, command), *_arguments(choices, command))
+        path, command = choices.choice([*commands.items()])
+        modes = {words[-1] for words in commands if words[:-1] == path}  # drawn as commands
+        options = _options(choices, command, {*NEVER, *modes})
+        yield (*path, *options, *_arguments(choices, command))
 
 
 def leaves(
@@ -114,7 +116,9 @@ def leaves(
             yield (*path, *name.split()), command
 
 
-def _options(choices: random.Random, command: "click.Command") -> list[str]:
+def _options(
+    choices: random.Random, command: "click.Command", left_out: Collection[str]
+) -> list[str]:
     import click
 
     arguments: list[str] = []
@@ -122,7 +126,7 @@ def _options(choices: random.Random, command: "click.Command") -> list[str]:
         if not isinstance(option, click.Option):
             continue
         flag = option.opts[0]
-        if flag in NEVER:
+        if flag in left_out:
             continue
         if choices.random() < 0.25:
             if option.is_flag:
