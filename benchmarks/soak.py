@@ -115,8 +115,8 @@ def compare_once() -> None:
 
 def launch_once(pool: "WorkerPool") -> None:
     """Launch a pair of workers once."""
-    from mjbench.paired.pair_launches import TargetPair
     from mjbench.paired.run_sizes import Sizes
+    from mjbench.paired.target_pair import TargetPair
     from mjbench.paired.targets import Target
     from mjbench.releases import release_spec
     from mjbench.simulation import models
