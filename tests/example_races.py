@@ -9,11 +9,11 @@ import pytest
 from example_records import measurement, model_record
 
 from mjbench import paths
-from mjbench.api import compare
+from mjbench.api import model_comparison
+from mjbench.api.model_comparison import ModelComparison
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.paired.launches import Targets, launch
-from mjbench.paired.model_comparison import ModelComparison
 from mjbench.paired.race import RaceBudget, RaceRule
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
 from mjbench.report import results
@@ -137,7 +137,7 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
     """
     plans: list[ComparisonPlan] = []
 
-    class Invented(compare.ComparedModel):
+    class Invented(model_comparison.ComparedModel):
         def run(self) -> None:
             name, plan = self._name, self._plan
             plans.append(plan)
@@ -156,7 +156,7 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
             rows = tuple(row for row in measurements if isinstance(row, MeasurementRecord))
             return ModelComparison(model, rows, ended)
 
-    monkeypatch.setattr(compare, "ComparedModel", Invented)
+    monkeypatch.setattr(model_comparison, "ComparedModel", Invented)
     return plans
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from mjbench.api import checks, compare, model_sources, start_states
+from mjbench.api import checks, model_comparison, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.checkups import combination, targets
@@ -293,7 +293,7 @@ def _compared(
     plans = selection.plans(comparison, _PATHS, threads, option_words=_OPTIONS)
     end = 1 - parts.left_s() / plan.times.end
     shares = end, min(1.0, end + budget_s / plan.times.end)
-    for item in compare.measure_model(pool, source, plans, shares, (), parts.observer):
+    for item in model_comparison.measure_model(pool, source, plans, shares, (), parts.observer):
         records += item.records
     parts.observer.show(None)
     (model,) = (each for each in records if isinstance(each, ModelRecord))
