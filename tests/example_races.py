@@ -1,7 +1,7 @@
 """Invented races of paths with known speed-ups, run by the race itself without a process."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -79,15 +79,11 @@ def raced(
     return ended
 
 
-def race(
-    entered: RaceRecord, targets: Targets[RaceLaunch], budget: RaceBudget
-) -> Iterator[RaceRecord]:
-    """Run a race as `compare` does; yield what is known after each launch, and how it ended."""
-    rule = RaceRule(entered, budget)
-    for ending in launch(targets, rule):
-        if ending is not None:
-            rule.end(ending)
-        yield rule.record
+def race(entered: RaceRecord, targets: Targets[RaceLaunch], budget: RaceBudget) -> list[RaceRecord]:
+    """Run a race as `compare` does; return what is known after each launch, and how it ended."""
+    rule, known = RaceRule(entered, budget), list[RaceRecord]()
+    rule.end(launch(targets, rule, lambda: known.append(rule.record)))
+    return [*known, rule.record]
 
 
 def compared(

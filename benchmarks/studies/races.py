@@ -391,9 +391,7 @@ def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceReco
     variants, entered = Drawn(), replace(stored, launches=())
     # agreement takes a few seconds of the budget
     rule = RaceRule(entered, RaceBudget(BUDGET_S - 5.0, lambda: variants.spent_s))
-    for ending in launch(variants, rule):
-        if ending is not None:
-            rule.end(ending)
+    rule.end(launch(variants, rule))
     if rule.record.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
     return rule.record, variants.spent_s

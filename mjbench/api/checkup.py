@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from mjbench.api import checks, model_comparison, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Item, Measurement, Observer, failure_of_model, pinning_notes
+from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.checkups import combination, targets
 from mjbench.checkups.records import CheckedPart, CheckupPart
 from mjbench.checkups.targets import CheckedSource, ProgramFile
@@ -184,7 +184,7 @@ def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
     files = [source.path] if isinstance(source, ModelSource | ProgramFile) else []
     kind = targets.kind_of(source)
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         parts = _Parts(source, plan, observer)
         match source:
             case ModelSource():

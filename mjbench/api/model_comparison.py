@@ -10,11 +10,11 @@ do the verified work (see `paired.race`). Accelerated paths, which compile first
 import itertools
 import os
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 from mjbench import paths
-from mjbench.api.session import Item, Measurement, Observer
+from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.comparison import accelerated_run
 from mjbench.comparison.accelerated_run import AcceleratedRequest
 from mjbench.comparison.plan import ComparisonPlan
@@ -26,7 +26,6 @@ from mjbench.host.machine import ProcessorTime
 from mjbench.paired import launches
 from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
-from mjbench.paired.time_limit import ending_of
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report import comparison as report
 from mjbench.report.results import derive_all
@@ -47,7 +46,7 @@ def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan])
     files += plans[0].starts.files
     nvariant = len(plans[0].variants)
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         count = len(sources) * len(plans)
         with WorkerPool(plans[0].limit_s) as pool:
             for position, source in enumerate(sources):
@@ -70,7 +69,7 @@ def measure_model(
     shares: Sequence[float],
     earlier: Sequence[Record],
     observer: Observer,
-) -> Iterator[Item]:
+) -> Items:
     """Yield what a model comes to at one size after the other.
 
     Ctrl-C ends it with what is known then. Where a size was complete, so that no record says that
@@ -223,15 +222,8 @@ class ComparedModel:
         self._observer.begin(f"{self._name}: {phase}")
         rule = RaceRule(enter(self._children.model_record(), variants), budget)
         targets = RaceLaunches(self._pool, self._name, self._plan, self._children.files, variants)
-        try:
-            for ending in launches.launch(targets, rule):
-                if ending is not None:
-                    rule.end(ending)
-                self._take_race(rule.record)
-        except KeyboardInterrupt as error:  # while it was shown
-            rule.end(ending_of(error))
-            self._race = self._with_disturbance(rule.record)
-            raise
+        rule.end(launches.launch(targets, rule, lambda: self._take_race(rule.record)))
+        self._take_race(rule.record)
         if rule.record.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
 

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from mjbench.api.session import Item, Measurement, Observer
+from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.program import launch
@@ -39,7 +39,7 @@ def measurement(
         raise InputError("--confirm runs the program again, which --attach cannot")
     sampling = Sampling(rate_hz, has_native)
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
         if to_run is not None:
             name, seen = to_run.name, launch.run(to_run, seconds, sampling)
         else:

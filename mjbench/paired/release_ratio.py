@@ -157,8 +157,7 @@ class _Measurement(Targets[float], StopRule[float]):
         """Launch until all tasks are known well enough; `launches` times at most, if given."""
         begin_s = self._clock()
         self._last = None if launches is None else self._count + launches
-        *_, ending = launch_until_enough(self, self)
-        assert ending is not None, "the last one says how it ended"
+        ending = launch_until_enough(self, self)
         self.is_interrupted = ending.status == Status.INTERRUPTED  # and so are the others
         if ending.status not in (Status.OK, Status.INTERRUPTED):
             self.fail(ending)
