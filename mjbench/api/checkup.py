@@ -6,7 +6,7 @@ A check-up asks the commands that look closer, each for a short time, and stores
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -252,7 +252,7 @@ class _Parts:
 # -- a model ---------------------------------------------------------------------------------------
 
 
-def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
+def _model_items(source: ModelSource, parts: _Parts) -> Items:
     """Yield the parts of a model's check-up; where it cannot be stepped, only that."""
     plan = parts.plan
 
@@ -322,7 +322,7 @@ def _tuned(
     return replace(part, status=record.status, detail=record.detail), [record]
 
 
-def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Iterator[Item]:
+def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Items:
     """Yield what several changes that change no result gain together, if there are several."""
     plan, model = parts.plan, parts.of_type(ModelRecord)
     race, tuned = parts.of_type(RaceRecord), parts.of_type(TuneRecord)
@@ -343,7 +343,7 @@ def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Iterator[
 # -- a program -------------------------------------------------------------------------------------
 
 
-def _program_items(source: ProgramFile, parts: _Parts) -> Iterator[Item]:
+def _program_items(source: ProgramFile, parts: _Parts) -> Items:
     """Yield what lint finds, and where the program's time goes; a notebook does not run."""
     times = parts.plan.times
 
@@ -366,7 +366,7 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Iterator[Item]:
 # -- an environment --------------------------------------------------------------------------------
 
 
-def _environment_items(source: EnvironmentSource, parts: _Parts) -> Iterator[Item]:
+def _environment_items(source: EnvironmentSource, parts: _Parts) -> Items:
     plan, cores = parts.plan, machine.usable_cores()
 
     def measured(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:

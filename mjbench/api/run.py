@@ -1,7 +1,7 @@
 """What `mjbench run` measures: the user's program, and what remedies save."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from mjbench.api.session import Item, Items, Measurement, Observer
@@ -65,7 +65,7 @@ def measurement(
     return Measurement("run", arguments, files, items)
 
 
-def _with_confirmed(program: Program, row: ProgramRow, observer: Observer) -> Iterator[Item]:
+def _with_confirmed(program: Program, row: ProgramRow, observer: Observer) -> Items:
     tried = list(row.loops[0].remedies)
     copies = listing.copies(row.steps, machine.usable_cores())
     if copies is not None:
