@@ -258,8 +258,9 @@ class ComparedModel:
             self._show_known()
 
     def _show_verifying(self) -> None:
-        share = _VERIFICATION_SHARE * self._children.share_verified
-        self._show_progress(f"{self._name}: do all paths agree?", share)
+        share_verified = len(self._children.measured) / len(self._plan.variants)
+        text = f"{self._name}: do all paths agree?"
+        self._show_progress(text, _VERIFICATION_SHARE * share_verified)
 
     def _show_progress(self, text: str, share: float) -> None:
         begin, end = self._shares
@@ -293,10 +294,6 @@ class ModelChildren:
             for position, record in sorted(self.measured.items())
             if record.status == Status.OK and not record.is_accelerated
         ]
-
-    @property
-    def share_verified(self) -> float:
-        return len(self.measured) / len(self.plan.variants)
 
     def verify(self, on_message: Callable[[], None] = lambda: None) -> isolate.Ended:
         """Verify all paths that run C; start again without a path that ended the child."""
