@@ -90,10 +90,9 @@ def conditions() -> str:
 
 def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
     """Compare all variants on one model file."""
-    from mjbench.comparison.messages import ModelFiles
-    from mjbench.comparison.model_children import ModelChildren
+    from mjbench.api.model_comparison import ModelChildren, ModelComparison
+    from mjbench.comparison.verification import ModelFiles
     from mjbench.host import scratch
-    from mjbench.paired.model_comparison import ModelComparison
 
     source = ModelSource(file, files.root / file)
     with scratch.folder() as folder:

@@ -97,9 +97,9 @@ def _median_bytes(usages: Sequence[Usage]) -> float:
 
 def compare_once() -> None:
     """Compare once, by a child."""
-    from mjbench.comparison.messages import ModelFiles
-    from mjbench.comparison.model_children import ModelChildren
+    from mjbench.api.model_comparison import ModelChildren
     from mjbench.comparison.plan import ComparisonPlan, Variant
+    from mjbench.comparison.verification import ModelFiles
     from mjbench.host import scratch
     from mjbench.paths import BASE
     from mjbench.simulation import models
@@ -115,8 +115,8 @@ def compare_once() -> None:
 
 def launch_once(pool: "WorkerPool") -> None:
     """Launch a pair of workers once."""
-    from mjbench.paired.pair_launches import TargetPair
     from mjbench.paired.run_sizes import Sizes
+    from mjbench.paired.target_pair import TargetPair
     from mjbench.paired.targets import Target
     from mjbench.releases import release_spec
     from mjbench.simulation import models

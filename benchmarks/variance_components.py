@@ -22,8 +22,8 @@ import numpy as np
 
 from mjbench.measuring import stats
 from mjbench.paired import launch_seeds
-from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.records import LaunchRow
+from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import placement, release_spec

@@ -1,7 +1,7 @@
 """Invented races of paths with known speed-ups, run by the race itself without a process."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,11 +9,11 @@ import pytest
 from example_records import measurement, model_record
 
 from mjbench import paths
-from mjbench.api import compare
+from mjbench.api import model_comparison
+from mjbench.api.model_comparison import ModelComparison
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.paired.launches import Targets, launch
-from mjbench.paired.model_comparison import ModelComparison
 from mjbench.paired.race import RaceBudget, RaceRule
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
 from mjbench.report import results
@@ -79,15 +79,11 @@ def raced(
     return ended
 
 
-def race(
-    entered: RaceRecord, targets: Targets[RaceLaunch], budget: RaceBudget
-) -> Iterator[RaceRecord]:
-    """Run a race as `compare` does; yield what is known after each launch, and how it ended."""
-    rule = RaceRule(entered, budget)
-    for ending in launch(targets, rule):
-        if ending is not None:
-            rule.end(ending)
-        yield rule.record
+def race(entered: RaceRecord, targets: Targets[RaceLaunch], budget: RaceBudget) -> list[RaceRecord]:
+    """Run a race as `compare` does; return what is known after each launch, and how it ended."""
+    rule, known = RaceRule(entered, budget), list[RaceRecord]()
+    rule.end(launch(targets, rule, lambda: known.append(rule.record)))
+    return [*known, rule.record]
 
 
 def compared(
@@ -137,7 +133,7 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
     """
     plans: list[ComparisonPlan] = []
 
-    class Invented(compare.ComparedModel):
+    class Invented(model_comparison.ComparedModel):
         def run(self) -> None:
             name, plan = self._name, self._plan
             plans.append(plan)
@@ -156,7 +152,7 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
             rows = tuple(row for row in measurements if isinstance(row, MeasurementRecord))
             return ModelComparison(model, rows, ended)
 
-    monkeypatch.setattr(compare, "ComparedModel", Invented)
+    monkeypatch.setattr(model_comparison, "ComparedModel", Invented)
     return plans
 
 

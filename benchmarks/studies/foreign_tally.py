@@ -15,8 +15,8 @@ from mjbench.host.machine import Machine
 from mjbench.status import Status
 
 if TYPE_CHECKING:
+    from mjbench.api.model_comparison import ModelComparison
     from mjbench.comparison.records import ModelRecord
-    from mjbench.paired.model_comparison import ModelComparison
 
 
 class Outcome(StrEnum):

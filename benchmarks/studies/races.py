@@ -128,10 +128,10 @@ class RaceTally:
 
 def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCode:
     """Store launches of all C paths of models in a file."""
+    from mjbench.api.model_comparison import ModelChildren
     from mjbench.comparison import selection
-    from mjbench.comparison.messages import ModelFiles
-    from mjbench.comparison.model_children import ModelChildren
     from mjbench.comparison.plan import ComparisonPlan, Variant
+    from mjbench.comparison.verification import ModelFiles
     from mjbench.host import machine
     from mjbench.paired.race import RaceLaunches, enter
     from mjbench.paired.worker_pool import WorkerPool
@@ -151,7 +151,7 @@ def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCo
             twice = next((v for v in variants if v.path == "rollout"), Variant("python_loop", {}))
             record = enter(children.model_record(), variants)
             record = replace(record, variants=[*variants, twice])
-            launcher = RaceLaunches(pool, children, record.variants)
+            launcher = RaceLaunches(pool, name, plan, children.files, record.variants)
             everyone = range(len(record.variants))
             timed = [launcher.launch(everyone) for _ in range(launches)]
             stored.write(json.dumps(to_json(replace(record, launches=timed))) + "\n")
@@ -391,9 +391,7 @@ def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceReco
     variants, entered = Drawn(), replace(stored, launches=())
     # agreement takes a few seconds of the budget
     rule = RaceRule(entered, RaceBudget(BUDGET_S - 5.0, lambda: variants.spent_s))
-    for ending in launch(variants, rule):
-        if ending is not None:
-            rule.end(ending)
+    rule.end(launch(variants, rule))
     if rule.record.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
     return rule.record, variants.spent_s

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
+from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.errors import InputError
 from mjbench.paired import release_bisect, revision_bisect
 from mjbench.paired.bisect_records import (
@@ -71,7 +71,7 @@ def release_bisection(
 def _measurement(
     search: _Search, kind: VersionKind, arguments: Mapping[str, Any], files: Sequence[Path]
 ) -> Measurement:
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         if any(isinstance(record, BisectRecord) for record in earlier):
             return
         trials = 0

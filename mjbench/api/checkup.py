@@ -6,14 +6,14 @@ A check-up asks the commands that look closer, each for a short time, and stores
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from mjbench.api import checks, compare, model_sources, start_states
+from mjbench.api import checks, model_comparison, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Item, Measurement, Observer, failure_of_model, pinning_notes
+from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.checkups import combination, targets
 from mjbench.checkups.records import CheckedPart, CheckupPart
 from mjbench.checkups.targets import CheckedSource, ProgramFile
@@ -184,7 +184,7 @@ def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
     files = [source.path] if isinstance(source, ModelSource | ProgramFile) else []
     kind = targets.kind_of(source)
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         parts = _Parts(source, plan, observer)
         match source:
             case ModelSource():
@@ -252,7 +252,7 @@ class _Parts:
 # -- a model ---------------------------------------------------------------------------------------
 
 
-def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
+def _model_items(source: ModelSource, parts: _Parts) -> Items:
     """Yield the parts of a model's check-up; where it cannot be stepped, only that."""
     plan = parts.plan
 
@@ -293,7 +293,7 @@ def _compared(
     plans = selection.plans(comparison, _PATHS, threads, option_words=_OPTIONS)
     end = 1 - parts.left_s() / plan.times.end
     shares = end, min(1.0, end + budget_s / plan.times.end)
-    for item in compare.measure_model(pool, source, plans, shares, (), parts.observer):
+    for item in model_comparison.measure_model(pool, source, plans, shares, (), parts.observer):
         records += item.records
     parts.observer.show(None)
     (model,) = (each for each in records if isinstance(each, ModelRecord))
@@ -322,7 +322,7 @@ def _tuned(
     return replace(part, status=record.status, detail=record.detail), [record]
 
 
-def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Iterator[Item]:
+def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Items:
     """Yield what several changes that change no result gain together, if there are several."""
     plan, model = parts.plan, parts.of_type(ModelRecord)
     race, tuned = parts.of_type(RaceRecord), parts.of_type(TuneRecord)
@@ -343,7 +343,7 @@ def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Iterator[
 # -- a program -------------------------------------------------------------------------------------
 
 
-def _program_items(source: ProgramFile, parts: _Parts) -> Iterator[Item]:
+def _program_items(source: ProgramFile, parts: _Parts) -> Items:
     """Yield what lint finds, and where the program's time goes; a notebook does not run."""
     times = parts.plan.times
 
@@ -366,7 +366,7 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Iterator[Item]:
 # -- an environment --------------------------------------------------------------------------------
 
 
-def _environment_items(source: EnvironmentSource, parts: _Parts) -> Iterator[Item]:
+def _environment_items(source: EnvironmentSource, parts: _Parts) -> Items:
     plan, cores = parts.plan, machine.usable_cores()
 
     def measured(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:

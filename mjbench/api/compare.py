@@ -1,10 +1,7 @@
 """`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
 
-import itertools
-import os
 import sys
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,40 +9,22 @@ from typing import TYPE_CHECKING, Any
 from mjbench import paths as stepping_paths
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Item, Measurement, Observer
+from mjbench.api.model_comparison import measurement
 from mjbench.comparison import selection
-from mjbench.comparison.messages import ModelFiles
-from mjbench.comparison.model_children import ModelChildren
 from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
 from mjbench.errors import InputError
-from mjbench.host import neighbours
-from mjbench.host.machine import ProcessorTime
 from mjbench.limits import LARGE_COUNT, SECONDS, SEED, THREADS, TIME_LIMIT_S
 from mjbench.measuring.progress import Progress
-from mjbench.paired import launches, model_comparison
-from mjbench.paired.model_comparison import ModelComparison
-from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
-from mjbench.paired.race_record import RaceRecord
-from mjbench.paired.time_limit import ending_of
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.report import comparison as report
 from mjbench.report.advice import Advice, ClockAdvice
 from mjbench.report.crossovers import Crossover, WorkCrossover
 from mjbench.report.documents import CompareDocument
 from mjbench.report.results import ModelResults, PathResult, derive_all
 from mjbench.simulation import models as shipped_models
-from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product
-from mjbench.status import Status
-from mjbench.store.runs import Record, to_json
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
     from mjbench.api.start_states import Actions, States
-
-
-# Share of a model's progress that verification stands for; the race is the rest.
-_VERIFICATION_SHARE = 0.2
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -175,190 +154,6 @@ def compare(
     ):
         sized = [replace(plan, starts=starts) for plan in plans]
         return Comparison.of(measurement(sources, sized), wait, on_progress)
-
-
-def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan]) -> Measurement:
-    """Return the measurement of each model at one size after the other, which `plans` differ in."""
-    arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
-    arguments["nbatch"] = [plan.nbatch for plan in plans]
-    files = [source.path for source in sources]
-    files += stepping_paths.user_module_files(variant.path for variant in plans[0].variants)
-    files += plans[0].starts.files
-    nvariant = len(plans[0].variants)
-
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
-        count = len(sources) * len(plans)
-        with WorkerPool(plans[0].limit_s) as pool:
-            for position, source in enumerate(sources):
-                shares = [(position * len(plans) + i) / count for i in range(len(plans) + 1)]
-                yield from measure_model(pool, source, plans, shares, earlier, observer)
-
-    return Measurement(
-        "compare",
-        arguments,
-        files,
-        measure,
-        lambda records: model_comparison.finished(records, nvariant),
-    )
-
-
-def measure_model(
-    pool: WorkerPool,
-    source: ModelSource,
-    plans: Sequence[ComparisonPlan],
-    shares: Sequence[float],
-    earlier: Sequence[Record],
-    observer: Observer,
-) -> Iterator[Item]:
-    """Yield what a model comes to at one size after the other.
-
-    Ctrl-C ends it with what is known then. Where a size was complete, so that no record says that
-    it was interrupted, KeyboardInterrupt follows.
-
-    Args:
-      shares: of all work that is done before each plan, and after the last.
-    """
-    of_sizes: list[Record] = []
-    for plan, of_work in zip(plans, itertools.pairwise(shares), strict=True):
-        known, is_interrupted = model_comparison.stored(source, plan, earlier), False
-        if known is None:
-            compared = ComparedModel(pool, source, plan, of_work, of_sizes, observer)
-            try:
-                compared.run()
-            except KeyboardInterrupt:
-                is_interrupted = True
-            known = compared.known()
-        of_sizes += known.records
-        yield Item(known.records, is_part=plan is not plans[-1])
-        if known.is_interrupted:
-            return
-        if is_interrupted:
-            raise KeyboardInterrupt
-
-
-class ComparedModel:
-    """One model at one size, while its paths are compared."""
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        source: ModelSource,
-        plan: ComparisonPlan,
-        shares: tuple[float, float],
-        of_sizes: Sequence[Record],
-        observer: Observer,
-    ):
-        """Start nothing yet.
-
-        Args:
-          shares: of all work that is done before it, and after it.
-          of_sizes: what is known of the model at other sizes, which is shown, too.
-        """
-        self._pool, self._plan, self._name = pool, plan, source.name
-        self._shares, self._of_sizes, self._observer = shares, of_sizes, observer
-        self._begin_s, self._processor_time = time.monotonic(), ProcessorTime.now()
-        self._children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
-        self._race: RaceRecord | None = None
-        self._is_complete = False
-
-    def run(self) -> None:
-        """Verify that paths agree, race those that run C, and measure those that compile.
-
-        Raises:
-          KeyboardInterrupt: what is known may be all there is.
-        """
-        try:
-            self._observer.begin(f"{self._name}: checking agreement")
-            ended = self._children.verify(self._show_verifying)
-            verified_s = time.monotonic() - self._begin_s
-            if ended.status == Status.OK:
-                self._run_race(verified_s)
-                self._run_accelerated()
-            self._is_complete = True
-            self._show_known()
-            self._observer(self._name, self._shares[1])
-        except KeyboardInterrupt:
-            if not self._is_complete:
-                self._children.ended = None
-            raise
-
-    def known(self) -> ModelComparison:
-        """Return what is known now: all there is once `run` has ended."""
-        timed: list[int] = []
-        if self._race is not None:
-            positions = {i for launch in self._race.launches for i in launch.variants}
-            timed = [self._plan.variants.index(self._race.variants[i]) for i in positions]
-        measurements = self._children.measurements(timed, self._is_complete)
-        return ModelComparison(self._children.model_record(), measurements, self._race)
-
-    def _run_race(self, verified_s: float) -> None:
-        agreeing = self._children.agreeing
-        if 0 not in agreeing:  # the plain loop
-            return
-        variants = [self._plan.variants[i] for i in agreeing]
-        budget = RaceBudget(self._begin_s + self._plan.budget_s)
-        # a launch takes about as long as the agreement check: each runs every path a few times
-        expected_s = max(1.0, verified_s, budget.left_s())
-        racing = f"racing {len(variants)} paths, about {expected_s:.0f} s"
-        if budget.left_s() < verified_s:
-            racing += ": one launch takes longer than is left of the budget"
-        phase = racing if len(variants) > 1 else "timing the plain loop"
-        self._observer.begin(f"{self._name}: {phase}")
-        rule = RaceRule(enter(self._children.model_record(), variants), budget)
-        targets = RaceLaunches(self._pool, self._children, variants)
-        try:
-            for ending in launches.launch(targets, rule):
-                if ending is not None:
-                    rule.end(ending)
-                self._take_race(rule.record)
-        except KeyboardInterrupt as error:  # while it was shown
-            rule.end(ending_of(error))
-            self._race = self._with_disturbance(rule.record)
-            raise
-        if rule.record.status == Status.INTERRUPTED:
-            raise KeyboardInterrupt
-
-    def _take_race(self, record: RaceRecord) -> None:
-        """Take what a race has come to, and show it."""
-        self._race = self._with_disturbance(record)
-        for unable in record.unable:
-            index = self._plan.variants.index(record.variants[unable.variant])
-            self._children.revise(index, unable.status, unable.detail)
-        spent = (time.monotonic() - self._begin_s) / self._plan.budget_s
-        left = len(record.launches[-1].variants) if record.launches else len(record.variants)
-        text = f"{self._name}: launch {len(record.launches)}, {left} paths left"
-        self._show_progress(text, min(1.0, max(_VERIFICATION_SHARE, spent)))
-        self._show_known()
-
-    def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
-        others = [each for each in neighbours.measuring_now() if each.pid != os.getpid()]
-        earlier = self._race.neighbours if self._race is not None else ()
-        names = sorted({*earlier, *(each.command for each in others)})
-        return replace(
-            record,
-            stolen_share=ProcessorTime.now().stolen_since(self._processor_time),
-            neighbours=names,
-        )
-
-    def _run_accelerated(self) -> None:
-        for index in self._plan.accelerated:
-            phase = f"{self._name}: {self._plan.variants[index]}"
-            self._observer.begin(phase)
-            self._show_progress(phase, 1.0)
-            self._children.run_accelerated(index)
-            self._show_known()
-
-    def _show_verifying(self) -> None:
-        share = _VERIFICATION_SHARE * self._children.share_verified
-        self._show_progress(f"{self._name}: do all paths agree?", share)
-
-    def _show_progress(self, text: str, share: float) -> None:
-        begin, end = self._shares
-        self._observer(text, begin + share * (end - begin))
-
-    def _show_known(self) -> None:
-        records = [*self._of_sizes, *self.known().records]
-        self._observer.show(lambda: report.section_so_far(derive_all(records)))
 
 
 def _option_texts(options: Mapping[str, Any]) -> list[str]:

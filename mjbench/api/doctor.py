@@ -4,7 +4,15 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
-from mjbench.api.session import Item, Measurement, Observer, in_turn, input_files, pinning_notes
+from mjbench.api.session import (
+    Item,
+    Items,
+    Measurement,
+    Observer,
+    in_turn,
+    input_files,
+    pinning_notes,
+)
 from mjbench.counts import instructions
 from mjbench.errors import Failure, MjbenchError
 from mjbench.host import conditions
@@ -77,7 +85,7 @@ def placements(
     targets = [Target(release, source) for source in sources]
     plan = SpreadPlan(launches, budget_s, sizes)
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
         with WorkerPool() as pool:
 
             def measure(source: ModelSource, on_progress: Progress) -> Item:
@@ -123,7 +131,7 @@ def trials(
     cases = selfcheck.cases(names, slowdowns, functions, between_builds)
     sources = list(dict.fromkeys(case.candidate.model for case in cases))
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
         done = trial_records(earlier)
         remaining = selfcheck.remaining(cases, count, done)
         with (

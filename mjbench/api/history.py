@@ -1,8 +1,8 @@
 """What `mjbench history` measures: times and instructions of one release after the other."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
+from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.counts import records, release_changes
 from mjbench.errors import InputError
 from mjbench.paired import release_ratio
@@ -16,7 +16,7 @@ from mjbench.store.runs import Record
 def ratios(selection: Selection) -> Measurement:
     """Return the measurement of times over those of the reference, `mjbench history measure`."""
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         with WorkerPool() as pool:
             for measured in release_ratio.measure_rest(pool, selection, earlier, observer):
                 yield Item(measured)
@@ -36,7 +36,7 @@ def changes(selection: Selection) -> Measurement:
     if len(selection.releases) < 2:
         raise InputError("give two releases or more")
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         for counted in release_changes.count_rest(selection, earlier, observer):
             yield Item(counted)
 

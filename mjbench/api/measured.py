@@ -59,7 +59,7 @@ class Measured:
             _in_program(),
             Session(measurement, wait) as session,
             _observer(on_progress) as observer,
-            measurement.items((), observer) as items,
+            contextlib.closing(measurement.measure((), observer)) as items,
         ):
             for item in items:
                 for record in item.records:

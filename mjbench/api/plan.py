@@ -1,10 +1,10 @@
 """What `mjbench plan` measures: plans of a sampling planner, by the path that rolls out."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from mjbench.api import session
-from mjbench.api.session import Item, Measurement, Observer
+from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.comparison import planning_run, selection
 from mjbench.comparison.planner import Algorithm, PlannerSettings
 from mjbench.comparison.planning_run import PlanningRequest
@@ -46,7 +46,7 @@ def measurement(
         except MjbenchError as error:
             return Item(failure=session.failure_of_model(request.source.name, error))
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         for number, request in enumerate(requests):
             observer(request.source.name, number / len(requests))
             known = planning_run.stored(request, earlier)

@@ -1,12 +1,12 @@
 """`mjbench.profile`: where the time of a model's steps goes; and its modes, which commands have."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Item, Measurement, Observer, input_files, of_each_model
+from mjbench.api.session import Item, Items, Measurement, Observer, input_files, of_each_model
 from mjbench.counts import instructions
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.counts.records import counted
@@ -125,7 +125,7 @@ def of_instructions(
     if problem := instructions.unavailable():
         raise MachineError(problem)
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         known = {(record.build, record.model) for record in counted(earlier)}
         remaining = {(spec.key, source.name) for spec in specs for source in sources} - known
         with InstructionCounter(sizes) as counter:

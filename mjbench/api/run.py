@@ -1,10 +1,10 @@
 """What `mjbench run` measures: the user's program, and what remedies save."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from mjbench.api.session import Item, Measurement, Observer
+from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.program import launch
@@ -39,7 +39,7 @@ def measurement(
         raise InputError("--confirm runs the program again, which --attach cannot")
     sampling = Sampling(rate_hz, has_native)
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
         if to_run is not None:
             name, seen = to_run.name, launch.run(to_run, seconds, sampling)
         else:
@@ -65,7 +65,7 @@ def measurement(
     return Measurement("run", arguments, files, items)
 
 
-def _with_confirmed(program: Program, row: ProgramRow, observer: Observer) -> Iterator[Item]:
+def _with_confirmed(program: Program, row: ProgramRow, observer: Observer) -> Items:
     tried = list(row.loops[0].remedies)
     copies = listing.copies(row.steps, machine.usable_cores())
     if copies is not None:

@@ -7,7 +7,7 @@ all of them together (`mjbench.api.measured`).
 
 import contextlib
 import functools
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -65,6 +65,9 @@ class Item:
     is_part: bool = False
 
 
+Items = Generator[Item, None, None]
+
+
 @dataclass(frozen=True)
 class Measurement:
     """What is to be measured, for a command or for a program.
@@ -72,8 +75,8 @@ class Measurement:
     Attributes:
       arguments: stored in the run file's header: a dataclass or JSON-ready values.
       files: that are measured, such as models.
-      measure: yields items as they are measured. It is given records that need not be measured
-        again. It may raise KeyboardInterrupt, or end after a record that says so.
+      measure: yields items as they are measured, until it is closed. It is given records that need
+        not be measured again. It may raise KeyboardInterrupt, or end after a record that says so.
       select_finished: which records of a continued run are not measured again.
       notes: what makes the results unreliable here, a sentence each.
     """
@@ -81,19 +84,9 @@ class Measurement:
     command: str
     arguments: Any
     files: Sequence[Path]
-    measure: Callable[[Sequence[Record], Observer], Iterable[Item]] = lambda *_: ()
+    measure: Callable[[Sequence[Record], Observer], Items]
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
-
-    @contextlib.contextmanager
-    def items(self, earlier: Sequence[Record], observer: Observer) -> Iterator[Iterable[Item]]:
-        """Yield the items, as `measure` does; what measures them ends with the block."""
-        items = self.measure(earlier, observer)
-        try:
-            yield items
-        finally:
-            if isinstance(items, Generator):
-                items.close()
 
 
 def pinning_notes() -> list[str]:
@@ -123,7 +116,7 @@ def in_turn(
     earlier: Sequence[Record],
     observer: Observer,
     attribute: str = "model",
-) -> Iterator[Item]:
+) -> Items:
     """Yield what one thing after the other comes to; what is known of it is not measured again.
 
     Args:

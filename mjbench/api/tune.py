@@ -1,9 +1,9 @@
 """What `mjbench tune` measures: settings of models, and a copy of a model with the best of them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from mjbench.api.session import Item, Measurement, Observer, finished, in_turn, input_files
+from mjbench.api.session import Item, Items, Measurement, Observer, finished, in_turn, input_files
 from mjbench.errors import InputError
 from mjbench.measuring.progress import Progress
 from mjbench.paired.worker_pool import WorkerPool
@@ -47,7 +47,7 @@ def measurement(
             raise InputError("--write takes one model")
         edited_model.check_source(sources[0])
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
         if copy is not None:
             edited_model.copy_in_child(sources[0], None, copy, limit_s)
         with WorkerPool() as pool:

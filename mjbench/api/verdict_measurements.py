@@ -5,12 +5,12 @@ code in revisions or environments, or models that a path steps which compiles (t
 times, these are functions, too).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
+from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.counts import explain
 from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
@@ -137,7 +137,7 @@ def _decide_targets(
 def _of_instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measurement:
     builds, sources = [comparison.baseline, *comparison.candidates], comparison.sources
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         def on_candidate(number: int) -> None:
             version = comparison.candidates[number].version
             observer(f"MuJoCo {version}", number / len(comparison.candidates))
@@ -254,7 +254,7 @@ def _measurement(
     decide: Callable[[WorkerPool, tuple[_Side, _Side], VerdictPlan, Progress], VerdictRecord],
     patience_s: float = TIME_LIMIT_S,
 ) -> Measurement:
-    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         done = {_sides_key(record.sides) for record in finished(earlier)}
         with WorkerPool(patience_s) as pool:
             pairs = prepare(pool, observer.begin)

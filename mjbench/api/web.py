@@ -1,9 +1,9 @@
 """What `mjbench web` measures: WebAssembly builds of a release beside C of the same release."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from mjbench.api.session import Item, Measurement, Observer, finished, in_turn, input_files
+from mjbench.api.session import Item, Items, Measurement, Observer, finished, in_turn, input_files
 from mjbench.host import machine
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
@@ -32,7 +32,7 @@ def measurement(
     spec = spec or release_spec.parse_release(package.version)
     plan = builds.WebPlan(spec, engine, sizes, budget_s)
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
         with WorkerPool(limit_s) as pool:
             yield from in_turn(
                 sources,

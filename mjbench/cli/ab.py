@@ -64,6 +64,8 @@ def ab(
       mjbench ab rev=main rev=HEAD bench:step --metric growth
       mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
+    from mjbench.report import verdicts
+
     plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
     if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
         from mjbench.api.verdict_measurements import between_revisions
@@ -78,7 +80,7 @@ def ab(
         raise InputError(f"{name} is no function: {text}")
     else:
         measurement = _of_targets(baseline, candidate, plan)
-    run = measure_and_print(measurement, output, at_end=True)
+    run = measure_and_print(measurement, output, summary=verdicts.sections)
     run.exit_with(fail_on.of_run(run.session.run(), plan.confidence))
 
 

@@ -122,7 +122,7 @@ def compare(
       mjbench compare humanoid --scaling
       mjbench compare cartpole --paths mjx,rollout --nbatch 16,256,4096
     """
-    from mjbench.api.compare import measurement
+    from mjbench.api.model_comparison import measurement
     from mjbench.api.model_sources import each_once
     from mjbench.comparison import selection
     from mjbench.comparison.plan import ComparisonPlan

@@ -240,7 +240,7 @@ def measure_and_print(
         try:
             with (
                 progress(run.out, has_results) as observer,
-                measurement.items(session.earlier, observer) as items,
+                contextlib.closing(measurement.measure(session.earlier, observer)) as items,
             ):
                 _measure_items(run, items, observer, each, bool(code))
         except KeyboardInterrupt:

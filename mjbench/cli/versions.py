@@ -97,6 +97,7 @@ def versions(
     contacts, the verdict names it.
     """
     from mjbench.api.verdict_measurements import between_releases
+    from mjbench.report import verdicts
 
     release_names, sources = (
         (list(names), list[ModelSource]()) if functions else releases_and_models(names)
@@ -105,7 +106,7 @@ def versions(
     sizes = replace(plan.sizes, metric=Metric(metric))
     plan = replace(plan, family=family or 1, sizes=sizes)
     measurement = between_releases(specs, sources, path_names, plan, functions)
-    run = measure_and_print(measurement, output, at_end=True)
+    run = measure_and_print(measurement, output, summary=verdicts.sections)
     run.exit_with(fail_on.of_run(run.session.run(), plan.confidence))
 
 

@@ -14,7 +14,7 @@ from mjbench.errors import InputError
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.api.session import Item, Observer
+    from mjbench.api.session import Items, Observer
     from mjbench.counts.instructions import InstructionCounter, ModelCount
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.targets import Target
@@ -63,7 +63,7 @@ def versions_explain(
     specs = [release_spec.parse_release(name) for name in release_names]
     counted: dict[str, tuple[ModelCount, ModelCount]] = {}
 
-    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Items":
         known = {record.model for record in records.finished(earlier)}
         remaining = [source for source in sources if source.name not in known]
         with WorkerPool() as pool, InstructionCounter(plan.sizes) as counter:

@@ -1,166 +1,218 @@
-"""Does a path return what the reference run does, and if not, after which step does it show?"""
+"""The child that verifies the paths of one model: does each return what the reference run does?
 
-import contextlib
+It loads the model, chooses sizes, does the reference run, then prepares and verifies each variant.
+The workload goes to files, so that what is timed in other processes is what was verified. The
+parent is `api.model_comparison`.
+"""
+
 import dataclasses
 import functools
-from collections.abc import Mapping
+import pickle
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.messages import AgreementReport
-from mjbench.comparison.plan import Variant
-from mjbench.errors import InputError, describe, one_line
-from mjbench.simulation import agreement, compat, inputs, models, trajectory, work, workload
-from mjbench.simulation.agreement import Difference
-from mjbench.simulation.work import Observation
-from mjbench.simulation.workload import Product, StepOutputs, Workload
+from mjbench.comparison import step_costs
+from mjbench.comparison.block_sizes import BlockSizes, check_memory, choose_sizes
+from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.comparison.records import ModelRecord
+from mjbench.comparison.reference_case import ReferenceCase
+from mjbench.errors import describe, one_line
+from mjbench.host.isolate import Channel
+from mjbench.paths.accelerated import save_workload
+from mjbench.simulation import (
+    agreement,
+    inputs,
+    models,
+    sampling,
+    starts,
+    trajectory,
+    work,
+    workload,
+)
+from mjbench.simulation.model_digest import model_digest
+from mjbench.simulation.model_guard import ModelGuard
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import Sample, SampleRequest
+from mjbench.simulation.workload import Product, Workload
 from mjbench.status import Status
 
-# The model that a path is verified on, too, where a model starts without contact: a path that loses
-# the warm-start differs in contact alone.
-CONTACT_MODEL, CONTACT_NBATCH, CONTACT_NSTEP = "cube_table", 4, 20
+# A child may be silent for this many times as long as its work should take.
+PATIENCE = 100
 # The case in which every input is set: simulations, most steps of each, and about how many seconds
 # a run of it takes where a step is slow.
 INPUTS_NBATCH, INPUTS_NSTEP, INPUTS_S = 4, 20, 0.02
 
 
 @dataclass(frozen=True)
-class ReferenceCase:
-    """A workload, its reference run, and the memory that paths share.
+class ModelFiles:
+    """Where a model and its workload are saved, so that other processes do the same work.
 
     Attributes:
-      workload: without diverged simulations.
-      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the reference run.
-      outputs: of the reference run, of every step, as the workload asks for.
-      numbers: (nbatch,) of the simulations, as they were before they were reordered.
-      label: how it differs from what the user asked for, such as `with every input set`.
+      workload: a pickled `PortableWorkload`, with its final states, for the launches of a race.
     """
 
-    workload: Workload
-    final_state: np.ndarray
-    outputs: StepOutputs
-    resources: paths.Resources
-    numbers: np.ndarray
-    label: str = ""
-    start_contacts: int = 0
+    model: Path
+    workload: Path
+    accelerated: Path
 
     @classmethod
-    def create(
-        cls, workload: Workload, observation: Observation, label: str = ""
-    ) -> "ReferenceCase":
-        case = cls.of_states(workload, observation.final_state)
-        return dataclasses.replace(case, label=label, start_contacts=observation.start_contacts)
+    def in_folder(cls, folder: Path) -> "ModelFiles":
+        names = ("model.mjb", "workload.pickle", "accelerated.pickle")
+        return cls(*(folder / name for name in names))
 
-    @classmethod
-    def of_states(cls, workload: Workload, final_state: np.ndarray) -> "ReferenceCase":
-        """Return the case of a workload and its final states; what each step returns is stepped."""
-        outputs, numbers = work.step_outputs(workload), np.arange(workload.nbatch)
-        return cls(workload, final_state, outputs, paths.Resources(workload), numbers)
 
-    @classmethod
-    def in_contact(cls, hold: int, seed: int) -> "ReferenceCase":
-        model = models.load(models.resolve(CONTACT_MODEL))
-        nstep = workload.whole_holds(CONTACT_NSTEP, hold)
-        contact_workload = workload.make(model, CONTACT_NBATCH, nstep, hold, seed)
-        healthy, observation = work.observe_healthy(contact_workload)
-        return cls.create(healthy, observation, f"in contact ({CONTACT_MODEL})")
+@dataclass(frozen=True)
+class AgreementReport:
+    """Whether a variant does what the reference run does, so that it may be timed.
 
-    def difference(self, states: paths.States, prepared: paths.Prepared) -> Difference | None:
-        """Return where a run and its outputs first differ from the reference run, or None."""
-        difference = self._output_difference(prepared) or agreement.first_differing_entry(
-            states.values, self.final_state, self._state_columns, states.mask
-        )
-        if difference is None:
-            return None
-        number = int(self.numbers[difference.simulation])
-        return dataclasses.replace(difference, simulation=number)
+    Attributes:
+      agrees: None where it was not compared.
+      agreement: the rule that was held, or the first difference.
+    """
 
-    def _output_difference(self, prepared: paths.Prepared) -> Difference | None:
-        if self.outputs.state is None:
-            return None
-        outputs = StepOutputs(None, None)
-        if prepared.step_outputs is not None:
-            outputs = prepared.step_outputs()
-        sensors = {"sensordata": slice(0, self.workload.model.nsensordata)}
-        compared = (
-            ("state", outputs.state, self.outputs.state, self._physics_columns),
-            ("sensordata", outputs.sensordata, self.outputs.sensordata, sensors),
-        )
-        differences = []
-        for name, values, expected, columns in compared:
-            if expected is None:
-                continue
-            if values is None:
-                raise InputError(f"it returns no {name} of every step, although it says so")
-            differences.append(agreement.first_differing_step(values, expected, columns))
-        return min(filter(None, differences), key=lambda d: d.step or 0, default=None)
+    position: int
+    status: Status
+    detail: str = ""
+    agrees: bool | None = None
+    agreement: str = ""
+    snippet: str = ""
 
-    @functools.cached_property
-    def _state_columns(self) -> dict[str, slice]:
-        return compat.state_columns(self.workload.model)
 
-    @functools.cached_property
-    def _physics_columns(self) -> dict[str, slice]:
-        return compat.state_columns(self.workload.model, compat.FULLPHYSICS)
+def verify_in_child(
+    source: ModelSource,
+    plan: ComparisonPlan,
+    excluded: Collection[int],
+    files: ModelFiles,
+    channel: Channel,
+) -> None:
+    """Verify the variants of a plan, and write the files of the model.
 
-    def reorder(self, rng: np.random.Generator) -> None:
-        order = workload.draw_order(self.workload.nbatch, rng)
-        self.resources.reorder(order)
-        self.final_state[...] = self.final_state[order]
-        self.outputs.reorder(order)
-        self.numbers[...] = self.numbers[order]
+    Messages: a `ModelRecord` of the reference run, and an `AgreementReport` per variant.
 
-    def verify(self, variant: Variant) -> tuple[paths.Prepared, Difference | None]:
-        """Prepare a variant and run it; return the run, and where it first differs."""
+    Args:
+      excluded: variants not to touch: those that killed a child before, and accelerated ones.
+    """
+    name = source.name
+    channel.doing(f"loading {name}")
+    model = models.load(source)
+    channel.doing(f"stepping {name}")
+    cost_s = step_costs.step_cost_s(
+        model_digest(model), functools.partial(sampling.settled_step_s, model)
+    )
+    sizes = choose_sizes(
+        cost_s,
+        nbatch=plan.nbatch,
+        nstep=plan.nstep,
+        hold=plan.hold,
+        nthread=plan.most_threads,
+        has_accelerated=bool(plan.accelerated),
+    )
+    check_memory(model, sizes.nbatch, sizes.nstep, plan.most_threads, plan.returns)
+    max_nstep = starts.max_settling_nstep(cost_s)
+    settling_nstep = min(starts.settling_nstep(model, plan.starts), max_nstep)
+    patience_per_step_s = PATIENCE * work.step_s(model)
+    patience_s = patience_per_step_s * sizes.nbatch * sizes.nstep
+    channel.allow_silence(patience_s + patience_per_step_s * settling_nstep)
+    request = SampleRequest(
+        sizes.nbatch,
+        sizes.nstep,
+        plan.hold,
+        plan.seed,
+        plan.starts,
+        max_nstep,
+        may_shorten=plan.nstep is None,
+    )
+    sample = sampling.draw(model, request)
+    own = sample.workload.returning(plan.returns)
+    _save(own, sample, files, bool(plan.accelerated))
+    case = ReferenceCase.create(own, sample.observation)
+    channel.send(_model_record(name, own, sizes, sample))
+    further = FurtherCases.create(case, cost_s)
+    guard = ModelGuard(model)
+    for position, variant in enumerate(plan.variants):
+        if position in excluded:
+            continue
+        channel.doing(f"preparing {variant} on {name}", position)
+        channel.allow_silence(patience_s)
+        report, _ = verify(position, variant, case, further)
+        guard.check()
+        channel.send(report)
+    further.close()
+    case.resources.close()
+
+
+def _save(own: Workload, sample: Sample, files: ModelFiles, has_accelerated: bool) -> None:
+    models.save(own.model, files.model)
+    final_state = sample.observation.final_state
+    portable = dataclasses.replace(workload.portable(own), final_state=final_state.copy())
+    files.workload.write_bytes(pickle.dumps(portable))
+    if has_accelerated:
+        save_workload(own, sample.observation.peaks, files.accelerated)
+
+
+def _model_record(name: str, own: Workload, sizes: BlockSizes, sample: Sample) -> ModelRecord:
+    observation = sample.observation
+    return ModelRecord(
+        model=name,
+        status=Status.OK,
+        facts=work.describe(own.model),
+        nbatch=own.nbatch,
+        nstep=own.nstep,
+        hold=own.hold,
+        returns=own.returns,
+        seed=own.seed,
+        reduced=sizes.reduced,
+        diverged=sizes.nbatch - own.nbatch,
+        divergence=observation.diagnosis(),
+        warnings=observation.other_warnings(),
+        spread=sample.spread,
+        starts=sample.starts,
+        workload_digest=own.digest(),
+        state_digest=agreement.digest(observation.final_state),
+        start_contacts=observation.start_contacts,
+        work=observation.work,
+    )
+
+
+def verify(
+    position: int, variant: Variant, case: ReferenceCase, further: "FurtherCases"
+) -> tuple[AgreementReport, paths.Prepared | None]:
+    """Compare a variant with the reference run; return also the prepared run if it may be timed."""
+    try:
         path = paths.find(variant.path)
-        prepared = path.prepare(self.workload, variant.options, self.resources)
-        difference = self._check(prepared)
-        if difference is not None and difference.step is None:
-            difference = self._locate_first_step(variant, difference)
-        return prepared, difference
-
-    def _check(self, prepared: paths.Prepared) -> Difference | None:
-        """Run twice, the second time with reordered simulations; return the first difference."""
-        difference = self.difference(prepared.verified_states(), prepared)
-        if difference is not None or self.workload.nbatch == 1:
-            return difference
-        self.reorder(np.random.default_rng(self.workload.seed))
-        prepared.clear()
-        prepared.run()
-        difference = self.difference(prepared.final_states(), prepared)
-        return dataclasses.replace(difference, is_reordered=True) if difference else None
-
-    def _locate_first_step(self, variant: Variant, at_end: Difference) -> Difference:
-        """Return the difference after the first step at which a shorter run shows one.
-
-        Runs of 1, 2, 4, … controls bracket the control where the difference begins; bisection finds
-        it. Where no shorter run shows one (a race), the difference at the end is all there is.
-        """
-
-        def difference_after(ncontrol: int) -> Difference | None:
-            shorter = ReferenceCase.create(*work.observe_healthy(self.workload.first(ncontrol)))
-            with contextlib.closing(shorter.resources):
-                path = paths.find(variant.path)
-                return shorter._check(
-                    path.prepare(shorter.workload, variant.options, shorter.resources)
-                )
-
-        good, bad, earliest = 0, 1, difference_after(1)
-        while earliest is None:
-            if bad == self.workload.ncontrol:
-                return at_end
-            good, bad = bad, min(2 * bad, self.workload.ncontrol)
-            earliest = difference_after(bad)
-        while bad - good > 1:
-            middle = (good + bad) // 2
-            difference = difference_after(middle)
+        reason = _reason_not_to_run(path, variant, case.workload)
+        if reason:
+            return AgreementReport(position, Status.UNAVAILABLE, one_line(reason)), None
+        prepared, difference = case.verify(variant)
+        rules, place = ["bit-identical"], ""
+        others = further.of(path, variant.options)
+        for other in others:
             if difference is None:
-                good = middle
-            else:
-                bad, earliest = middle, difference
-        return earliest.at(bad * self.workload.hold)
+                _, difference = other.verify(variant)
+                place = f", {other.label}"
+                rules.append(f"also {other.label}")
+        products = {compared.workload.returns for compared in (case, *others)}
+        if case.workload.model.nsensordata and Product.SENSORS not in products:
+            rules.append("sensor data not compared")
+        snippet = str(path.snippet(case.workload, variant.options))
+    except BaseException as error:  # a path's own failure costs its own row; it may be SystemExit
+        return AgreementReport(position, Status.FAILED, describe(error)), None
+    if difference:
+        detail = f"{difference}{place}"
+        report = AgreementReport(position, Status.DISAGREES, detail, False, detail, snippet)
+        return report, None
+    return AgreementReport(position, Status.OK, "", True, ", ".join(rules), snippet), prepared
+
+
+def _reason_not_to_run(path: paths.SteppingPath, variant: Variant, own: Workload) -> str | None:
+    cannot_return = path.cannot_return(own.returns)
+    if cannot_return:
+        cannot_return += f": --returns {path.products[-1]} compares it"
+    return path.unavailable() or cannot_return or path.unsuited(own, variant.options)
 
 
 @dataclass(frozen=True)
@@ -225,40 +277,3 @@ def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
         )
         for product in Product
     }
-
-
-def verify(
-    position: int, variant: Variant, case: ReferenceCase, further: FurtherCases
-) -> tuple[AgreementReport, paths.Prepared | None]:
-    """Compare a variant with the reference run; return also the prepared run if it may be timed."""
-    try:
-        path = paths.find(variant.path)
-        reason = _reason_not_to_run(path, variant, case.workload)
-        if reason:
-            return AgreementReport(position, Status.UNAVAILABLE, one_line(reason)), None
-        prepared, difference = case.verify(variant)
-        rules, place = ["bit-identical"], ""
-        others = further.of(path, variant.options)
-        for other in others:
-            if difference is None:
-                _, difference = other.verify(variant)
-                place = f", {other.label}"
-                rules.append(f"also {other.label}")
-        products = {compared.workload.returns for compared in (case, *others)}
-        if case.workload.model.nsensordata and Product.SENSORS not in products:
-            rules.append("sensor data not compared")
-        snippet = str(path.snippet(case.workload, variant.options))
-    except BaseException as error:  # a path's own failure costs its own row; it may be SystemExit
-        return AgreementReport(position, Status.FAILED, describe(error)), None
-    if difference:
-        detail = f"{difference}{place}"
-        report = AgreementReport(position, Status.DISAGREES, detail, False, detail, snippet)
-        return report, None
-    return AgreementReport(position, Status.OK, "", True, ", ".join(rules), snippet), prepared
-
-
-def _reason_not_to_run(path: paths.SteppingPath, variant: Variant, own: Workload) -> str | None:
-    cannot_return = path.cannot_return(own.returns)
-    if cannot_return:
-        cannot_return += f": --returns {path.products[-1]} compares it"
-    return path.unavailable() or cannot_return or path.unsuited(own, variant.options)

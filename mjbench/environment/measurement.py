@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 from mjbench import paths
 from mjbench.comparison import selection
-from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
+from mjbench.comparison.verification import AgreementReport
 from mjbench.environment import vectors
 from mjbench.environment.layer_shares import LayerSamples
 from mjbench.environment.physics_comparison import CHOICES, PATHS

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
-from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
+from mjbench.comparison.reference_case import ReferenceCase
+from mjbench.comparison.verification import AgreementReport, FurtherCases, verify
 from mjbench.environment.recording import Recording, StepTrace
 from mjbench.errors import MachineError
 from mjbench.host.isolate import Channel

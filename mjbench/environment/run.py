@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
+from mjbench.comparison.verification import AgreementReport
 from mjbench.environment import adapters, construction, engine, physics_comparison
 from mjbench.environment.adapters import EnvironmentAdapter
 from mjbench.environment.passes import EnvironmentPasses, Pass, in_random_order, send_rounds

@@ -80,8 +80,7 @@ def added(
     repeats = record.facts is not None and record.facts.repeats
     rule = _VectorRule(plan)
     targets = _VectorLaunches(VectorRequest(source, plan, step_s, repeats, ()))
-    *_, ending = launch(targets, rule)
-    assert ending is not None, "the last one says how it ended"
+    ending = launch(targets, rule)
     if ending.status == Status.INTERRUPTED:
         detail = "in vectorised forms"
         record = dataclasses.replace(record, status=ending.status, detail=detail)

@@ -26,7 +26,7 @@ from mjbench.paired.function_sides import (
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import ResultsOutcome, Verdict
-from mjbench.paired.pair_launches import LaunchedPair, PairWork, check_growth
+from mjbench.paired.pair_launches import LaunchedPair, PairWork, ProcessPair, check_growth
 from mjbench.paired.records import (
     MAX_E_VALUE,
     CompilationFigures,
@@ -51,8 +51,7 @@ from mjbench.paired.verdict import (
     launch_until_certain,
     package_versions,
 )
-from mjbench.paired.worker_pool import ProcessPair, WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.pip import BuildError
 from mjbench.status import Status
 

@@ -8,7 +8,7 @@ by itself, until it is certain (see `pair_launches`).
 
 import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from mjbench.errors import Failure
@@ -67,13 +67,19 @@ class StopRule(ABC, Generic[LaunchT]):
         raise error
 
 
-def launch(targets: Targets[LaunchT], rule: StopRule[LaunchT]) -> Iterator[Failure | None]:
+def launch(
+    targets: Targets[LaunchT],
+    rule: StopRule[LaunchT],
+    on_launch: Callable[[], None] = lambda: None,
+) -> Failure:
     """Launch targets until a rule ends it, something fails, time is up, or Ctrl-C is pressed.
 
-    Yields:
-      None after each launch; last how it ended, `OK` with an empty line where the rule ended it.
+    Args:
+      on_launch: called after each launch, when the rule has taken it into account.
+
+    Returns:
+      How it ended: `OK` with an empty line where the rule ended it.
     """
-    ending = Failure(Status.OK, "")
     try:
         with contextlib.closing(targets):
             targets.prepare()
@@ -82,9 +88,9 @@ def launch(targets: Targets[LaunchT], rule: StopRule[LaunchT]) -> Iterator[Failu
                     rule.add(targets.launch(positions))
                 except UnableError as error:
                     rule.withdraw(error)
-                yield None
+                on_launch()
     except UnableError as error:
-        ending = Failure(error.status, error.detail)
+        return Failure(error.status, error.detail)
     except ENDING_ERRORS as error:
-        ending = ending_of(error)
-    yield ending
+        return ending_of(error)
+    return Failure(Status.OK, "")

@@ -14,8 +14,7 @@ import numpy as np
 from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases import movable, placement
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement, PlacementPair

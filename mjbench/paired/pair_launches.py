@@ -8,35 +8,32 @@ draws simulations anew. A launch yields one number, the log ratio of all that wa
 are the samples that `verdict` judges, as many as the verdict needs. While one launch is measured,
 the programs of the next start on the other cores.
 
-What the sides do in a launch is a `PairWork`: steps, or an operation around them (of functions, see
-`function_verdict`).
+What the sides do in a launch is a `PairWork`: of models, steps or an operation around them (see
+`target_pair`), of functions, calls (see `function_verdict`).
 """
 
 import contextlib
-import functools
 import itertools
 import math
 import random
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
-from mjbench.errors import Failure, InputError
+from mjbench.errors import Failure, InputError, MjbenchError
+from mjbench.host import machine
 from mjbench.measuring import timing
 from mjbench.measuring.calls import Compilation
-from mjbench.paired import cores, memory_blocks, operations, preparation
-from mjbench.paired.call_results import Leaf, ResultsCheck, compare
+from mjbench.paired import cores
+from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
-from mjbench.paired.metrics import METRICS, Measured, Metric
-from mjbench.paired.preparation import WorkCheck
+from mjbench.paired.metrics import Metric
 from mjbench.paired.records import LaunchRow, Pair
-from mjbench.paired.run_sizes import RUN_S, Sizes
-from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import (
     ENDING_ERRORS,
     MAX_LAYOUTS,
@@ -47,16 +44,15 @@ from mjbench.paired.time_limit import (
     quad_count,
 )
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_answers import ReadyOperation
-from mjbench.paired.worker_pool import ProcessPair, ProcessPairs, WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.releases.release_spec import ReleaseSpec
-from mjbench.simulation.models import ModelSource
+from mjbench.simulation import changed_work
+from mjbench.simulation.starts import Starts
+from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
 
-# How often a block does an operation, at most.
-MAX_REPEATS = 10_000
 # Metrics of which a launch has one layout and one quad, because more would be the same again; and
 # how many blocks of each side take time: that of the layout, and those of a quad that do more than
 # read what was measured.
@@ -66,6 +62,180 @@ _BLOCKS_OF_ONE_QUAD: Mapping[Metric, int] = {
     Metric.ARENA: 1,
     Metric.COMPILE: 1,
 }
+# Asks new processes, of the baseline and the candidate, for what a launch needs, without waiting.
+Equip = Callable[[Sequence[WorkerProcess]], None]
+
+
+@dataclass(frozen=True)
+class WorkCheck:
+    """Whether both targets do the same work.
+
+    Attributes:
+      drift: how far qpos, qvel and act differ; None where the models differ in size.
+      diverged: simulations that diverged in the baseline, and in the candidate; none of those is
+        timed.
+      warnings: how many other simulations raised each warning, in the baseline, and in the
+        candidate.
+      candidate_starts: where those of the candidate came from; None where both start alike.
+    """
+
+    baseline: Work
+    candidate: Work
+    drift: StateDrift | None
+    diverged: tuple[int, int]
+    warnings: tuple[Mapping[str, int], Mapping[str, int]]
+    nbatch: int
+    nstep: int
+    starts: Starts
+    candidate_starts: Starts | None = None
+    timesteps_s: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def log_scale(self) -> float:
+        """What to add to the log ratio of a step's time for that of a simulated second's."""
+        return math.log(self.timesteps_s[0] / self.timesteps_s[1])
+
+    @property
+    def changes(self) -> list[str]:
+        """How the work changed, in a few words each; empty where it is the same."""
+        one_step = self.drift.one_step if self.drift else None
+        return changed_work.work_changes(self.baseline, self.candidate, one_step, self.diverged)
+
+    @property
+    def changed(self) -> bool:
+        return bool(self.changes)
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessPair:
+    """The processes of one launch, and the core that they are measured on; None for all."""
+
+    processes: tuple[WorkerProcess, WorkerProcess]
+    placements: PlacementPair
+    core: int | None = None
+
+
+class ProcessPairs:
+    """Starts two processes for each launch, one in each of two releases.
+
+    A process that fails raises its error in `wait`, so that it does not end the launches before its
+    own.
+    """
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        releases: tuple[ReleaseSpec, ReleaseSpec],
+        names: tuple[str, str],
+        placements: Iterator[PlacementPair] | None = None,
+    ):
+        """Start the processes of the first launch; `equip` tells all of them what they need."""
+        self._pool, self._releases, self._names = pool, releases, names
+        self._placements = placements or itertools.repeat(AS_SHIPPED)
+        self._seeds = pool.seeds(releases)
+        self._next_seeds = next(self._seeds)
+        self._equip: Equip | None = None
+        # Those that were started ahead, for the next launch.
+        self._next: ProcessPair | None = None
+        # Those whose launches are over, and which are ended while the next ones start.
+        self._finished: list[ProcessPair] = []
+        self._failure: MjbenchError | None = None
+        try:
+            self._start_ahead(cores.USABLE)
+        except BaseException:
+            self.close()
+            raise
+
+    def equip(self, equip: Equip) -> None:
+        """Have the processes of every launch asked for what they need, the next one's now."""
+        self._equip = equip
+        if self._next is not None:
+            equip(self._next.processes)
+
+    def wait(self) -> None:
+        """Wait until the processes of the next launch are ready."""
+        try:
+            if self._failure is not None:
+                raise self._failure
+            next_pair = self._start_ahead(cores.USABLE)
+            for process, release in zip(next_pair.processes, self._releases, strict=True):
+                self._pool.wait_for(process, release)
+        except BaseException:
+            self.close()
+            raise
+
+    @contextlib.contextmanager
+    def launch(self, core: int | None) -> Iterator[ProcessPair]:
+        """Yield the processes of a launch, which must be ready, with this thread on their core.
+
+        The processes of the next launch start on other cores meanwhile. Ask nothing of the
+        processes of this launch after the block: they are ended now or later.
+
+        Args:
+          core: that the launch is measured on; None for all of them, where nothing else may run.
+        """
+        assert self._next is not None, "`wait` has started them"
+        pair, self._next = self._next, None
+        others = cores.beside(core) if core is not None and machine.usable_cores() > 1 else ()
+        try:
+            ahead = self._start_ahead(others) if others else None
+            self._end_finished()
+            with cores.pinned(core):
+                yield replace(pair, core=core)
+            if ahead is not None:
+                cores.confine([process.pid for process in ahead.processes], cores.USABLE)
+        finally:
+            self._finished.append(pair)
+            if not others:  # nothing starts meanwhile, and what comes next may need all memory
+                self._end_finished()
+
+    def is_next_ready(self) -> bool:
+        """Return whether nothing is started ahead that is still starting."""
+        try:
+            return (
+                self._failure is not None
+                or self._next is None
+                or all(process.is_ready() for process in self._next.processes)
+            )
+        except MjbenchError as error:
+            self._failure = error
+            return True
+
+    def close(self) -> None:
+        if self._next is not None:
+            self._finished.append(self._next)
+        self._next, self._failure = None, None
+        self._end_finished()
+
+    def _end_finished(self) -> None:
+        pairs, self._finished = self._finished, []
+        self._pool.end([process for pair in pairs for process in pair.processes])
+
+    def _start_ahead(self, allowed: Collection[int]) -> ProcessPair:
+        """Return the processes of the next launch; start them if need be, without waiting."""
+        if self._next is not None:
+            return self._next
+        seeds, self._next_seeds = self._next_seeds, next(self._seeds)
+        placements = next(self._placements)
+        both = (placements.old, placements.new)
+        started: dict[int, WorkerProcess] = {}
+        try:
+            for i in random.sample((0, 1), 2):  # neither of the two is always the first
+                started[i] = self._pool.start(
+                    self._releases[i], self._names[i], both[i], i, allowed, seeds
+                )
+            pair = ProcessPair((started[0], started[1]), placements)
+            if self._equip is not None:
+                self._equip(pair.processes)
+            if self._next_seeds.program != seeds.program:
+                for i in random.sample((0, 1), 2):
+                    release = self._releases[i]
+                    self._pool.start_program_early(release, i, allowed, self._next_seeds)
+        except BaseException:
+            self._pool.end(list(started.values()))
+            raise
+        self._next = pair
+        return pair
 
 
 class PairWork(ABC):
@@ -289,141 +459,6 @@ def time_quads(
     return orders, ns
 
 
-class TargetPair(LaunchedPair):
-    """Two targets; files are removed at the end, but the baseline's workload."""
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        baseline: Target,
-        candidate: Target,
-        sizes: Sizes | None = None,
-        time_limit: TimeLimit | None = None,
-    ):
-        self._targets, self._sizes = (baseline, candidate), sizes or Sizes()
-        releases, names = (baseline.release, candidate.release), preparation.describe(self._targets)
-        super().__init__(pool, releases, names, time_limit or TimeLimit())
-
-    def _new_work(self) -> PairWork:
-        metric = self._sizes.metric
-        if METRICS[metric].measured == Measured.OPERATION:
-            return OperationWork(self._pool, self._targets, metric, self.time_limit)
-        return StepWork(self._pool, self._targets, self._sizes, self.time_limit)
-
-
-class StepWork(PairWork):
-    """The simulations that two targets step, as often as it takes."""
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        targets: tuple[Target, Target],
-        sizes: Sizes,
-        time_limit: TimeLimit,
-        roles: tuple[str, str] = preparation.ROLES,
-    ):
-        """Load the models, and make sure that both targets can do it; see `preparation.prepare`."""
-        super().__init__(sizes.metric)
-        self._targets, self._sizes = targets, sizes
-        self.nthread = max(target.nthread for target in targets)
-        self.prepared = preparation.prepare(pool, targets, sizes, time_limit, roles)
-        self.nsection, self.work_check = self.prepared.nsection, self.prepared.work_check
-        self.baseline_workload = self.prepared.workloads[0]
-        # Simulations may differ in how much slower they are, so they are timed equally often.
-        self._times_drawn = [0] * self.prepared.nsim
-        self._drawn: list[int] = []
-        if sizes.metric == Metric.GROWTH:
-            both_s = 2 * GROWTH_NSTEP * self.prepared.step_s
-            check_growth(both_s, pool)
-            time_limit.check_first_launch(self.launch_s(both_s))
-
-    def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        if self._metric == Metric.MEMORY:  # all that a process loads is part of its peak
-            return
-        prepared = self.prepared
-        for process, target, model, workload in zip(
-            processes, self._targets, prepared.models, prepared.workloads, strict=True
-        ):
-            process.ask(Worker.equip, model, workload, target.path)
-
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        if is_new_run or self.nsection == 1:
-            nbatch = self.prepared.work_check.nbatch
-            self._drawn = draw_least(self._times_drawn, nbatch)
-        return super().lay_out(pair)
-
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        target, workload = self._targets[i], self.prepared.workloads[i]
-        match self._metric:
-            case Metric.MEMORY:
-                options = dict(target.model_options)
-                file = target.model.path
-                return process.call(memory_blocks.prepare_peak, file, options, workload)
-            case Metric.GROWTH:
-                return process.call(memory_blocks.prepare_growth, allowed)
-            case Metric.ARENA:
-                return process.call(memory_blocks.prepare_arena)
-        return process.call(
-            Worker.prepare,
-            target.path,
-            dict(target.options),
-            allowed,
-            self._drawn,
-            callback=target.callback,
-            slowdown=target.slowdown,
-            has_timer=target.has_timer,
-            returns=self._sizes.returns,
-            metric=self._metric,
-            nsection=self.nsection,
-        )
-
-    def close(self) -> None:
-        """Remove all files but the baseline's workload."""
-        for file in (*self.prepared.models, self.prepared.workloads[1]):
-            file.unlink(missing_ok=True)
-
-
-class OperationWork(PairWork):
-    """An operation around the step, on the models of two targets (see `operations`)."""
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        targets: tuple[Target, Target],
-        metric: Metric,
-        time_limit: TimeLimit,
-    ):
-        """Load the models, and choose how often a block does it."""
-        super().__init__(metric)
-        with preparation.loaded(pool, targets, time_limit) as (processes, models):
-            self._models = models
-            is_of_source = metric == Metric.LOAD
-            self._files = [target.model.path for target in targets] if is_of_source else [*models]
-            once = [self._ready(process, i, (), 1) for i, process in enumerate(processes)]
-            slower_s = 1e-9 * max(each.ns for each in once)
-            self._repeats = min(max(1, round(RUN_S / slower_s)), MAX_REPEATS)
-            time_limit.check_first_launch(self.launch_s(1e-9 * sum(each.ns for each in once)))
-            timed = [
-                self._ready(process, i, (), self._repeats) for i, process in enumerate(processes)
-            ]
-        old, new = ([[Leaf("", each.result)]] for each in timed)
-        self.results = compare(old, new)
-
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        return self._ready(process, i, allowed, self._repeats).ns
-
-    def close(self) -> None:
-        for file in self._models:
-            file.unlink(missing_ok=True)
-
-    def _ready(
-        self, process: WorkerProcess, i: int, allowed: Sequence[int], repeats: int
-    ) -> ReadyOperation:
-        source = ModelSource("", self._files[i])
-        prepare = functools.partial(operations.OF_METRIC[self._metric], source, repeats)
-        return process.call(Worker.prepare_operation, prepare, allowed)
-
-
 def check_growth(both_s: float, pool: WorkerPool) -> None:
     """Refuse blocks of growth in which a process may count as hung; `both_s` is of both sides."""
     if both_s > pool.limit_s:
@@ -431,11 +466,3 @@ def check_growth(both_s: float, pool: WorkerPool) -> None:
             f"--metric growth needs {GROWTH_NSTEP:,} steps or calls in a block, which would take"
             f" {both_s:.0f} s here: give it a smaller model, or a function that does less"
         )
-
-
-def draw_least(times_drawn: list[int], count: int) -> list[int]:
-    """Return indices that were drawn least often, ties at random; count them as drawn."""
-    order = sorted(range(len(times_drawn)), key=lambda i: (times_drawn[i], random.random()))
-    for i in order[:count]:
-        times_drawn[i] += 1
-    return order[:count]

@@ -19,9 +19,9 @@ from mjbench.measuring import launch_stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import moved_check
 from mjbench.paired.outcomes import CONFIDENCE
-from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool

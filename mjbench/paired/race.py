@@ -18,9 +18,9 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench import paths
-from mjbench.comparison.model_children import ModelChildren
-from mjbench.comparison.plan import WITHOUT_TIMER, Variant
+from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import ModelRecord
+from mjbench.comparison.verification import ModelFiles
 from mjbench.errors import Failure, InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds, race_blocks
@@ -32,8 +32,7 @@ from mjbench.paired.race_record import (
     RaceRecord,
     UnableVariant,
 )
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.paths.parallelism import nthread
 from mjbench.releases import release_spec
 from mjbench.status import Status
@@ -172,25 +171,32 @@ def _always_timed(record: RaceRecord) -> set[int]:
 class RaceLaunches(Targets[RaceLaunch]):
     """The launches of a race: a fresh process each, in which paths are timed in turns."""
 
-    def __init__(self, pool: WorkerPool, verified: ModelChildren, variants: Sequence[Variant]):
-        """Start nothing yet; `verified` has saved the work of each launch."""
-        self._pool, self._verified, self._variants = pool, verified, variants
+    def __init__(
+        self,
+        pool: WorkerPool,
+        model: str,
+        plan: ComparisonPlan,
+        files: ModelFiles,
+        variants: Sequence[Variant],
+    ):
+        """Start nothing yet; `files` have the work of each launch."""
+        self._pool, self._model, self._plan, self._files = pool, model, plan, files
+        self._variants = variants
         self._release = release_spec.parse_release(release_spec.INSTALLED)
         self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
 
     def launch(self, positions: Sequence[int]) -> RaceLaunch:
         """Time the variants at these positions in a fresh process."""
-        plan, files = self._verified.plan, self._verified.files
-        name = f"{self._verified.source.name} in a fresh process"
+        name = f"{self._model} in a fresh process"
         process = self._pool.start(self._release, name, seeds=next(self._seeds))
         try:
             process.ask(
                 race_blocks.equip,
-                files.model,
-                files.workload,
-                plan.returns,
+                self._files.model,
+                self._files.workload,
+                self._plan.returns,
                 sorted(cores.USABLE),
-                plan.import_from,
+                self._plan.import_from,
             )
             self._pool.wait_for(process, self._release)
             most_threads = max(nthread(self._variants[i].options) for i in positions)

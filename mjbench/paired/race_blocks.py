@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.verification import ReferenceCase
+from mjbench.comparison.reference_case import ReferenceCase
 from mjbench.errors import InputError
 from mjbench.paired import memory_layout
 from mjbench.paired.worker import Worker, activity, collect_garbage

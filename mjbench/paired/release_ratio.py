@@ -19,11 +19,11 @@ from mjbench.paired import cores, moved_check
 from mjbench.paired.launches import StopRule, Targets
 from mjbench.paired.launches import launch as launch_until_enough
 from mjbench.paired.moved_check import Averaging
-from mjbench.paired.pair_launches import time_quads
+from mjbench.paired.pair_launches import ProcessPair, ProcessPairs, time_quads
 from mjbench.paired.records import section_numbers
 from mjbench.paired.release_tasks import ReleaseTask, Selection
 from mjbench.paired.time_limit import ending_of, quad_count
-from mjbench.paired.worker_pool import ProcessPair, ProcessPairs, WorkerPool
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
 from mjbench.status import Status
@@ -157,8 +157,7 @@ class _Measurement(Targets[float], StopRule[float]):
         """Launch until all tasks are known well enough; `launches` times at most, if given."""
         begin_s = self._clock()
         self._last = None if launches is None else self._count + launches
-        *_, ending = launch_until_enough(self, self)
-        assert ending is not None, "the last one says how it ended"
+        ending = launch_until_enough(self, self)
         self.is_interrupted = ending.status == Status.INTERRUPTED  # and so are the others
         if ending.status not in (Status.OK, Status.INTERRUPTED):
             self.fail(ending)

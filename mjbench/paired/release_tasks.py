@@ -18,15 +18,15 @@ from typing import ClassVar
 import numpy as np
 
 from mjbench.errors import Failure, InputError, UnavailableError
-from mjbench.paired import cores, preparation
+from mjbench.paired import cores, target_pair
 from mjbench.paired.operations import Operation
-from mjbench.paired.pair_launches import StepWork
+from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.target_pair import StepWork
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import ProcessPair, WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.release_ratios import (
     LaunchRatio,
     OperationRatioRecord,
@@ -149,7 +149,7 @@ class StepTask(ReleaseTask):
         except InputError as error:
             # if the reference can do it, the release lacks something; if not, the model is wrong
             reference = self._targets[0]
-            preparation.prepare(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
+            target_pair.prepare(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
             raise UnavailableError(str(error)) from error
         file = self._work.prepared.workloads[0]
         workload: PortableWorkload = pickle.loads(file.read_bytes())

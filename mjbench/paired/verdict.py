@@ -21,8 +21,7 @@ from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.moved_check import Averaging, averaging
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.pair_launches import LaunchedPair, TargetPair
-from mjbench.paired.preparation import WorkCheck
+from mjbench.paired.pair_launches import LaunchedPair, WorkCheck
 from mjbench.paired.records import (
     MAX_E_VALUE,
     LaunchRow,
@@ -33,6 +32,7 @@ from mjbench.paired.records import (
     VerdictRow,
 )
 from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool

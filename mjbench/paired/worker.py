@@ -1,4 +1,4 @@
-"""The process of one target: it does tasks, as its parent asks (see `worker_process`).
+"""The process of one target: it does tasks, as its parent asks (see `worker_pool`).
 
 Where code and data lie in memory decides 1 % of a process's speed, sometimes 3 %, for all its life,
 and one layout is not a sample. So each launch is a new process, which maps MuJoCo's libraries

@@ -1,43 +1,137 @@
 """Processes in the environment of any release, each doing tasks (see `worker`).
 
 Workers are forked of programs where that is possible, and are programs else. Where the system
-allows it, the kernel draws no addresses for them: workers draw their own. `ProcessPairs` starts two
-for each launch of a comparison, those of the next launch while one is measured.
+allows it, the kernel draws no addresses for them: workers draw their own.
 """
 
 import contextlib
-import itertools
 import os
 import pickle
 import random
+import shutil
 import socket
 import subprocess
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from mjbench.errors import MjbenchError, writing
+from mjbench.errors import REFUSALS, Failure, writing
 from mjbench.host import child, child_connection, machine, platforms, scratch
-from mjbench.host.child_connection import Process
+from mjbench.host.child_connection import ChildConnection, ChildError, Process
 from mjbench.paired import cores as affinity
-from mjbench.paired import launch_seeds, release_python
+from mjbench.paired import launch_seeds, release_python, worker_answers
 from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_answers import Move
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_answers import Done, Move
 from mjbench.releases import installs, movable
 from mjbench.releases.moved_install import ImmovableError, MovableInstall
-from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
+from mjbench.releases.placement import Placement
 from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.status import Status
 
 # Programs that wait for requests, at most: those of two sides, for the releases used last; and
 # those among them that were started early.
 _MAX_SERVERS, _MAX_EARLY = 6, 2
 
-# Asks new processes, of the baseline and the candidate, for what a launch needs, without waiting.
-Equip = Callable[[Sequence[WorkerProcess]], None]
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+# What a worker can be asked: a method of `Worker`, or a function of one, which runs there.
+Task = Callable[Concatenate[Worker, _P], _T]
+# A failure is no longer than this.
+_MAX_FAILURE_BYTES = 1 << 16
+
+
+class WorkerProcess:
+    """A worker, seen from its parent: it does tasks in the order they were asked for."""
+
+    def __init__(
+        self,
+        connection: Connection,
+        name: str,
+        limit_s: float,
+        process: Process,
+        output_file: Path,
+        moved_install: Path | None = None,
+    ):
+        self.name, self.limit_s = name, limit_s
+        self._child = ChildConnection(connection, process, output_file, name)
+        self._output_file, self._moved_install = output_file, moved_install
+        # What the process is doing, and what it will do next.
+        self._activities: deque[str] = deque()
+
+    @property
+    def pid(self) -> int:
+        return self._child.process.pid
+
+    def call(self, task: Task[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        """Have a task done and return its answer; no other task may be pending.
+
+        Raises:
+          InputError: what was asked for cannot be.
+          ChildError: the process failed, crashed or did not answer in time.
+        """
+        self.ask(task, *args, **kwargs)
+        answer: _T = self._answer()
+        return answer
+
+    def ask(self, task: Task[_P, Any], *args: _P.args, **kwargs: _P.kwargs) -> None:
+        """Ask for a task with small arguments, without waiting for its answer."""
+        self._activities.append(task.__dict__["activity"])
+        with contextlib.suppress(OSError):  # a dead worker is reported when its answer is read
+            self._child.connection.send((task, args, kwargs))
+
+    def wait(self) -> None:
+        """Wait for the answers to all pending tasks; raise what `call` does."""
+        while self._activities:
+            self._answer()
+
+    def is_ready(self) -> bool:
+        """Return whether all tasks are done, without waiting for one; raise what `call` does."""
+        while self._activities and self._child.connection.poll():
+            self._answer()
+        return not self._activities
+
+    def time_block(self) -> int:
+        """Have one block run, after `Worker.time_blocks` was asked; return its nanoseconds."""
+        with contextlib.suppress(OSError):
+            self._child.connection.send_bytes(worker_answers.BLOCK)
+        activity, size = self._activities[0], worker_answers.NANOSECONDS.size
+        content = self._child.receive(self.limit_s, activity, size + _MAX_FAILURE_BYTES)
+        if len(content) != size:  # the block failed, and ended the task
+            raise self._failed(self._child.unpickled(content, activity, Failure).detail)
+        ns = int(worker_answers.NANOSECONDS.unpack(content)[0])
+        if ns <= 0:
+            raise self._failed(f"reports that a block took {ns} ns")
+        return ns
+
+    def end_blocks(self) -> None:
+        with contextlib.suppress(OSError):
+            self._child.connection.send_bytes(worker_answers.END)
+        self._answer()
+
+    def end(self) -> None:
+        self._child.end()
+        self._output_file.unlink(missing_ok=True)
+        if self._moved_install is not None:
+            shutil.rmtree(self._moved_install, ignore_errors=True)
+
+    def _answer(self) -> Any:
+        activity = self._activities[0]
+        content = self._child.receive(self.limit_s, activity, machine.available_memory_bytes())
+        answer: Done[Any] | Failure = self._child.unpickled(content, activity, Done, Failure)
+        self._activities.popleft()
+        if isinstance(answer, Done):
+            return answer.value
+        if kind := REFUSALS.get(answer.status):
+            raise kind(f"{self.name}: {answer.detail}")
+        raise self._failed(answer.detail)
+
+    def _failed(self, cause: str) -> ChildError:
+        return ChildError(Status.FAILED, cause, name=self.name)
 
 
 @dataclass(frozen=True)
@@ -296,135 +390,3 @@ class WorkerPool:
                 env=release_python.padded(command, environment, stack_bytes),
                 pass_fds=[theirs.fileno()],
             )
-
-
-@dataclass(frozen=True, eq=False)
-class ProcessPair:
-    """The processes of one launch, and the core that they are measured on; None for all."""
-
-    processes: tuple[WorkerProcess, WorkerProcess]
-    placements: PlacementPair
-    core: int | None = None
-
-
-class ProcessPairs:
-    """Starts two processes for each launch, one in each of two releases.
-
-    A process that fails raises its error in `wait`, so that it does not end the launches before its
-    own.
-    """
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        releases: tuple[ReleaseSpec, ReleaseSpec],
-        names: tuple[str, str],
-        placements: Iterator[PlacementPair] | None = None,
-    ):
-        """Start the processes of the first launch; `equip` tells all of them what they need."""
-        self._pool, self._releases, self._names = pool, releases, names
-        self._placements = placements or itertools.repeat(AS_SHIPPED)
-        self._seeds = pool.seeds(releases)
-        self._next_seeds = next(self._seeds)
-        self._equip: Equip | None = None
-        # Those that were started ahead, for the next launch.
-        self._next: ProcessPair | None = None
-        # Those whose launches are over, and which are ended while the next ones start.
-        self._finished: list[ProcessPair] = []
-        self._failure: MjbenchError | None = None
-        try:
-            self._start_ahead(affinity.USABLE)
-        except BaseException:
-            self.close()
-            raise
-
-    def equip(self, equip: Equip) -> None:
-        """Have the processes of every launch asked for what they need, the next one's now."""
-        self._equip = equip
-        if self._next is not None:
-            equip(self._next.processes)
-
-    def wait(self) -> None:
-        """Wait until the processes of the next launch are ready."""
-        try:
-            if self._failure is not None:
-                raise self._failure
-            next_pair = self._start_ahead(affinity.USABLE)
-            for process, release in zip(next_pair.processes, self._releases, strict=True):
-                self._pool.wait_for(process, release)
-        except BaseException:
-            self.close()
-            raise
-
-    @contextlib.contextmanager
-    def launch(self, core: int | None) -> Iterator[ProcessPair]:
-        """Yield the processes of a launch, which must be ready, with this thread on their core.
-
-        The processes of the next launch start on other cores meanwhile. Ask nothing of the
-        processes of this launch after the block: they are ended now or later.
-
-        Args:
-          core: that the launch is measured on; None for all of them, where nothing else may run.
-        """
-        assert self._next is not None, "`wait` has started them"
-        pair, self._next = self._next, None
-        others = affinity.beside(core) if core is not None and machine.usable_cores() > 1 else ()
-        try:
-            ahead = self._start_ahead(others) if others else None
-            self._end_finished()
-            with affinity.pinned(core):
-                yield replace(pair, core=core)
-            if ahead is not None:
-                affinity.confine([process.pid for process in ahead.processes], affinity.USABLE)
-        finally:
-            self._finished.append(pair)
-            if not others:  # nothing starts meanwhile, and what comes next may need all memory
-                self._end_finished()
-
-    def is_next_ready(self) -> bool:
-        """Return whether nothing is started ahead that is still starting."""
-        try:
-            return (
-                self._failure is not None
-                or self._next is None
-                or all(process.is_ready() for process in self._next.processes)
-            )
-        except MjbenchError as error:
-            self._failure = error
-            return True
-
-    def close(self) -> None:
-        if self._next is not None:
-            self._finished.append(self._next)
-        self._next, self._failure = None, None
-        self._end_finished()
-
-    def _end_finished(self) -> None:
-        pairs, self._finished = self._finished, []
-        self._pool.end([process for pair in pairs for process in pair.processes])
-
-    def _start_ahead(self, allowed: Collection[int]) -> ProcessPair:
-        """Return the processes of the next launch; start them if need be, without waiting."""
-        if self._next is not None:
-            return self._next
-        seeds, self._next_seeds = self._next_seeds, next(self._seeds)
-        placements = next(self._placements)
-        both = (placements.old, placements.new)
-        started: dict[int, WorkerProcess] = {}
-        try:
-            for i in random.sample((0, 1), 2):  # neither of the two is always the first
-                started[i] = self._pool.start(
-                    self._releases[i], self._names[i], both[i], i, allowed, seeds
-                )
-            pair = ProcessPair((started[0], started[1]), placements)
-            if self._equip is not None:
-                self._equip(pair.processes)
-            if self._next_seeds.program != seeds.program:
-                for i in random.sample((0, 1), 2):
-                    release = self._releases[i]
-                    self._pool.start_program_early(release, i, allowed, self._next_seeds)
-        except BaseException:
-            self._pool.end(list(started.values()))
-            raise
-        self._next = pair
-        return pair

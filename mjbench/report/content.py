@@ -2,13 +2,15 @@
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, TypeVar
 
+from mjbench.host.neighbours import Disturbance
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.report import formats
 from mjbench.report.formats import Bounded, Form
+from mjbench.store.runs import Run
 
 # What a cell can hold: a text, a number, an estimate or interval, or nothing.
 Cell = str | float | int | LogEstimate | Bounded | None
@@ -247,6 +249,19 @@ class Report:
 def filled(*tables: DataTable) -> list[DataTable]:
     """Return the tables that have rows."""
     return [table for table in tables if table.rows]
+
+
+def after_disturbances(run: Run, sections: Iterable[Section]) -> list[Section]:
+    """Return the sections of a run; what disturbed it comes first."""
+    cautions = [
+        Conclusion(sentence, Tone.CAUTION)
+        for disturbance in run.of_type(Disturbance)
+        for sentence in disturbance.sentences
+    ]
+    listed = list(sections)
+    if listed:
+        listed[0] = replace(listed[0], conclusions=[*cautions, *listed[0].conclusions])
+    return listed
 
 
 def failure(name: str, status: str, detail: str) -> Section:

@@ -5,7 +5,7 @@ results of `import mjbench` know of a kind.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from mjbench.checkups.records import CheckedPart
@@ -45,7 +45,7 @@ from mjbench.report import (
     verdicts,
     web,
 )
-from mjbench.report.content import Conclusion, Section, Tone
+from mjbench.report.content import Section, after_disturbances
 from mjbench.report.lint import LintDocument
 from mjbench.report.results import derive_all
 from mjbench.store.runs import SCHEMA, Record, Run
@@ -59,7 +59,7 @@ class Kind:
 
     Attributes:
       commands: those whose `--json` writes its document.
-      sections_of: what a run comes to, whatever disturbed it.
+      sections: what a run comes to; what disturbed it comes first.
       rows: of the flat table (`mjbench.load`).
     """
 
@@ -67,20 +67,8 @@ class Kind:
     records: tuple[type[Record], ...]
     document_type: type[Any]
     document: Callable[[Run], object]
-    sections_of: Callable[[Run], Iterable[Section]]
+    sections: Callable[[Run], Iterable[Section]]
     rows: Callable[[Run], Iterable[object]]
-
-    def sections(self, run: Run) -> list[Section]:
-        """Return what a run comes to; what disturbed it comes first."""
-        sections = [*self.sections_of(run)]
-        if sections and RaceRecord not in self.records:  # races say what disturbed them
-            cautions = [
-                Conclusion(sentence, Tone.CAUTION)
-                for disturbance in run.of_type(Disturbance)
-                for sentence in disturbance.sentences
-            ]
-            sections[0] = replace(sections[0], conclusions=[*cautions, *sections[0].conclusions])
-        return sections
 
 
 def _kind(
@@ -110,13 +98,9 @@ def _kind(
         (record,),
         document_type,
         document,
-        lambda run: sections(run.of_type(record)),
+        lambda run: after_disturbances(run, sections(run.of_type(record))),
         flat_rows,
     )
-
-
-def _verdict_rows(run: Run) -> list[VerdictRow]:
-    return [record.row() for record in run.of_type(VerdictRecord)]
 
 
 def _selfcheck_document(run: Run) -> documents.SelfcheckDocument:
@@ -139,7 +123,7 @@ CHECKUP = Kind(
     (CheckedPart,),
     checkup.CheckupDocument,
     checkup.CheckupDocument.of,
-    checkup.sections,
+    lambda run: after_disturbances(run, checkup.sections(run)),
     checkup.items,
 )
 COMPARE = Kind(
@@ -147,7 +131,7 @@ COMPARE = Kind(
     (*comparison_records.RECORD_TYPES.values(), RaceRecord),
     documents.CompareDocument,
     lambda run: documents.CompareDocument.of(run.header.machine, derive_all(run.records)),
-    lambda run: comparison.sections(derive_all(run.records)),
+    lambda run: comparison.sections(derive_all(run.records)),  # races say what disturbed them
     lambda run: comparison.flat_rows(derive_all(run.records)),
 )
 OVERHEAD = _kind(OverheadRow, habit_costs.sections, "overhead")
@@ -160,16 +144,18 @@ VERDICT = Kind(
     ("versions", "ab"),
     (VerdictRecord,),
     _VERDICTS,
-    lambda run: _VERDICTS(machine=run.header.machine, results=_verdict_rows(run)),
-    lambda run: [verdicts.section(_verdict_rows(run), *family.rule_of(run.header))],
-    _verdict_rows,
+    lambda run: _VERDICTS(machine=run.header.machine, results=verdicts.verdict_rows(run)),
+    verdicts.sections,
+    verdicts.verdict_rows,
 )
 SELFCHECK = Kind(
     ("selfcheck",),
     (TrialRecord,),
     documents.SelfcheckDocument,
     _selfcheck_document,
-    lambda run: [selfcheck.section(_selfcheck_rows(run), *family.rule_of(run.header))],
+    lambda run: after_disturbances(
+        run, [selfcheck.section(_selfcheck_rows(run), *family.rule_of(run.header))]
+    ),
     _selfcheck_rows,
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
@@ -179,7 +165,7 @@ BISECT = Kind(
     (BisectRecord, BisectTrial, BisectComparison),
     _BISECTIONS,
     lambda run: _BISECTIONS(machine=run.header.machine, results=run.of_type(BisectRecord)),
-    lambda run: bisect.sections(run.records),
+    lambda run: after_disturbances(run, bisect.sections(run.records)),
     lambda run: run.of_type(BisectRecord),
 )
 HISTORY = Kind(
@@ -187,7 +173,7 @@ HISTORY = Kind(
     (StepRatioRecord, OperationRatioRecord),
     documents.HistoryDocument,
     lambda run: documents.HistoryDocument.of(run.header.machine, run.of_type(RatioRecord)),
-    lambda run: [release_ratios.section(run.of_type(RatioRecord))],
+    lambda run: after_disturbances(run, [release_ratios.section(run.of_type(RatioRecord))]),
     lambda run: run.of_type(RatioRecord),
 )
 EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)

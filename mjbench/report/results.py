@@ -13,7 +13,6 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRe
 from mjbench.host import machine
 from mjbench.measuring import stats
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.model_comparison import race_of
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
@@ -243,7 +242,7 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
     for record in records:
         match record:
             case ModelRecord():
-                race = race_of(record, records)
+                race = next(iter(of_model(RaceRecord, record, records)), None)
                 measurements = of_model(MeasurementRecord, record, records)
                 results.append(derive(record, measurements, race))
             case ScalingRecord():

@@ -16,16 +16,25 @@ from mjbench.paired.machine_verdicts import (
 )
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
-from mjbench.paired.records import ControlRow, TargetRow, VerdictRow
+from mjbench.paired.records import ControlRow, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paths import BASE
 from mjbench.releases import packages
 from mjbench.report import charts, formats, verdict_compiling
 from mjbench.report.change_wording import describe_ratio
-from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import (
+    Column,
+    Conclusion,
+    DataTable,
+    Figure,
+    Section,
+    Tone,
+    after_disturbances,
+)
 from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import changed_work
 from mjbench.status import Status
+from mjbench.store.runs import Run
 from mjbench.units import count_of, duration
 
 # Machines that a sentence names, at most; of more it says how many.
@@ -47,6 +56,14 @@ _COLOURS = {
     Verdict.SLOWER.value: charts.ORANGE,
     Verdict.INCONCLUSIVE.value: charts.PINK,
 }
+
+
+def sections(run: Run) -> list[Section]:
+    return after_disturbances(run, [section(verdict_rows(run), *family.rule_of(run.header))])
+
+
+def verdict_rows(run: Run) -> list[VerdictRow]:
+    return [record.row() for record in run.of_type(VerdictRecord)]
 
 
 def section(

@@ -378,11 +378,10 @@ class CSearch(Search):
             return math.inf if cut is None else self._end_s(cut) - self._clock()
 
         targets = SettingTargets(self._measure.launch, settings, self._timed_s, left_s, self._rng)
-        for ending in launches.launch(targets, rule):
-            if ending is None or ending.status == Status.OK:
-                continue
-            if ending.status == Status.INTERRUPTED:
-                raise KeyboardInterrupt
+        ending = launches.launch(targets, rule)
+        if ending.status == Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if ending.status != Status.OK:
             raise MachineError(ending.detail)
 
     def _end_s(self, share: float) -> float:

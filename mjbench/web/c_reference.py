@@ -18,8 +18,7 @@ from mjbench.errors import InputError
 from mjbench.paired import cores
 from mjbench.paired.run_sizes import RunSize, Sizes
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.simulation import starts
 from mjbench.simulation.models import ModelSource

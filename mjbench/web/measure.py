@@ -19,8 +19,7 @@ from mjbench.host import child, machine, scratch
 from mjbench.paired import cores
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status

@@ -35,7 +35,7 @@ class Planted:
         self.tuning_s: list[float] = []
         self.together_s: list[float] = []
         monkeypatch.setattr(checkup.isolate, "call", self.profile)
-        monkeypatch.setattr(checkup.compare, "measure_model", self.compare)
+        monkeypatch.setattr(checkup.model_comparison, "measure_model", self.compare)
         monkeypatch.setattr(checkup, "tune", self.tune)
         monkeypatch.setattr(checkup.combination, "measure", self.together)
 

@@ -3,7 +3,7 @@
 import json
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import FrozenInstanceError
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ from step_profiles import step_profile
 import mjbench
 from mjbench.api.compare import Comparison
 from mjbench.api.profile import Profile
-from mjbench.api.session import Item, Measurement, Observer
+from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.api.versions import ReleaseComparison
 from mjbench.host import machine
 from mjbench.measuring.progress import Progress
@@ -80,7 +80,7 @@ class Cell:
 def measured_in(monkeypatch: pytest.MonkeyPatch, cell: Cell, *on_progress: Progress) -> None:
     """Measure a step, with progress."""
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
         observer.begin("m: racing")
         for _ in range(2):
             observer("m: launch 3", 0.25)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.api.session import Item, Measurement, Observer, Session
+from mjbench.api.session import Item, Items, Measurement, Observer, Session
 from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.errors import Failure, MachineError
 from mjbench.host.machine import ProcessorTime
@@ -33,12 +33,16 @@ def measured(
 ) -> RunContext:
     """Measure items, of which each is printed as the names of its models."""
 
-    def yielded(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+    def yielded(earlier: Sequence[Record], observer: Observer) -> Items:
         yield from (Item([record]) for record in earlier)
         yield from items()
 
     measurement = Measurement("overhead", {}, [], yielded)
     return measure_and_print(measurement, OutputOptions(folder, None, False, resume), each=names)
+
+
+def nothing(earlier: Sequence[Record], observer: Observer) -> Items:
+    yield from ()
 
 
 def stored(folder: Path) -> list[str]:
@@ -98,7 +102,7 @@ def test_an_interrupt_while_results_are_printed_names_where_they_are(
     def interrupted(run: Run) -> list[Section]:
         raise KeyboardInterrupt
 
-    measurement = Measurement("overhead", {}, [], lambda *_: iter([Item([row("a")])]))
+    measurement = Measurement("overhead", {}, [], lambda *_: (Item([each]) for each in [row("a")]))
     with pytest.raises(SystemExit, match="130"):
         measure_and_print(measurement, OutputOptions(tmp_path, None, False), summary=interrupted)
     assert capsys.readouterr().err == "mjbench: interrupted; what was measured is saved\n"
@@ -141,7 +145,7 @@ def test_time_that_the_host_took_is_reported_where_it_matters(
     is_reported: bool,
 ) -> None:
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: share)
-    with RunContext(session=Session(Measurement("versions", {}, []))):
+    with RunContext(session=Session(Measurement("versions", {}, [], nothing))):
         pass
     expected = "The host took 13 % of this machine's processor time for others"
     assert (expected in capsys.readouterr().out) == is_reported
@@ -178,7 +182,7 @@ def test_a_command_that_measures_no_time_says_nothing_of_the_host(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.5)
-    with RunContext(session=Session(Measurement("instructions", {}, []), wait=None)):
+    with RunContext(session=Session(Measurement("instructions", {}, [], nothing), wait=None)):
         pass
     assert capsys.readouterr().out == ""
 
@@ -186,7 +190,7 @@ def test_a_command_that_measures_no_time_says_nothing_of_the_host(
 def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:
     ended = []
 
-    def items() -> Iterator[Item]:
+    def items() -> Items:
         try:
             yield Item([row("a")])
         finally:

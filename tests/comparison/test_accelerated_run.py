@@ -8,7 +8,7 @@ import pytest
 from commands import TESTS
 from pretender import MODEL, NSTEP, available, make_workload
 
-from mjbench.api.compare import ComparedModel
+from mjbench.api.model_comparison import ComparedModel
 from mjbench.api.session import Observer
 from mjbench.comparison import accelerated_run
 from mjbench.comparison.accelerated_run import AcceleratedRequest

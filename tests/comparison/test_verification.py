@@ -8,7 +8,8 @@ import wrong_paths
 
 from mjbench import paths
 from mjbench.comparison.plan import Variant
-from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
+from mjbench.comparison.reference_case import ReferenceCase
+from mjbench.comparison.verification import FurtherCases, verify
 from mjbench.simulation import models, work, workload
 from mjbench.simulation.workload import Product
 from mjbench.status import Status

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mjbench.comparison import selection
-from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
+from mjbench.comparison.verification import AgreementReport
 from mjbench.environment import physics_comparison
 from mjbench.environment.adapters import adapt
 from mjbench.environment.passes import EnvironmentPasses

@@ -9,7 +9,7 @@ from paired_examples import CARTPOLE
 
 from mjbench.host.topology import Topology
 from mjbench.paired import cores
-from mjbench.paired.pair_launches import TargetPair
+from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.worker_pool import WorkerPool
 
 pytestmark = pytest.mark.skipif(

@@ -21,8 +21,7 @@ from mjbench.paired import fork_server, release_python
 from mjbench.paired.fork_server_process import ForkedWorker, ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 
 pytestmark = pytest.mark.skipif(not platforms.can_adopt(), reason="only Linux adopts orphans")
 

@@ -10,14 +10,14 @@ import pytest
 from paired_examples import CARTPOLE
 
 from mjbench.errors import InputError
-from mjbench.paired import operations, pair_launches, preparation
+from mjbench.paired import operations, pair_launches, target_pair
 from mjbench.paired.metrics import Metric
 from mjbench.paired.operations import PreparedOperation
 from mjbench.paired.outcomes import ResultsOutcome
-from mjbench.paired.pair_launches import OperationWork, StepWork, TargetPair
-from mjbench.paired.preparation import Preparation, WorkCheck
+from mjbench.paired.pair_launches import WorkCheck
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.target_pair import OperationWork, Preparation, StepWork, TargetPair
 from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
 from mjbench.paired.worker_answers import ReadyOperation
 from mjbench.paired.worker_pool import WorkerPool
@@ -86,7 +86,7 @@ def test_all_that_a_block_of_an_operation_computes_is_compared(
     def loaded(*arguments: Any) -> Iterator[Any]:
         yield [Process(), Process()], [Path("baseline.mjb"), Path("candidate.mjb")]
 
-    monkeypatch.setattr(preparation, "loaded", loaded)
+    monkeypatch.setattr(target_pair, "loaded", loaded)
     monkeypatch.setattr(operations, "OF_METRIC", {Metric.RAYS: cast_rays})
     pool, targets = cast(WorkerPool, None), (CARTPOLE, CARTPOLE)
     results = OperationWork(pool, targets, Metric.RAYS, TimeLimit()).results
@@ -99,7 +99,7 @@ def test_steps_that_are_too_slow_for_their_growth_are_refused_before_the_first_l
 ) -> None:
     prepared = Preparation((Path(), Path()), (Path(), Path()), 1, 1, 0.01, cast(WorkCheck, None))
     sizes = Sizes(metric=Metric.GROWTH)
-    monkeypatch.setattr(preparation, "prepare", lambda *arguments: prepared)
+    monkeypatch.setattr(target_pair, "prepare", lambda *arguments: prepared)
     with WorkerPool() as pool:
         StepWork(pool, (CARTPOLE, CARTPOLE), sizes, TimeLimit(1000.0))
         with pytest.raises(OutOfTimeError, match="a launch takes about 120 s, and a verdict needs"):

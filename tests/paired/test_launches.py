@@ -60,15 +60,17 @@ class Four(StopRule[str]):
 
 def test_a_rule_says_what_is_launched_and_when_it_ends() -> None:
     letters, rule = Letters(), Four()
-    assert list(launch(letters, rule)) == [None] * 4 + [Failure(Status.OK, "")]
+    known: list[int] = []
+    ending = launch(letters, rule, lambda: known.append(len(rule.launches)))
+    assert ending == Failure(Status.OK, "")
+    assert known == [1, 2, 3, 4]
     assert rule.launches == ["abc"] * 4
     assert letters.is_closed
 
 
 def test_a_target_that_cannot_go_on_is_withdrawn() -> None:
     letters, rule = Letters({2: UnableError(1, Status.CRASHED, "killed")}), Four()
-    *_, ending = launch(letters, rule)
-    assert ending == Failure(Status.OK, "")
+    assert launch(letters, rule) == Failure(Status.OK, "")
     assert rule.launches == ["abc", "ac", "ac", "ac"]
 
 
@@ -88,14 +90,22 @@ def test_what_was_launched_before_the_end_stays(
     error: BaseException, ending: Failure, number: int
 ) -> None:
     letters, rule = Letters({number: error}), Four()
-    assert list(launch(letters, rule)) == [None] * max(0, number - 1) + [ending]
+    assert launch(letters, rule) == ending
     assert len(rule.launches) == max(0, number - 1)
     assert letters.is_closed
 
 
-def test_what_is_left_ends_where_nobody_waits_for_the_end() -> None:
-    letters = Letters()
-    going = launch(letters, Four())
-    next(going)
-    going.close()  # type: ignore[attr-defined]
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), BrokenPipeError()], ids=["Ctrl-C", "pipe"])
+def test_what_is_left_ends_where_showing_a_launch_is_cut_short(error: BaseException) -> None:
+    letters, rule = Letters(), Four()
+
+    def show() -> None:
+        raise error
+
+    if isinstance(error, KeyboardInterrupt):
+        assert launch(letters, rule, show).status == Status.INTERRUPTED
+    else:
+        with pytest.raises(BrokenPipeError):
+            launch(letters, rule, show)
+    assert rule.launches == ["abc"]
     assert letters.is_closed

@@ -15,12 +15,12 @@ from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, platforms
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds, pair_launches, time_limit
-from mjbench.paired.pair_launches import TargetPair
+from mjbench.paired.pair_launches import ProcessPairs
 from mjbench.paired.records import LaunchRow
+from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import ProcessPairs, WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.placement import AS_SHIPPED
 from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.status import Status
@@ -243,23 +243,6 @@ def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: W
     assert launch.core is None
     assert launch.cores is not None
     assert launch.cores > 0
-
-
-@pytest.mark.parametrize(("size", "count"), [(8, 1), (16, 2), (7, 3), (5, 5), (1, 1)])
-def test_all_simulations_are_drawn_equally_often_and_none_twice_at_once(
-    size: int, count: int
-) -> None:
-    counts = [0] * size
-    for _ in range(40):
-        before = list(counts)
-        drawn = pair_launches.draw_least(counts, count)
-        assert len(set(drawn)) == count
-        assert [n + (i in drawn) for i, n in enumerate(before)] == counts
-        assert max(counts) - min(counts) <= 1
-
-
-def test_simulations_are_drawn_in_random_order() -> None:
-    assert len({tuple(pair_launches.draw_least([0] * 8, 8)) for _ in range(20)}) > 15
 
 
 # When launches end, and what is left of them then: nothing is launched.

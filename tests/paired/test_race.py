@@ -64,7 +64,7 @@ class Track(Targets[RaceLaunch]):
         return RaceLaunch(None, list(positions), [ns, ns])
 
     def run(self, record: RaceRecord, budget_s: float = 60.0) -> list[RaceRecord]:
-        return list(race(record, self, RaceBudget(budget_s, self.clock)))
+        return race(record, self, RaceBudget(budget_s, self.clock))
 
 
 def entered(count: int, **fields: object) -> RaceRecord:

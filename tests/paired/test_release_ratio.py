@@ -11,13 +11,14 @@ from paired_examples import CARTPOLE, INSTALLED
 from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.measuring import stats
-from mjbench.paired import moved_check, operations, preparation, release_ratio
+from mjbench.paired import moved_check, operations, release_ratio, target_pair
 from mjbench.paired.moved_check import Averaging
+from mjbench.paired.pair_launches import ProcessPair, ProcessPairs
 from mjbench.paired.records import section_numbers
 from mjbench.paired.release_tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.paired.targets import Target
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import ProcessPair, ProcessPairs, WorkerPool
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import (
     LaunchRatio,
@@ -313,7 +314,7 @@ def test_a_model_that_only_the_release_cannot_load_is_unavailable(
         if not reference_can or targets[1].release == old:
             raise InputError("it has an unknown element")
 
-    monkeypatch.setattr(preparation, "prepare", prepare)
+    monkeypatch.setattr(target_pair, "prepare", prepare)
     task = StepTask((INSTALLED, old), CARTPOLE.model)
     with pytest.raises(InputError, match="unknown element") as raised:
         task.prepare(pool)

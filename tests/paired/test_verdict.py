@@ -13,11 +13,11 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import pair_launches, preparation, verdict
+from mjbench.paired import pair_launches, target_pair, verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.preparation import WorkCheck
+from mjbench.paired.pair_launches import WorkCheck
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
@@ -106,7 +106,7 @@ def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
 def test_a_launch_that_proves_too_heavy_is_not_finished(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(preparation, "launch_s", lambda all_blocks_s, *nsection: 0.01)
+    monkeypatch.setattr(target_pair, "launch_s", lambda all_blocks_s, *nsection: 0.01)
     monkeypatch.setattr(pair_launches, "launch_s", lambda all_blocks_s, *nsection: 100.0)
     plan = verdict.VerdictPlan(time_limit_s=60.0, as_shipped=True)
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)

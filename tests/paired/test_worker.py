@@ -18,7 +18,7 @@ from paired_examples import CUBES, INSTALLED
 from mjbench.errors import MachineError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired.loop_sections import LoopSection
-from mjbench.paired.pair_launches import TargetPair
+from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.moved_install import ImmovableError

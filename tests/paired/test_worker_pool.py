@@ -15,8 +15,7 @@ from paired_examples import BRIEF, CARTPOLE
 from mjbench.host import child_connection
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import verdict
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.status import Status
 
 

@@ -11,8 +11,7 @@ import pytest
 from mjbench.comparison.plan import Variant
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases import release_spec
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_STARTS

@@ -10,8 +10,8 @@ from benchmarks import foreign, foreign_packages
 from benchmarks.foreign_packages import Package, PackageFiles
 from benchmarks.studies import foreign_page, foreign_tally
 from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
+from mjbench.api.model_comparison import ModelComparison
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.paired.model_comparison import ModelComparison
 from mjbench.status import ExitCode, Status
 
 PACKAGE = Package("robots", "1.0")

@@ -1,4 +1,4 @@
-"""What both targets do, fixed before anything is timed: models, workload, check of the work.
+"""Two targets that can be launched: what both do is fixed before anything is timed.
 
 Both targets get the same simulations wherever their models have the same size. Each does them once
 the plain way; simulations that diverge in either are left out, and the work is compared.
@@ -6,7 +6,7 @@ the plain way; simulations that diverge in either are left out, and the work is 
 
 import contextlib
 import functools
-import math
+import random
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,19 +16,26 @@ import numpy as np
 from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
-from mjbench.paired.metrics import Metric
-from mjbench.paired.run_sizes import DRAWN_PER_RUN, RunSize, Sizes, run_size
+from mjbench.paired import memory_blocks, operations
+from mjbench.paired.call_results import Leaf, compare
+from mjbench.paired.memory_blocks import GROWTH_NSTEP
+from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.pair_launches import (
+    LaunchedPair,
+    PairWork,
+    ProcessPair,
+    WorkCheck,
+    check_growth,
+)
+from mjbench.paired.run_sizes import DRAWN_PER_RUN, RUN_S, RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_answers import DrawnWorkload, Observed
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
-from mjbench.simulation import changed_work, starts, work_check
+from mjbench.paired.worker_answers import DrawnWorkload, Observed, ReadyOperation
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
+from mjbench.simulation import starts, work_check
+from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import LEAD_IN, SampleRequest
-from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import StateDrift
 from mjbench.simulation.workload import Product, whole_holds
 
 # Simulations that start from a file of states, so that they are wherever it was; fewer where a run
@@ -37,48 +44,153 @@ NSTART, DRAWING_S = 64, 0.5
 # Steps of a simulation, at least, where a model may sleep: its steps may take a twentieth of those
 # that sizes follow from.
 LEAST_SLEEPING_NSTEP = 20
+# How often a block does an operation, at most.
+MAX_REPEATS = 10_000
 # What error messages call two targets.
 ROLES = "baseline", "candidate"
 
 
-@dataclass(frozen=True)
-class WorkCheck:
-    """Whether both targets do the same work.
+class TargetPair(LaunchedPair):
+    """Two targets; files are removed at the end, but the baseline's workload."""
 
-    Attributes:
-      drift: how far qpos, qvel and act differ; None where the models differ in size.
-      diverged: simulations that diverged in the baseline, and in the candidate; none of those is
-        timed.
-      warnings: how many other simulations raised each warning, in the baseline, and in the
-        candidate.
-      candidate_starts: where those of the candidate came from; None where both start alike.
-    """
+    def __init__(
+        self,
+        pool: WorkerPool,
+        baseline: Target,
+        candidate: Target,
+        sizes: Sizes | None = None,
+        time_limit: TimeLimit | None = None,
+    ):
+        self._targets, self._sizes = (baseline, candidate), sizes or Sizes()
+        releases, names = (baseline.release, candidate.release), describe(self._targets)
+        super().__init__(pool, releases, names, time_limit or TimeLimit())
 
-    baseline: Work
-    candidate: Work
-    drift: StateDrift | None
-    diverged: tuple[int, int]
-    warnings: tuple[Mapping[str, int], Mapping[str, int]]
-    nbatch: int
-    nstep: int
-    starts: Starts
-    candidate_starts: Starts | None = None
-    timesteps_s: tuple[float, float] = (1.0, 1.0)
+    def _new_work(self) -> PairWork:
+        metric = self._sizes.metric
+        if METRICS[metric].measured == Measured.OPERATION:
+            return OperationWork(self._pool, self._targets, metric, self.time_limit)
+        return StepWork(self._pool, self._targets, self._sizes, self.time_limit)
 
-    @property
-    def log_scale(self) -> float:
-        """What to add to the log ratio of a step's time for that of a simulated second's."""
-        return math.log(self.timesteps_s[0] / self.timesteps_s[1])
 
-    @property
-    def changes(self) -> list[str]:
-        """How the work changed, in a few words each; empty where it is the same."""
-        one_step = self.drift.one_step if self.drift else None
-        return changed_work.work_changes(self.baseline, self.candidate, one_step, self.diverged)
+class StepWork(PairWork):
+    """The simulations that two targets step, as often as it takes."""
 
-    @property
-    def changed(self) -> bool:
-        return bool(self.changes)
+    def __init__(
+        self,
+        pool: WorkerPool,
+        targets: tuple[Target, Target],
+        sizes: Sizes,
+        time_limit: TimeLimit,
+        roles: tuple[str, str] = ROLES,
+    ):
+        """Load the models, and make sure that both targets can do it; see `prepare`."""
+        super().__init__(sizes.metric)
+        self._targets, self._sizes = targets, sizes
+        self.nthread = max(target.nthread for target in targets)
+        self.prepared = prepare(pool, targets, sizes, time_limit, roles)
+        self.nsection, self.work_check = self.prepared.nsection, self.prepared.work_check
+        self.baseline_workload = self.prepared.workloads[0]
+        # Simulations may differ in how much slower they are, so they are timed equally often.
+        self._times_drawn = [0] * self.prepared.nsim
+        self._drawn: list[int] = []
+        if sizes.metric == Metric.GROWTH:
+            both_s = 2 * GROWTH_NSTEP * self.prepared.step_s
+            check_growth(both_s, pool)
+            time_limit.check_first_launch(self.launch_s(both_s))
+
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+        if self._metric == Metric.MEMORY:  # all that a process loads is part of its peak
+            return
+        prepared = self.prepared
+        for process, target, model, workload in zip(
+            processes, self._targets, prepared.models, prepared.workloads, strict=True
+        ):
+            process.ask(Worker.equip, model, workload, target.path)
+
+    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
+        if is_new_run or self.nsection == 1:
+            nbatch = self.prepared.work_check.nbatch
+            self._drawn = draw_least(self._times_drawn, nbatch)
+        return super().lay_out(pair)
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        target, workload = self._targets[i], self.prepared.workloads[i]
+        match self._metric:
+            case Metric.MEMORY:
+                options = dict(target.model_options)
+                file = target.model.path
+                return process.call(memory_blocks.prepare_peak, file, options, workload)
+            case Metric.GROWTH:
+                return process.call(memory_blocks.prepare_growth, allowed)
+            case Metric.ARENA:
+                return process.call(memory_blocks.prepare_arena)
+        return process.call(
+            Worker.prepare,
+            target.path,
+            dict(target.options),
+            allowed,
+            self._drawn,
+            callback=target.callback,
+            slowdown=target.slowdown,
+            has_timer=target.has_timer,
+            returns=self._sizes.returns,
+            metric=self._metric,
+            nsection=self.nsection,
+        )
+
+    def close(self) -> None:
+        """Remove all files but the baseline's workload."""
+        for file in (*self.prepared.models, self.prepared.workloads[1]):
+            file.unlink(missing_ok=True)
+
+
+class OperationWork(PairWork):
+    """An operation around the step, on the models of two targets (see `operations`)."""
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        targets: tuple[Target, Target],
+        metric: Metric,
+        time_limit: TimeLimit,
+    ):
+        """Load the models, and choose how often a block does it."""
+        super().__init__(metric)
+        with loaded(pool, targets, time_limit) as (processes, models):
+            self._models = models
+            is_of_source = metric == Metric.LOAD
+            self._files = [target.model.path for target in targets] if is_of_source else [*models]
+            once = [self._ready(process, i, (), 1) for i, process in enumerate(processes)]
+            slower_s = 1e-9 * max(each.ns for each in once)
+            self._repeats = min(max(1, round(RUN_S / slower_s)), MAX_REPEATS)
+            time_limit.check_first_launch(self.launch_s(1e-9 * sum(each.ns for each in once)))
+            timed = [
+                self._ready(process, i, (), self._repeats) for i, process in enumerate(processes)
+            ]
+        old, new = ([[Leaf("", each.result)]] for each in timed)
+        self.results = compare(old, new)
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return self._ready(process, i, allowed, self._repeats).ns
+
+    def close(self) -> None:
+        for file in self._models:
+            file.unlink(missing_ok=True)
+
+    def _ready(
+        self, process: WorkerProcess, i: int, allowed: Sequence[int], repeats: int
+    ) -> ReadyOperation:
+        source = ModelSource("", self._files[i])
+        prepare = functools.partial(operations.OF_METRIC[self._metric], source, repeats)
+        return process.call(Worker.prepare_operation, prepare, allowed)
+
+
+def draw_least(times_drawn: list[int], count: int) -> list[int]:
+    """Return indices that were drawn least often, ties at random; count them as drawn."""
+    order = sorted(range(len(times_drawn)), key=lambda i: (times_drawn[i], random.random()))
+    for i in order[:count]:
+        times_drawn[i] += 1
+    return order[:count]
 
 
 @dataclass(frozen=True)

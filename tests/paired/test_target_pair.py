@@ -12,15 +12,14 @@ from paired_examples import CARTPOLE, CUBES, INSTALLED
 import mjbench
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
-from mjbench.paired import preparation, run_sizes
+from mjbench.paired import run_sizes, target_pair
 from mjbench.paired.metrics import Metric
-from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_SETTLE_S, KEYFRAME_STARTS, StartPlan, Starts
 from mjbench.simulation.workload import Product
@@ -59,7 +58,7 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
 
 
 def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool) -> None:
-    prepared = preparation.prepare(pool, (CUBES, CUBES), Sizes(), TimeLimit())
+    prepared = target_pair.prepare(pool, (CUBES, CUBES), Sizes(), TimeLimit())
     check = prepared.work_check
     assert check.baseline == check.candidate
     assert check.baseline.contacts > 0
@@ -88,7 +87,7 @@ def test_runs_with_other_stopwatch_readings_do_identical_work(
         return answer
 
     monkeypatch.setattr(WorkerProcess, "call", call_with_another_clock)
-    runs = [preparation.prepare(pool, (target, target), Sizes(), TimeLimit()) for _ in range(2)]
+    runs = [target_pair.prepare(pool, (target, target), Sizes(), TimeLimit()) for _ in range(2)]
     first, second = runs
     assert next(readings_s) == 1e-4  # measured once
     assert first.work_check == second.work_check
@@ -104,7 +103,7 @@ def test_starts_are_settled_and_the_check_says_so(pool: WorkerPool) -> None:
         (KEYFRAME_STARTS, Starts(0.0, 0.0)),
     ):
         sizes = Sizes(nbatch=2, nstep=2, starts=plan)
-        prepared = preparation.prepare(pool, (CUBES, CUBES), sizes, TimeLimit())
+        prepared = target_pair.prepare(pool, (CUBES, CUBES), sizes, TimeLimit())
         assert prepared.work_check.starts == starts
         assert prepared.work_check.candidate_starts is None
 
@@ -115,7 +114,7 @@ def test_a_file_of_states_that_fits_neither_model_is_bad_input(
     file = tmp_path / "states.npz"
     np.savez(file, qpos=np.zeros((3, 5)))
     with pytest.raises(InputError, match="the model's qpos has 14 numbers, the file's 5"):
-        preparation.prepare(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)), TimeLimit())
+        target_pair.prepare(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)), TimeLimit())
 
 
 def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
@@ -127,16 +126,16 @@ def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
         mujoco.mj_step(model, data, 2000)
     target = Target(INSTALLED, models.resolve("cartpole"))
     sizes = Sizes(starts=StartPlan(file=file))
-    prepared = preparation.prepare(pool, (target, target), sizes, TimeLimit())
+    prepared = target_pair.prepare(pool, (target, target), sizes, TimeLimit())
     assert prepared.work_check.nstep == 10
-    assert prepared.nsim >= preparation.NSTART
+    assert prepared.nsim >= target_pair.NSTART
     assert prepared.work_check.starts.file == "states.npz"
 
 
 def test_changed_work_is_reported(pool: WorkerPool) -> None:
     candidate = replace(CUBES, model_options={"iterations": "1", "solver": "cg"})
     sizes = Sizes(starts=KEYFRAME_STARTS)
-    check = preparation.prepare(pool, (CUBES, candidate), sizes, TimeLimit()).work_check
+    check = target_pair.prepare(pool, (CUBES, candidate), sizes, TimeLimit()).work_check
     assert check.changed
     assert any(change.startswith("solver iterations") for change in check.changes)
 
@@ -156,7 +155,7 @@ def test_each_of_two_models_settles_by_itself(pool: WorkerPool, tmp_path: Path) 
     """Weightless, the box of the candidate never lands, wherever the baseline's lies."""
     plain = _boxes(tmp_path, "plain.xml", ">")
     weightless = _boxes(tmp_path, "weightless.xml", "gravity='0 0 0'>")
-    check = preparation.prepare(pool, (plain, weightless), Sizes(), TimeLimit()).work_check
+    check = target_pair.prepare(pool, (plain, weightless), Sizes(), TimeLimit()).work_check
     assert (check.baseline.contacts, check.candidate.contacts) == (4, 0)
     assert check.candidate_starts is not None
     assert check.drift is not None and check.drift.one_step > 0 and check.drift.runs == ()
@@ -173,7 +172,7 @@ def test_what_sleeps_in_its_own_run_sleeps_where_it_is_timed(
     pair.close()
     window = pair.work.work_check.candidate_starts.window  # type: ignore[union-attr]
     assert window is not None and window.asleep == window.asleep_in_run == 1.0
-    assert pair.work.work_check.nstep >= preparation.LEAST_SLEEPING_NSTEP
+    assert pair.work.work_check.nstep >= target_pair.LEAST_SLEEPING_NSTEP
     assert np.min(launch.ns) > 0
 
 
@@ -181,7 +180,7 @@ def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
     pool: WorkerPool, tmp_path: Path
 ) -> None:
     fine, coarse = _boxes(tmp_path, "a.xml", ">"), _boxes(tmp_path, "b.xml", "timestep='0.004'>")
-    check = preparation.prepare(pool, (fine, coarse), Sizes(), TimeLimit()).work_check
+    check = target_pair.prepare(pool, (fine, coarse), Sizes(), TimeLimit()).work_check
     assert check.timesteps_s == (0.002, 0.004)
     assert check.log_scale == pytest.approx(-np.log(2))
 
@@ -189,7 +188,7 @@ def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
 def test_sensors_are_work(pool: WorkerPool, tmp_path: Path) -> None:
     seeing = _boxes(tmp_path, "a.xml", ">", "<rangefinder site='eye'/><clock/>")
     blind = _boxes(tmp_path, "b.xml", ">")
-    check = preparation.prepare(pool, (seeing, blind), Sizes(), TimeLimit()).work_check
+    check = target_pair.prepare(pool, (seeing, blind), Sizes(), TimeLimit()).work_check
     assert check.changes == ["sensors 2 → 0", "rays 1 → 0"]
 
 
@@ -205,7 +204,7 @@ def test_an_option_that_does_not_exist_is_bad_input(
 ) -> None:
     baseline = replace(CARTPOLE, model_options=options)
     with pytest.raises(InputError) as caught:
-        preparation.prepare(pool, (baseline, CARTPOLE), Sizes(), TimeLimit())
+        target_pair.prepare(pool, (baseline, CARTPOLE), Sizes(), TimeLimit())
     assert message in str(caught.value).lower()
 
 
@@ -292,7 +291,7 @@ def test_the_run_of_a_plain_loop_is_divided_if_its_states_are_whole(
 
     monkeypatch.setattr(WorkerProcess, "call", call_another_build)
     target = replace(CARTPOLE, path=path)
-    prepared = preparation.prepare(pool, (target, target), sizes, TimeLimit())
+    prepared = target_pair.prepare(pool, (target, target), sizes, TimeLimit())
     assert (prepared.nsection > 1) == is_divided
 
 
@@ -301,7 +300,7 @@ def test_a_run_is_not_divided_where_a_section_of_the_faster_target_would_be_too_
 ) -> None:
     humanoid = Target(CARTPOLE.release, models.resolve("humanoid"))
     both = [(humanoid, humanoid), (CARTPOLE, humanoid), (humanoid, CARTPOLE)]
-    prepared = [preparation.prepare(pool, each, Sizes(), TimeLimit()) for each in both]
+    prepared = [target_pair.prepare(pool, each, Sizes(), TimeLimit()) for each in both]
     assert [each.nsection for each in prepared] == [10, 1, 1]
 
 
@@ -309,3 +308,20 @@ def test_a_run_whose_slowest_steps_are_compared_has_enough_of_them() -> None:
     assert Sizes(nbatch=5, nstep=100, metric=Metric.P99).nbatch == 5
     with pytest.raises(InputError, match="p99 needs at least 500 steps"):
         Sizes(nbatch=1, nstep=100, metric=Metric.P99)
+
+
+@pytest.mark.parametrize(("size", "count"), [(8, 1), (16, 2), (7, 3), (5, 5), (1, 1)])
+def test_all_simulations_are_drawn_equally_often_and_none_twice_at_once(
+    size: int, count: int
+) -> None:
+    counts = [0] * size
+    for _ in range(40):
+        before = list(counts)
+        drawn = target_pair.draw_least(counts, count)
+        assert len(set(drawn)) == count
+        assert [n + (i in drawn) for i, n in enumerate(before)] == counts
+        assert max(counts) - min(counts) <= 1
+
+
+def test_simulations_are_drawn_in_random_order() -> None:
+    assert len({tuple(target_pair.draw_least([0] * 8, 8)) for _ in range(20)}) > 15

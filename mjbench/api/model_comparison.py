@@ -1,0 +1,413 @@
+"""Compare the paths of a model: verify all, race those that run C, measure those that compile.
+
+The parent never loads a model. A child verifies all paths (see `comparison.verification`): its
+messages are gathered, and the model's records are known when it ends, however it ends. A path that
+kills the child loses its own row; the child is started again without it. The launches of the race
+do the verified work (see `paired.race`). Accelerated paths, which compile first, are measured alone
+(see `comparison.accelerated_run`).
+"""
+
+import itertools
+import os
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
+
+from mjbench import paths
+from mjbench.api.session import Item, Items, Measurement, Observer
+from mjbench.comparison import accelerated_run
+from mjbench.comparison.accelerated_run import AcceleratedRequest
+from mjbench.comparison.plan import ComparisonPlan
+from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
+from mjbench.comparison.verification import AgreementReport, ModelFiles, verify_in_child
+from mjbench.errors import Failure, failure_of
+from mjbench.host import isolate, machine, neighbours
+from mjbench.host.machine import ProcessorTime
+from mjbench.paired import launches
+from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
+from mjbench.paired.race_record import RaceRecord
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.report import comparison as report
+from mjbench.report.results import derive_all
+from mjbench.simulation.models import ModelSource
+from mjbench.status import FINISHED, Status
+from mjbench.store.runs import Record, to_json
+
+# Share of a model's progress that verification stands for; the race is the rest.
+_VERIFICATION_SHARE = 0.2
+
+
+def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan]) -> Measurement:
+    """Return the measurement of each model at one size after the other, which `plans` differ in."""
+    arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
+    arguments["nbatch"] = [plan.nbatch for plan in plans]
+    files = [source.path for source in sources]
+    files += paths.user_module_files(variant.path for variant in plans[0].variants)
+    files += plans[0].starts.files
+    nvariant = len(plans[0].variants)
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
+        count = len(sources) * len(plans)
+        with WorkerPool(plans[0].limit_s) as pool:
+            for position, source in enumerate(sources):
+                shares = [(position * len(plans) + i) / count for i in range(len(plans) + 1)]
+                yield from measure_model(pool, source, plans, shares, earlier, observer)
+
+    return Measurement(
+        "compare",
+        arguments,
+        files,
+        measure,
+        lambda records: finished(records, nvariant),
+    )
+
+
+def measure_model(
+    pool: WorkerPool,
+    source: ModelSource,
+    plans: Sequence[ComparisonPlan],
+    shares: Sequence[float],
+    earlier: Sequence[Record],
+    observer: Observer,
+) -> Items:
+    """Yield what a model comes to at one size after the other.
+
+    Ctrl-C ends it with what is known then. Where a size was complete, so that no record says that
+    it was interrupted, KeyboardInterrupt follows.
+
+    Args:
+      shares: of all work that is done before each plan, and after the last.
+    """
+    of_sizes: list[Record] = []
+    for plan, of_work in zip(plans, itertools.pairwise(shares), strict=True):
+        known, is_interrupted = stored(source, plan, earlier), False
+        if known is None:
+            compared = ComparedModel(pool, source, plan, of_work, of_sizes, observer)
+            try:
+                compared.run()
+            except KeyboardInterrupt:
+                is_interrupted = True
+            known = compared.known()
+        of_sizes += known.records
+        yield Item(known.records, is_part=plan is not plans[-1])
+        if known.is_interrupted:
+            return
+        if is_interrupted:
+            raise KeyboardInterrupt
+
+
+@dataclass(frozen=True)
+class ModelComparison:
+    """What is known of one model at one size.
+
+    Attributes:
+      race: of the paths that run C and agree; None before it, and where there was none.
+    """
+
+    model: ModelRecord
+    measurements: tuple[MeasurementRecord, ...]
+    race: RaceRecord | None = None
+
+    @property
+    def is_interrupted(self) -> bool:
+        return self.model.status == Status.INTERRUPTED
+
+    @property
+    def records(self) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
+        return [self.model, *self.measurements, *([self.race] if self.race else [])]
+
+
+def stored(
+    source: ModelSource, plan: ComparisonPlan, records: Sequence[object]
+) -> ModelComparison | None:
+    """Return the comparison of a model at the plan's size from records of a run; None without."""
+    for record in records:
+        if not isinstance(record, ModelRecord):
+            continue
+        if (record.model, record.nbatch_asked) == (source.name, plan.nbatch):
+            return _of_model(record, records)
+    return None
+
+
+def _of_model(model: ModelRecord, records: Sequence[object]) -> ModelComparison:
+    measurements = of_model(MeasurementRecord, model, records)
+    return ModelComparison(
+        model, tuple(measurements), next(iter(of_model(RaceRecord, model, records)), None)
+    )
+
+
+def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
+    """Return the records of models that are not measured again: all ended, none by a failure."""
+    done: list[Record] = []
+    for model in records:
+        if not isinstance(model, ModelRecord):
+            continue
+        known = _of_model(model, records)
+        raced = [m for m in known.measurements if m.status == Status.OK and not m.samples_s]
+        if raced and known.race is None:  # the last line of the file was cut short
+            continue
+        is_finished = all(each.status in FINISHED for each in known.records)
+        if len(known.measurements) == nvariant and is_finished:
+            done += known.records
+    return done
+
+
+class ComparedModel:
+    """One model at one size, while its paths are compared."""
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        source: ModelSource,
+        plan: ComparisonPlan,
+        shares: tuple[float, float],
+        of_sizes: Sequence[Record],
+        observer: Observer,
+    ):
+        """Start nothing yet.
+
+        Args:
+          shares: of all work that is done before it, and after it.
+          of_sizes: what is known of the model at other sizes, which is shown, too.
+        """
+        self._pool, self._plan, self._name = pool, plan, source.name
+        self._shares, self._of_sizes, self._observer = shares, of_sizes, observer
+        self._begin_s, self._processor_time = time.monotonic(), ProcessorTime.now()
+        self._children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
+        self._race: RaceRecord | None = None
+        self._is_complete = False
+
+    def run(self) -> None:
+        """Verify that paths agree, race those that run C, and measure those that compile.
+
+        Raises:
+          KeyboardInterrupt: what is known may be all there is.
+        """
+        try:
+            self._observer.begin(f"{self._name}: checking agreement")
+            ended = self._children.verify(self._show_verifying)
+            verified_s = time.monotonic() - self._begin_s
+            if ended.status == Status.OK:
+                self._run_race(verified_s)
+                self._run_accelerated()
+            self._is_complete = True
+            self._show_known()
+            self._observer(self._name, self._shares[1])
+        except KeyboardInterrupt:
+            if not self._is_complete:
+                self._children.ended = None
+            raise
+
+    def known(self) -> ModelComparison:
+        """Return what is known now: all there is once `run` has ended."""
+        timed: list[int] = []
+        if self._race is not None:
+            positions = {i for launch in self._race.launches for i in launch.variants}
+            timed = [self._plan.variants.index(self._race.variants[i]) for i in positions]
+        measurements = self._children.measurements(timed, self._is_complete)
+        return ModelComparison(self._children.model_record(), measurements, self._race)
+
+    def _run_race(self, verified_s: float) -> None:
+        agreeing = self._children.agreeing
+        if 0 not in agreeing:  # the plain loop
+            return
+        variants = [self._plan.variants[i] for i in agreeing]
+        budget = RaceBudget(self._begin_s + self._plan.budget_s)
+        # a launch takes about as long as the agreement check: each runs every path a few times
+        expected_s = max(1.0, verified_s, budget.left_s())
+        racing = f"racing {len(variants)} paths, about {expected_s:.0f} s"
+        if budget.left_s() < verified_s:
+            racing += ": one launch takes longer than is left of the budget"
+        phase = racing if len(variants) > 1 else "timing the plain loop"
+        self._observer.begin(f"{self._name}: {phase}")
+        rule = RaceRule(enter(self._children.model_record(), variants), budget)
+        targets = RaceLaunches(self._pool, self._name, self._plan, self._children.files, variants)
+        rule.end(launches.launch(targets, rule, lambda: self._take_race(rule.record)))
+        self._take_race(rule.record)
+        if rule.record.status == Status.INTERRUPTED:
+            raise KeyboardInterrupt
+
+    def _take_race(self, record: RaceRecord) -> None:
+        """Take what a race has come to, and show it."""
+        self._race = self._with_disturbance(record)
+        for unable in record.unable:
+            index = self._plan.variants.index(record.variants[unable.variant])
+            self._children.revise(index, unable.status, unable.detail)
+        spent = (time.monotonic() - self._begin_s) / self._plan.budget_s
+        left = len(record.launches[-1].variants) if record.launches else len(record.variants)
+        text = f"{self._name}: launch {len(record.launches)}, {left} paths left"
+        self._show_progress(text, min(1.0, max(_VERIFICATION_SHARE, spent)))
+        self._show_known()
+
+    def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
+        others = [each for each in neighbours.measuring_now() if each.pid != os.getpid()]
+        earlier = self._race.neighbours if self._race is not None else ()
+        names = sorted({*earlier, *(each.command for each in others)})
+        return replace(
+            record,
+            stolen_share=ProcessorTime.now().stolen_since(self._processor_time),
+            neighbours=names,
+        )
+
+    def _run_accelerated(self) -> None:
+        for index in self._plan.accelerated:
+            phase = f"{self._name}: {self._plan.variants[index]}"
+            self._observer.begin(phase)
+            self._show_progress(phase, 1.0)
+            self._children.run_accelerated(index)
+            self._show_known()
+
+    def _show_verifying(self) -> None:
+        share_verified = len(self._children.measured) / len(self._plan.variants)
+        text = f"{self._name}: do all paths agree?"
+        self._show_progress(text, _VERIFICATION_SHARE * share_verified)
+
+    def _show_progress(self, text: str, share: float) -> None:
+        begin, end = self._shares
+        self._observer(text, begin + share * (end - begin))
+
+    def _show_known(self) -> None:
+        records = [*self._of_sizes, *self.known().records]
+        self._observer.show(lambda: report.section_so_far(derive_all(records)))
+
+
+@dataclass
+class ModelChildren:
+    """The children of one model's comparison, and what they have said so far.
+
+    Attributes:
+      ended: how the last child ended that every path needs; None before, and after Ctrl-C.
+      measured: of variants, by their positions in the plan.
+    """
+
+    source: ModelSource
+    plan: ComparisonPlan
+    files: ModelFiles
+    reference: ModelRecord | None = None
+    ended: isolate.Ended | None = None
+    measured: dict[int, MeasurementRecord] = field(default_factory=dict)
+
+    @property
+    def agreeing(self) -> list[int]:
+        return [
+            position
+            for position, record in sorted(self.measured.items())
+            if record.status == Status.OK and not record.is_accelerated
+        ]
+
+    def verify(self, on_message: Callable[[], None] = lambda: None) -> isolate.Ended:
+        """Verify all paths that run C; start again without a path that ended the child."""
+
+        def receive(message: ModelRecord | AgreementReport) -> None:
+            if isinstance(message, ModelRecord):
+                self.reference = message
+            else:
+                self.measured[message.position] = replace(
+                    self._blank(message.position, message.status, message.detail),
+                    agrees=message.agrees,
+                    agreement=message.agreement,
+                    snippet=message.snippet,
+                )
+            on_message()
+
+        # the child works in a folder of its own
+        source = ModelSource(self.source.name, self.source.path.resolve())
+        fatal: dict[int, MeasurementRecord] = {}
+        while True:
+            excluded = frozenset([*fatal, *self.plan.accelerated])
+            ended = isolate.run(
+                verify_in_child,
+                (source, self.plan, excluded, self.files),
+                receive,
+                self.plan.limit_s,
+                self.plan.import_from,
+            )
+            culprit = self._culprit(ended)
+            if culprit is None:
+                self.ended = ended
+                return ended
+            fatal[culprit] = self._blank(culprit, ended.status, ended.detail)
+            self.measured = dict(fatal)
+
+    def _culprit(self, ended: isolate.Ended) -> int | None:
+        """Return the variant that ended the child, if one did and the others can go on."""
+        position = ended.position
+        if position is None or self.plan.variants[position].path == paths.BASE:
+            return None
+        record = self.measured.get(position)
+        # a variant that was already refused is not timed, so another one ended the child
+        return position if record is None or record.status == Status.OK else None
+
+    def _blank(self, position: int, status: Status, detail: str) -> MeasurementRecord:
+        return MeasurementRecord.of(self.source.name, self.plan.variants[position], status, detail)
+
+    def revise(self, position: int, status: Status, detail: str) -> None:
+        """Change what became of a variant after the fact; its snippet and check stay."""
+        record = self.measured.get(position) or self._blank(position, status, detail)
+        if status == Status.DISAGREES:
+            record = replace(record, agrees=False, agreement=detail)
+        self.measured[position] = replace(record, status=status, detail=detail)
+
+    def run_accelerated(self, position: int) -> None:
+        """Measure one accelerated path alone; whatever becomes of it costs its own row."""
+        variant = self.plan.variants[position]
+
+        def receive(record: MeasurementRecord) -> None:
+            self.measured[position] = record
+
+        request = AcceleratedRequest(
+            self.source,
+            variant,
+            self.files.accelerated,
+            is_named=variant.path in self.plan.named,
+            limit_s=self.plan.limit_s,
+        )
+        try:
+            ended = accelerated_run.run(request, receive, self.plan.import_from)
+        except Exception as error:  # a path's own `environment` may raise anything
+            failure = failure_of(error)
+            ended = isolate.Ended(failure.status, failure.detail)
+        if ended.status != Status.OK:
+            compiled = self.measured.get(position)
+            is_silent = ended.status == Status.TIMEOUT
+            if is_silent and (compiled is None or compiled.compile_s is None):
+                ended = replace(ended, detail=accelerated_run.not_compiled(self.plan.limit_s))
+            self.revise(position, ended.status, ended.detail)
+            return
+        assert self.reference is not None
+        digest = self.measured[position].workload_digest
+        if digest not in (None, self.reference.workload_digest):
+            detail = "it did not receive the workload of the paths before"
+            self.measured[position] = self._blank(position, Status.FAILED, detail)
+
+    def model_record(self) -> ModelRecord:
+        ended = self.ended or Failure(Status.INTERRUPTED, "")
+        return replace(
+            self.reference or ModelRecord(model=self.source.name, status=ended.status),
+            status=ended.status,
+            detail=ended.detail,
+            nbatch_asked=self.plan.nbatch,
+            usable_cores=machine.usable_cores(),
+            total_steps=self.plan.total_steps,
+        )
+
+    def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
+        """Return the records of all variants, in the plan's order; a race has timed some."""
+        model, untimed = self.model_record(), self._untimed(is_over)
+        records = []
+        for position in range(len(self.plan.variants)):
+            record = self.measured.get(position)
+            if record is None:
+                record = self._blank(position, untimed.status, untimed.detail)
+            elif record.status == Status.OK and position not in timed and not record.samples_s:
+                record = replace(record, status=untimed.status, detail=untimed.detail)
+            records.append(record.with_model(model))
+        return tuple(records)
+
+    def _untimed(self, is_over: bool) -> Failure:
+        """Return what became of variants that nothing has timed or refused."""
+        if self.ended is None or not is_over:
+            return Failure(Status.INTERRUPTED, "stopped before it was timed")
+        if self.ended.status == Status.OK:
+            return Failure(Status.FAILED, "it was not timed")
+        return Failure(self.ended.status, self.ended.detail)
