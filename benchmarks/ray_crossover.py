@@ -37,7 +37,7 @@ from mjbench import extras, paths
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.paths import local_ray
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.simulation import models, workload
 from mjbench.status import ExitCode
 

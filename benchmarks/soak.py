@@ -100,14 +100,14 @@ def compare_once() -> None:
     from mjbench.comparison.messages import ModelFiles
     from mjbench.comparison.model_children import ModelChildren
     from mjbench.comparison.plan import ComparisonPlan, Variant
-    from mjbench.host import scratch
+    from mjbench.host import files
     from mjbench.paths import BASE
     from mjbench.simulation import models
     from mjbench.status import Status
 
     # the smallest work there is: what is checked is what is left after it
     plan = ComparisonPlan(variants=(Variant(BASE, {}),), nbatch=1, nstep=1)
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         ended = ModelChildren(models.resolve(MODEL), plan, ModelFiles.in_folder(folder)).verify()
     if ended.status != Status.OK:
         raise SystemExit(f"a comparison failed: {ended.detail}")

@@ -25,6 +25,7 @@ import mujoco
 from benchmarks import foreign_packages
 from benchmarks.foreign_packages import PACKAGES
 from benchmarks.studies import tally_command, tally_file, tuning_page
+from mjbench.api.tune import tune
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.paired.worker_pool import WorkerPool
@@ -39,7 +40,6 @@ from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.tuning.search_base import SearchPlan
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import label
-from mjbench.tuning.tune import tune
 
 ROOT = Path(__file__).resolve().parent.parent
 TALLY, PAGE = ROOT / "results" / "tuning.json", ROOT / "docs" / "tuning.md"

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mjbench.api.tune import tune
 from mjbench.errors import one_line
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
@@ -25,7 +26,6 @@ from mjbench.status import ExitCode, Status
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.search_base import SearchPlan
 from mjbench.tuning.settings import label
-from mjbench.tuning.tune import tune
 
 BUDGET_S = 120.0
 # The knobs that can remove a planted cost.

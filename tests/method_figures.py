@@ -33,7 +33,7 @@ from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import PathResult, derive_all
-from mjbench.simulation import changed_work, package_timer, sampling, starts, workload
+from mjbench.simulation import changed_work, engine_clock, sampling, starts, workload
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.store import runs
 from mjbench.testing import callables, fixture
@@ -74,7 +74,7 @@ def timing() -> Iterator[str]:
     yield f"`--quick` is {plan.QUICK_BUDGET_S:.0f} s"
     yield f"certainly within {margin}, and within {percent(race_record.MARGIN / 2)} by estimate"
     yield f"no other path of the race can be faster by {margin}"
-    yield f"by {percent(package_timer.MIN_GAIN)} or more as estimated"
+    yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
     yield f"Below {percent(machine.ENOUGH_CORES)}, nothing is certain"
     yield f"the smallest that has {percent(advice.ENOUGH)} of the best speed-up"
     yield f"the host took {percent(machine.NOTABLE_STOLEN)} or more of the processor time"

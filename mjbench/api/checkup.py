@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 from mjbench.api import checks, compare, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Measurement, Observer, failure_of_model, pinning_notes
+from mjbench.api.tune import tune
 from mjbench.checkups import combination, targets
 from mjbench.checkups.records import CheckedPart, CheckupPart
 from mjbench.checkups.targets import CheckedSource, ProgramFile
@@ -27,7 +28,7 @@ from mjbench.errors import Failure, InputError, MjbenchError
 from mjbench.host import isolate, machine
 from mjbench.limits import SECONDS, TIME_LIMIT_S
 from mjbench.loop import lint, profile
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
@@ -43,7 +44,6 @@ from mjbench.store.runs import Record
 from mjbench.tuning.c_search import LEAST_LAUNCHES
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.search_base import SearchPlan
-from mjbench.tuning.tune import tune
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model

@@ -21,7 +21,7 @@ from mjbench.errors import InputError
 from mjbench.host import neighbours
 from mjbench.host.machine import ProcessorTime
 from mjbench.limits import LARGE_COUNT, SECONDS, SEED, THREADS, TIME_LIMIT_S
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired import launches, model_comparison
 from mjbench.paired.model_comparison import ModelComparison
 from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter

@@ -11,7 +11,7 @@ from mjbench.host import conditions
 from mjbench.host.conditions import Condition, Grade
 from mjbench.host.neighbours import Neighbour
 from mjbench.loop import rendering
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired import machine_check, placement_spread, selfcheck
 from mjbench.paired.placement_spread import SpreadPlan
 from mjbench.paired.run_sizes import Sizes
@@ -22,7 +22,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.release_spec import parse_release
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.selfcheck import describe_case
-from mjbench.simulation import models, package_timer
+from mjbench.simulation import engine_clock, models
 from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
 
@@ -41,7 +41,7 @@ def _timer() -> Iterator[Condition]:
     share = machine_check.clock_share()
     if share is not None:
         detail = f"takes {100 * share:.0f} % of a cart-pole's step"
-        yield Condition("MuJoCo's timer", Grade.NOTE, detail, package_timer.OFF_NOTE)
+        yield Condition("MuJoCo's timer", Grade.NOTE, detail, engine_clock.OFF_NOTE)
 
 
 def _valgrind() -> Condition:

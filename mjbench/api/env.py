@@ -11,7 +11,7 @@ from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource, resolve
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.host import machine
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.status import Status
 
 

@@ -12,7 +12,7 @@ from mjbench.api.session import Item, Measurement, Observer, Session
 from mjbench.errors import REFUSALS, InputError, MachineError, one_line
 from mjbench.host import child, platforms
 from mjbench.host.machine import Machine
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.pages import fragment, reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.report import kinds, rows

@@ -17,8 +17,8 @@ from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printa
 from mjbench.host import machine, neighbours, platforms
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour, Presence
-from mjbench.measuring import progress
-from mjbench.measuring.progress import Progress
+from mjbench.measuring import timing
+from mjbench.measuring.timing import Progress
 from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.report.content import Section
 from mjbench.report.kinds import RECORD_TYPES
@@ -35,7 +35,7 @@ class Observer:
     """Passes the progress of a measurement on to a function; commands show more."""
 
     def __init__(self, on_progress: Progress | None = None):
-        self._on_progress = on_progress or progress.ignore
+        self._on_progress = on_progress or timing.no_progress
 
     def __call__(self, name: str, share: float) -> None:
         self._on_progress(name, share)

@@ -10,7 +10,7 @@ import numpy as np
 
 from mjbench.api import checks
 from mjbench.errors import InputError, describe, writing
-from mjbench.host import scratch
+from mjbench.host import files
 from mjbench.limits import SECONDS_OR_ZERO
 from mjbench.simulation import starts
 from mjbench.simulation.starts import StartPlan
@@ -35,7 +35,7 @@ def plan(
         file.
     """
     settle_s = checks.optional(checks.number, "settle_s", settle_s, SECONDS_OR_ZERO)
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         yield starts.start_plan(
             settle_s,
             None if states is None else _states_file(states, folder),

@@ -16,7 +16,7 @@ from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired import (
     accelerated_sides,
     function_sides,

@@ -9,7 +9,7 @@ from mjbench.api.measured import Measured
 from mjbench.api.verdict_measurements import between_releases
 from mjbench.errors import InputError
 from mjbench.limits import SECONDS, SEED, SHARE
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired import family, outcomes
 from mjbench.paired.family import Family
 from mjbench.paired.metrics import Metric

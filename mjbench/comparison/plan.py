@@ -6,7 +6,7 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product
 

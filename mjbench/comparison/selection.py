@@ -8,7 +8,7 @@ from mjbench import paths
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.errors import InputError, describe
 from mjbench.host import machine, topology
-from mjbench.paths.parallelism import WORKER_OPTIONS
+from mjbench.paths.base import WORKER_OPTIONS
 
 # Names that stand for several paths.
 C_PATHS, USUAL_PATHS = "c", "usual"

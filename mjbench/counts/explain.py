@@ -15,7 +15,7 @@ from mjbench.counts.records import (
     ExplainRecord,
 )
 from mjbench.errors import MachineError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paired.verdict import exact_verdict

@@ -33,7 +33,7 @@ from mjbench.counts.counted_program import (
 from mjbench.counts.records import InstructionsRecord
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
-from mjbench.host import child, child_connection, platforms, scratch
+from mjbench.host import child, child_connection, files, platforms
 from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.paired import release_python
 from mjbench.paired.run_sizes import Sizes
@@ -114,7 +114,7 @@ class InstructionCounter:
         problem = unavailable()
         if problem:
             raise MachineError(problem)
-        self._folder = self._closing.enter_context(scratch.folder())
+        self._folder = self._closing.enter_context(files.temporary_folder())
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -159,7 +159,7 @@ def _count(
     done = 0
     while done < len(requests):
         # a task that ends the process costs only its own row: a new process counts the rest
-        with scratch.folder() as folder:
+        with files.temporary_folder() as folder:
             for count in _count_until_death(release, requests[done:], folder, limit_s):
                 yield count
                 done += 1

@@ -11,7 +11,7 @@ from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.explain import explain_change
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import ExplainRecord, finished
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired.release_tasks import Selection
 
 # Of each model and pair of releases, as many functions are stored, and those that exchanged cost

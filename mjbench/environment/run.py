@@ -29,7 +29,7 @@ from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.simulation import work
 from mjbench.status import Status
 

@@ -22,9 +22,9 @@ import numpy as np
 from mjbench.errors import failure_of
 from mjbench.loop.engine_functions import EngineFunction
 from mjbench.simulation import compat
+from mjbench.simulation.agreement import StateReader
 from mjbench.simulation.capture_header import ModelLayout, model_name
 from mjbench.simulation.model_digest import model_digest
-from mjbench.simulation.state_reader import StateReader
 
 # Bytes that the states of one model may take up; fewer are kept of a model with large states.
 MAX_BYTES = 100_000_000

@@ -34,7 +34,7 @@ from mjbench.paired.race_record import (
 )
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.releases import release_spec
 from mjbench.status import Status
 

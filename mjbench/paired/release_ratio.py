@@ -14,7 +14,7 @@ import numpy as np
 
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.measuring import stats
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired import cores, moved_check
 from mjbench.paired.launches import StopRule, Targets
 from mjbench.paired.launches import launch as launch_until_enough

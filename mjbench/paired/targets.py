@@ -12,7 +12,7 @@ from mjbench import paths
 from mjbench.errors import InputError, describe
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.records import TargetRow
-from mjbench.paths import parallelism
+from mjbench.paths import base
 from mjbench.releases import release_spec
 from mjbench.simulation import model_options, models
 from mjbench.units import listed
@@ -43,7 +43,7 @@ class Target:
 
     @property
     def nthread(self) -> int:
-        return parallelism.nthread(self.options)
+        return base.nthread(self.options)
 
     @property
     def files(self) -> list[Path]:

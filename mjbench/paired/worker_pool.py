@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import MjbenchError, writing
-from mjbench.host import child, child_connection, machine, platforms, scratch
+from mjbench.host import child, child_connection, files, machine, platforms
 from mjbench.host.child_connection import Process
 from mjbench.paired import cores as affinity
 from mjbench.paired import launch_seeds, release_python
@@ -78,7 +78,7 @@ class WorkerPool:
 
     def __enter__(self) -> "WorkerPool":
         with contextlib.ExitStack() as closing:
-            self._root = closing.enter_context(scratch.folder())
+            self._root = closing.enter_context(files.temporary_folder())
             self._work = self._root / "work"
             with writing(self._root):
                 release_python.link_mjbench(self._root)

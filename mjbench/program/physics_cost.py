@@ -17,8 +17,8 @@ from mjbench.bounds import Share
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile, step_parts
-from mjbench.loop.engine_stages import OTHER
 from mjbench.loop.loop_starts import LEAST_NSTEP, StartsInTurn
+from mjbench.loop.step_parts import OTHER
 from mjbench.program.recorded_models import RecordedModel, loadable
 from mjbench.simulation import compat, geom_pairs, work
 

@@ -16,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line
-from mjbench.host import child, scratch
+from mjbench.host import child, files
 from mjbench.releases import package_index, packages
 from mjbench.status import ExitCode
 
@@ -82,7 +82,7 @@ def run(phase: str, command: str, *arguments: str) -> str:
     """
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     _LOG.info(phase)
-    with scratch.folder() as folder, tempfile.TemporaryFile() as errors:
+    with files.temporary_folder() as folder, tempfile.TemporaryFile() as errors:
         process = child.Child(
             [
                 *(sys.executable, "-m", "pip", command),

@@ -17,7 +17,7 @@ from mjbench.environment.records import (
 from mjbench.host import machine
 from mjbench.measuring.stats import Estimate
 from mjbench.paths import BASE
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.formats import Form

@@ -12,11 +12,11 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRecord, of_model
 from mjbench.host import machine
 from mjbench.measuring import stats
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.model_comparison import race_of
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status

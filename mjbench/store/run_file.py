@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import IO, Any, TextIO
 
 from mjbench.errors import MachineError, reason, writing
-from mjbench.host import platforms
-from mjbench.store import files
+from mjbench.host import files, platforms
 from mjbench.store.runs import Record, RunHeader, as_stored, to_json
 
 # The end of a message about a record that cannot be written.

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO
 
 from mjbench.errors import Failure, MachineError, MjbenchError, one_line
-from mjbench.host import child, machine, scratch
+from mjbench.host import child, files, machine
 from mjbench.host.machine import Machine
 from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
@@ -112,7 +112,7 @@ def measure(
         difference = software.difference(request.software, software.installed())
         if difference:
             raise MachineError(difference)
-        with scratch.folder() as folder, child.adoption():
+        with files.temporary_folder() as folder, child.adoption():
             begin = time.perf_counter()
             for result in _run(request, carried, label, folder):
                 now = time.perf_counter()

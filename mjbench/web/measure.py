@@ -15,7 +15,7 @@ from typing import Any
 
 from mjbench.comparison.plan import Variant
 from mjbench.errors import Failure, MjbenchError, failure_of
-from mjbench.host import child, machine, scratch
+from mjbench.host import child, files, machine
 from mjbench.paired import cores
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
@@ -61,7 +61,7 @@ def measure(pool: WorkerPool, source: ModelSource, plan: WebPlan) -> WebRecord:
     """
     measurement = _Measurement(pool, source, plan)
     try:
-        with scratch.folder() as folder, contextlib.ExitStack() as closing:
+        with files.temporary_folder() as folder, contextlib.ExitStack() as closing:
             measurement.run(folder, closing)
     except ENDING_ERRORS as error:
         return measurement.record(ending_of(error))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from verdict_records import FAILED, FASTER, OPEN, SAME, SIDES, SLOWER
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired import machine_verdicts
 from mjbench.paired.machine_verdicts import (
     AcrossMachines,

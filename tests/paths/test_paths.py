@@ -16,7 +16,7 @@ from example_models import CONTACT_XML
 
 from mjbench import paths
 from mjbench.errors import InputError
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.paths.threads import shares
 from mjbench.simulation import agreement, compat, inputs, work, workload
 from mjbench.simulation.workload import Product, StepOutputs

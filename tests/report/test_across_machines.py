@@ -12,7 +12,7 @@ from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.host.machine import Machine
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.report import across_machines, advice_across
 from mjbench.report.across_machines import side_by_side

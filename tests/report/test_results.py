@@ -11,7 +11,7 @@ from example_records import FACTS, measurement, model_record
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.host import machine
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.pages import terminal
 from mjbench.report import comparison, formats, results
 from mjbench.report.results import Cores, ModelResults

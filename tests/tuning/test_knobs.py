@@ -8,8 +8,7 @@ import mujoco
 import pytest
 
 from benchmarks.tuning_planted import rods
-from mjbench.loop.engine_stages import OTHER, STAGES
-from mjbench.loop.step_parts import SENSORS
+from mjbench.loop.step_parts import OTHER, SENSORS, STAGES
 from mjbench.simulation import compat, model_options, models
 from mjbench.tuning import knob_values, knobs, observed
 from mjbench.tuning.observed import ObservedModel, Usage, observe_model

@@ -1,10 +1,11 @@
-"""Temporary folders that are removed even if their process is killed: by the next one."""
+"""Files that are whole or not there, and temporary folders that go even if a process is killed."""
 
 import contextlib
 import hashlib
 import os
 import shutil
 import socket
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +18,7 @@ _PREFIX = "mjbench-"
 
 
 @contextlib.contextmanager
-def folder() -> Iterator[Path]:
+def temporary_folder() -> Iterator[Path]:
     """Yield a temporary folder, after those of processes that were killed are removed."""
     prefix = f"{_PREFIX}{_pid_namespace()}-"
     try:
@@ -58,3 +59,32 @@ def _pid_namespace() -> str:
     return hashlib.blake2b(
         f"{socket.gethostname()} {namespace}".encode(), digest_size=4
     ).hexdigest()
+
+
+@contextlib.contextmanager
+def replacing(file: Path) -> Iterator[Path]:
+    """Yield an empty file beside `file`, which takes its place when the block ends well."""
+    partial = create_beside(file)
+    try:
+        yield partial
+        put_in_place(partial, file)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def create_beside(file: Path) -> Path:
+    descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+    os.close(descriptor)
+    return Path(name)
+
+
+def put_in_place(partial: Path, file: Path) -> None:
+    """Rename a complete file to `file`, with the permissions of the one that it replaces."""
+    try:
+        permissions = stat.S_IMODE(file.stat().st_mode)
+    except FileNotFoundError:
+        mask = os.umask(0)
+        os.umask(mask)
+        permissions = 0o666 & ~mask
+    partial.chmod(permissions)
+    partial.replace(file)

@@ -6,8 +6,6 @@ its own help. `doctor` has the flag only so that its help names it.
 
 from collections.abc import Collection, Mapping, Sequence
 
-from mjbench.store.command_names import EARLIER
-
 # What `mjbench --help` says of each command, in its order; lines fit into a narrow terminal.
 LISTED: Mapping[str, Mapping[str, str]] = {
     "To begin with": {
@@ -46,6 +44,26 @@ REMOVED: Mapping[str, str] = {
     "falls": "`falls` is an example of mjbench's repository now: python docs/examples/falls.py"
 }
 
+# Earlier names go on working.
+EARLIER: Mapping[str, Sequence[str]] = {
+    "diff": ("show", "--against="),  # the old run is the first one
+    "explain": ("versions", "--explain"),
+    "instructions": ("profile", "--instructions"),
+    "merge": ("results", "merge"),
+    "overhead": ("profile", "--habits"),
+    "placement": ("doctor", "--placement"),
+    "report": ("show", "--format", "html"),  # a later --format counts
+    "results export": ("show", "--format", "csv"),
+    "selfcheck": ("doctor", "--verdicts"),
+    "site": ("results", "site"),
+}
+# Commands of groups, by what their results are named after.
+_OF_GROUPS: Mapping[str, Sequence[str]] = {
+    "history": ("history", "measure"),
+    "history-explain": ("history", "explain"),
+    "installs": ("releases", "installs"),
+}
+
 
 def with_mode(words: Sequence[str], names: Collection[str]) -> list[str]:
     """Return the words of a command line with the command's present name, a mode as one word."""
@@ -58,3 +76,9 @@ def with_mode(words: Sequence[str], names: Collection[str]) -> list[str]:
             rest.remove(option)
             return [f"{name} {option}", *rest]
     return [name, *rest]
+
+
+def present_name(results_name: str) -> str:
+    """Return the command, and its mode, of results that are named after it in files."""
+    words = {**EARLIER, **_OF_GROUPS}.get(results_name, (results_name,))
+    return " ".join(words).removesuffix("=")
