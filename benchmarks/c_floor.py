@@ -34,7 +34,7 @@ import numpy as np
 from benchmarks.studies import c_floor_page, tally_file
 from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, LaunchTimes
 from mjbench import paths
-from mjbench.comparison.block_sizes import choose_sizes
+from mjbench.comparison.plan import choose_sizes
 from mjbench.errors import MachineError, MjbenchError, one_line
 from mjbench.host import isolate, machine
 from mjbench.paired import cores

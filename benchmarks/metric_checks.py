@@ -31,7 +31,7 @@ from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode, Status
@@ -107,7 +107,7 @@ class Result:
 
 def baseline() -> Target:
     """Return the model as it is, in the installed release."""
-    return Target(release_spec.parse_release(release_spec.INSTALLED), models.resolve(MODEL))
+    return Target(release_names.parse_release(release_names.INSTALLED), models.resolve(MODEL))
 
 
 def planted(folder: Path, metrics: Sequence[Metric]) -> Iterator[Case]:
@@ -153,7 +153,7 @@ def _compiled(pool: WorkerPool, model: CompiledModel, sizes: Sizes) -> FunctionT
     file = pool.new_folder() / "pendulum.xml"
     file.write_text(PENDULUM)
     names = ("jax", "jaxlib", "mujoco-mjx")
-    spec = release_spec.parse_release(
+    spec = release_names.parse_release(
         ",".join(f"{name}=={metadata.version(name)}" for name in names)
     )
     comparison = AcceleratedComparison(

@@ -118,10 +118,10 @@ def launch_once(pool: "WorkerPool") -> None:
     from mjbench.paired.pair_launches import TargetPair
     from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target
-    from mjbench.releases import release_spec
+    from mjbench.releases import release_names
     from mjbench.simulation import models
 
-    target = Target(release_spec.parse_release(release_spec.INSTALLED), models.resolve(MODEL))
+    target = Target(release_names.parse_release(release_names.INSTALLED), models.resolve(MODEL))
     pair = TargetPair(pool, target, target, Sizes(nbatch=1, nstep=1))
     try:
         pair.prepare()

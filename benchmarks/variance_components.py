@@ -26,8 +26,8 @@ from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import placement, release_spec
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases import placement, release_names
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import models
 
 # Ratio of the standard deviation of normal noise to its median absolute deviation, and of the
@@ -152,9 +152,9 @@ def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(prog="variance_components", description=__doc__)
     parser.add_argument("models", nargs="*", metavar="MODEL")
     parser.add_argument("--programs", type=int, default=10)
-    parser.add_argument("--releases", nargs=2, default=2 * [release_spec.INSTALLED])
+    parser.add_argument("--releases", nargs=2, default=2 * [release_names.INSTALLED])
     options = parser.parse_args(arguments)
-    old, new = map(release_spec.parse_release, options.releases)
+    old, new = map(release_names.parse_release, options.releases)
     for model in options.models or models.shipped():
         programs = measure(old, new, model, options.programs)
         launches = list(itertools.chain(*programs))

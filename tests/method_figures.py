@@ -12,13 +12,7 @@ from benchmarks import gpu
 from benchmarks.odd_programs import ODD_PROGRAMS
 from benchmarks.studies import tally_file
 from benchmarks.studies.simulated_launches import Scenario
-from mjbench.comparison import (
-    accelerated_check,
-    accelerated_limits,
-    accelerated_steps,
-    block_sizes,
-    plan,
-)
+from mjbench.comparison import accelerated_check, accelerated_limits, accelerated_steps, plan
 from mjbench.counts import explain
 from mjbench.host import machine
 from mjbench.limits import TIME_LIMIT_S
@@ -37,7 +31,7 @@ from mjbench.simulation import changed_work, engine_clock, sampling, starts, wor
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.store import runs
 from mjbench.testing import callables, fixture
-from mjbench.tuning import records, reference, trajectories
+from mjbench.tuning import records, reference, solver_convergence, trajectories
 from mjbench.web import c_reference
 
 
@@ -126,7 +120,7 @@ def tune() -> Iterator[str]:
     yield f"the whole {percent(records.CONFIDENCE)} interval"
     yield f"by at most {percent(reference.SAME_SHARE, 3)} of the motion"
     yield f"by more than {percent(trajectories.SENSOR_SHARE)} of its largest value"
-    yield f"in more than {percent(reference.MOST_LIMITED)} of the steps"
+    yield f"in more than {percent(solver_convergence.MOST_LIMITED)} of the steps"
     yield f"with {percent(records.CONFIDENCE)} confidence, nine runs in ten"
     yield f"would take more than {reference.REFERENCE_S:.0f} s"
     yield "a timestep of 2, 4 or 8 times yours"
@@ -139,8 +133,8 @@ def work() -> Iterator[str]:
     yield f"{starts.KEYFRAME_SETTLE_S} s from a keyframe"
     yield f"{starts.DEFAULT_SETTLE_S:.0f} s without one"
     yield f"a correlation time of {workload.CONTROL_TIME_S} s"
-    yield f"The default is {block_sizes.NBATCH} × {block_sizes.NSTEP}"
-    yield f"more than {1000 * block_sizes.LONG_BLOCK_S:.0f} ms"
+    yield f"The default is {plan.NBATCH} × {plan.NSTEP}"
+    yield f"more than {1000 * plan.LONG_BLOCK_S:.0f} ms"
     first, second = (round(1 / spread) for spread in sampling.SPREADS[1:3])
     yield f"is made {first}, then {second} times smaller"
 

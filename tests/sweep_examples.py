@@ -7,7 +7,7 @@ from mjbench.host.machine import Machine
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.status import Status
 from mjbench.store import run_file, runs

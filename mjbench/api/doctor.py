@@ -19,7 +19,7 @@ from mjbench.paired.selfcheck_records import trial_records
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.release_spec import parse_release
+from mjbench.releases.release_names import parse_release
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.selfcheck import describe_case
 from mjbench.simulation import engine_clock, models

@@ -19,7 +19,7 @@ from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour, Presence
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Progress
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report.content import Section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation.models import ModelSource

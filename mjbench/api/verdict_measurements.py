@@ -39,7 +39,7 @@ from mjbench.paired.verdict import Judgement, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE, find
 from mjbench.releases import packages
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.store.runs import Record

@@ -98,7 +98,7 @@ def _select(
 ) -> "Selection":
     from mjbench.paired.operations import registry
     from mjbench.paired.release_tasks import Selection
-    from mjbench.releases import catalogue, release_ratios, release_spec
+    from mjbench.releases import catalogue, release_names, release_ratios
 
     if not steps and models:
         raise click.UsageError("--model is for steps; leave it out with --no-steps")
@@ -106,7 +106,7 @@ def _select(
         raise click.UsageError("without steps and operations, nothing is left")
     has_operations = not models if operations is None else operations
     return Selection(
-        release_spec.parse_release(release_ratios.REFERENCE),
+        release_names.parse_release(release_ratios.REFERENCE),
         catalogue.named_or_since(names, since, history),
         [resolve(name) for name in models or shipped()] if steps else [],
         list(registry().values()) if has_operations else [],

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
+from mjbench.comparison import selection
 from mjbench.comparison.accelerated_check import (
     CheckedRun,
     Programs,
@@ -39,7 +40,7 @@ from mjbench.paths.accelerated import (
     reference_peaks,
 )
 from mjbench.paths.warp_buffers import OverflowedError
-from mjbench.simulation import models, work
+from mjbench.simulation import models
 from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     EngineJudgement,
@@ -57,10 +58,6 @@ STEADY_S, MIN_BLOCKS, MAX_BLOCKS = 2.0, 7, 100
 CHILD_MEMORY_SHARE = 0.8
 # A compiler may be silent for this many times the limit of anything else.
 COMPILER_PATIENCE = 5
-# On a CPU, MJX is slow on a model that makes contact (docs/method/accelerated.md gives figures),
-# and takes minutes to compile RK4, which has four of everything: not tried unless named.
-CONTACT_REASON = "makes contact, where it is slow on a CPU; name it with --paths to try it"
-RK4_REASON = "is integrated by RK4, which compiles for minutes; name it with --paths to try it"
 
 
 @dataclass(frozen=True)
@@ -254,9 +251,7 @@ def _reason_not_to_run(
     reason = path.unsuited(workload, request.variant.options)
     if reason or request.is_named or device_kind != CPU:
         return reason
-    if work.describe(workload.model).integrator == "rk4":
-        return RK4_REASON
-    return CONTACT_REASON if reference_peaks(workload, resources).contacts else None
+    return selection.why_left_out_on_a_cpu(workload, resources)
 
 
 def not_compiled(limit_s: float) -> str:

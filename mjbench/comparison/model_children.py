@@ -18,9 +18,8 @@ from dataclasses import dataclass, field
 from mjbench import paths
 from mjbench.comparison import accelerated_run, step_costs
 from mjbench.comparison.accelerated_run import AcceleratedRequest
-from mjbench.comparison.block_sizes import BlockSizes, check_memory, choose_sizes
 from mjbench.comparison.messages import AgreementReport, ModelFiles
-from mjbench.comparison.plan import ComparisonPlan
+from mjbench.comparison.plan import BlockSizes, ComparisonPlan, check_memory, choose_sizes
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
 from mjbench.errors import Failure, failure_of

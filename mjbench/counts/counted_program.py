@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.block_sizes import check_memory
+from mjbench.comparison.plan import check_memory
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.paired import operations
 from mjbench.releases import install_check

@@ -19,7 +19,7 @@ from mjbench.measuring.stats import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paired.verdict import exact_verdict
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import changed_work, work_check
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work_check import StateDrift

@@ -37,7 +37,7 @@ from mjbench.host import child, child_connection, files, platforms
 from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.paired import release_python
 from mjbench.paired.run_sizes import Sizes
-from mjbench.releases import installs, release_spec
+from mjbench.releases import installs, release_names
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.work_check import Followed
@@ -126,7 +126,7 @@ class InstructionCounter:
 
     def count(
         self,
-        release: release_spec.ReleaseSpec,
+        release: release_names.ReleaseSpec,
         work: Sequence[ModelSource | OperationRequest],
         limit_s: float = 600.0,
     ) -> Iterator[ModelCount]:
@@ -154,7 +154,7 @@ class InstructionCounter:
 
 
 def _count(
-    release: release_spec.ReleaseSpec, requests: Sequence[TaskRequest], limit_s: float
+    release: release_names.ReleaseSpec, requests: Sequence[TaskRequest], limit_s: float
 ) -> Iterator[ModelCount]:
     done = 0
     while done < len(requests):
@@ -166,7 +166,7 @@ def _count(
 
 
 def _count_until_death(
-    release: release_spec.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
+    release: release_names.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
 ) -> Iterator[ModelCount]:
     """Count tasks until one ends the process; the last count then says how."""
     begin_s = time.monotonic()
@@ -193,7 +193,7 @@ def _count_until_death(
 
 @contextlib.contextmanager
 def _program(
-    release: release_spec.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
+    release: release_names.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
 ) -> Iterator[ChildConnection]:
     """Run the counted program under Callgrind as long as the block lasts; yield its connection.
 
@@ -242,7 +242,10 @@ def _callgrind(folder: Path) -> list[str]:
 
 
 def _task_count(
-    release: release_spec.ReleaseSpec, task: TaskRequest, answer: CountAnswer, dumps: Sequence[Path]
+    release: release_names.ReleaseSpec,
+    task: TaskRequest,
+    answer: CountAnswer,
+    dumps: Sequence[Path],
 ) -> ModelCount:
     empty = ModelCount(
         model=task.source.name if task.source else "",

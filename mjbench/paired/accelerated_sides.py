@@ -18,7 +18,7 @@ from mjbench.paired.worker_answers import DrawnWorkload
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import accelerated_path
 from mjbench.releases import packages
-from mjbench.releases.release_spec import INSTALLED, ReleaseSpec
+from mjbench.releases.release_names import INSTALLED, ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.workload import whole_holds

@@ -14,8 +14,8 @@ from mjbench.errors import InputError, MachineError, shown
 from mjbench.paired.records import TargetRow
 from mjbench.paired.timed_function import MEASURING, CodeOrigin, FunctionFacts, FunctionSource
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs, packages, release_spec, revision_builds, source_layout
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases import installs, packages, release_names, revision_builds, source_layout
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Repository, Revision
 from mjbench.simulation.starts import Starts
 from mjbench.status import ExitCode
@@ -228,7 +228,7 @@ def check_out(
       BuildError: a revision cannot be built.
     """
     root, work = pool.new_folder().resolve(), pool.new_folder()
-    installed = release_spec.parse_release(release_spec.INSTALLED)
+    installed = release_names.parse_release(release_names.INSTALLED)
     sides = []
     # folders with names of one length, so that nothing in a process differs by it
     for name, revision in zip("ab", (comparison.baseline, comparison.candidate), strict=True):
@@ -390,7 +390,7 @@ def install_all(comparison: EnvironmentComparison) -> list[FunctionTargets]:
 
 def install(spec: ReleaseSpec) -> CodeOrigin:
     """Install an environment that is missing; return where its packages must be imported from."""
-    if spec.name == release_spec.INSTALLED:
+    if spec.name == release_names.INSTALLED:
         return CodeOrigin(frozenset(), (), "")
     folder = installs.install(spec).resolve()
     names = packages.modules(folder, packages.names_of(spec.beside))

@@ -17,7 +17,7 @@ from mjbench.paired import outcomes, verdict
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models
 from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.status import Status
@@ -56,7 +56,7 @@ class Noise:
 
 def noise(pool: WorkerPool, seconds: float = CHECK_S) -> Noise:
     """Compare the cart-pole with itself for some seconds."""
-    target = Target(release_spec.parse_release(release_spec.INSTALLED), models.resolve(MODEL))
+    target = Target(release_names.parse_release(release_names.INSTALLED), models.resolve(MODEL))
     # so small an effect that no verdict ends it early
     plan = VerdictPlan(min_effect=1e-6, precision=1e-6, time_limit_s=seconds, as_shipped=True)
     result = verdict.decide(pool, target, target, plan)

@@ -18,7 +18,7 @@ from mjbench.paired import family
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord, VerdictRow
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation.starts import Starts
 from mjbench.store.runs import InputFile, Run, RunHeader
 
@@ -220,7 +220,7 @@ def _targets_key(row: MachineRow) -> tuple[object, ...]:
     A build counts by its release and by the content of local wheels: builds of one release for
     several processors are the same release.
     """
-    sides = [replace(s, build=release_spec.wheel_digest(s.build)) for s in row.row.sides]
+    sides = [replace(s, build=release_names.wheel_digest(s.build)) for s in row.row.sides]
     verdict = row.row
     names = (verdict.model, verdict.path, verdict.old, verdict.new, verdict.metric)
     return *names, repr([asdict(side) for side in sides]), row.conditions, row.files

@@ -19,7 +19,7 @@ from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import movable, placement
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement, PlacementPair
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import KEYFRAME_STARTS

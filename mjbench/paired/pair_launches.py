@@ -51,7 +51,7 @@ from mjbench.paired.worker_answers import ReadyOperation
 from mjbench.paired.worker_pool import ProcessPair, ProcessPairs, WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 

@@ -35,7 +35,7 @@ from mjbench.paired.race_record import (
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.paths.base import nthread
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.status import Status
 
 # Launches after the race at most.
@@ -175,7 +175,7 @@ class RaceLaunches(Targets[RaceLaunch]):
     def __init__(self, pool: WorkerPool, verified: ModelChildren, variants: Sequence[Variant]):
         """Start nothing yet; `verified` has saved the work of each launch."""
         self._pool, self._verified, self._variants = pool, verified, variants
-        self._release = release_spec.parse_release(release_spec.INSTALLED)
+        self._release = release_names.parse_release(release_names.INSTALLED)
         self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
 
     def launch(self, positions: Sequence[int]) -> RaceLaunch:

@@ -27,13 +27,13 @@ from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import ProcessPair, WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.release_ratios import (
     LaunchRatio,
     OperationRatioRecord,
     RatioRecord,
     StepRatioRecord,
 )
-from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import PortableWorkload
 from mjbench.status import Status

@@ -174,7 +174,7 @@ class Worker:
     @activity("making the workload")
     def make_workload(self, request: "SampleRequest") -> DrawnWorkload:
         """Draw a workload for the loaded model (see `sampling.draw`)."""
-        from mjbench.comparison.block_sizes import check_memory
+        from mjbench.comparison.plan import check_memory
         from mjbench.simulation import sampling, work_check
 
         check_memory(self.model, request.nbatch, request.nstep)

@@ -30,7 +30,7 @@ from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import installs, movable
 from mjbench.releases.moved_install import ImmovableError, MovableInstall
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 
 # Programs that wait for requests, at most: those of two sides, for the releases used last; and
 # those among them that were started early.

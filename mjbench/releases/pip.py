@@ -17,7 +17,7 @@ from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.host import child, files
-from mjbench.releases import package_index, packages
+from mjbench.releases import packages, release_names
 from mjbench.status import ExitCode
 
 _LOG = logging.getLogger(__name__)
@@ -129,7 +129,7 @@ def _reason(stderr: str) -> str:
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
     try:
-        unknown = package_index.why_not_there(version)
+        unknown = release_names.why_not_there(version)
     except MachineError as error:
         return MachineError(f"cannot install MuJoCo {version}: {error}; pip says: {reason}")
     if unknown and not local:

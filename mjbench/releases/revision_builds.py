@@ -13,15 +13,15 @@ import sys
 from pathlib import Path
 
 from mjbench.errors import MachineError
-from mjbench.releases import installs, pip, release_spec
+from mjbench.releases import installs, pip, release_names
 from mjbench.releases.pip import BuildError
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Revision
 
 
 def built(revision: Revision, source: Path, tree: str) -> ReleaseSpec:
     """Return the MuJoCo of this environment with a revision beside it; nothing is installed yet."""
-    version = release_spec.parse_release(release_spec.INSTALLED).version
+    version = release_names.parse_release(release_names.INSTALLED).version
     wheel = _wheel(revision, source, tree)
     # not the name alone: a branch may be called `installed`
     return ReleaseSpec(f"rev={revision.name}", version, own_wheels=(wheel,))

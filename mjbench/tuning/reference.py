@@ -12,7 +12,6 @@ Errors are compared over a *horizon*: as long as the present settings are still 
 and rounding has not grown into the errors. Beyond it, contact and chaos make any two runs differ.
 """
 
-import copy
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -20,11 +19,12 @@ import numpy as np
 
 from mjbench.errors import InputError
 from mjbench.host import machine
-from mjbench.simulation import compat, model_options, sampling, starts, work, workload
+from mjbench.simulation import compat, sampling, starts, work, workload
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.tuning import accuracy, trajectories
 from mjbench.tuning.accuracy import Distance, Motion
 from mjbench.tuning.physics import Physics, physics
+from mjbench.tuning.solver_convergence import converged, mostly_converges
 from mjbench.tuning.trajectories import Trajectories, Trials
 
 # The reference's timestep is the model's, divided by this.
@@ -46,10 +46,6 @@ LONGEST_S, LEAST_NCONTROL = 1.0, 4
 REFERENCE_S = 8.0
 # Seconds that the present runs and the reference may take at least: they have many steps.
 RUNS_SILENCE_S = 600.0
-# The solver is said not to converge if it stops at its limit in more than this share of the steps.
-MOST_LIMITED = 0.05
-# The converged solver: its tolerance, and its least numbers of iterations.
-TOLERANCE, ITERATIONS, LS_ITERATIONS = 1e-15, 200, 100
 # The horizon ends where half of the runs with present settings are off by this share of the motion,
 MOST_SHARE = 0.1
 # or where rounding has grown to this share of that error, or of the motion if that is more.
@@ -137,7 +133,7 @@ class Present:
     def is_converged(self) -> bool:
         """Whether the solver converges in nearly all steps, or as far as makes no difference."""
         is_near = self.solver is not None and self.solver.share <= SAME_SHARE
-        return is_near or self.solver_limited <= MOST_LIMITED
+        return is_near or mostly_converges(self.solver_limited)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,23 +302,6 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     nstep = shortest * plan.hold
     window = replace(first.window, nstart=len(trials.initial_state), nstep=nstep)
     return trials, replace(first, window=window)
-
-
-def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
-    tight = copy.copy(model)
-    opt = tight.opt
-    opt.timestep = float(opt.timestep) / refinement
-    opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    opt.tolerance = TOLERANCE
-    opt.iterations = max(int(opt.iterations), ITERATIONS)
-    for name, least in (("ls_iterations", LS_ITERATIONS), ("ccd_iterations", ITERATIONS)):
-        if hasattr(opt, name):
-            setattr(opt, name, max(int(getattr(opt, name)), least))
-    if opt.noslip_iterations:
-        opt.noslip_iterations, opt.noslip_tolerance = ITERATIONS, TOLERANCE
-    if compat.flag_enabled(tight, "sleep"):
-        model_options.set_flag(opt, "sleep", "disable")
-    return tight
 
 
 def perturbed(model: mujoco.MjModel, trials: Trials) -> Trials:

@@ -20,7 +20,7 @@ from mjbench.paired.run_sizes import RunSize, Sizes
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import starts
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.rounding_reference import ReferenceRun, RoundingReference

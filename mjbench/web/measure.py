@@ -21,7 +21,7 @@ from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.web import c_reference, rounding_check

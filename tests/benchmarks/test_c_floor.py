@@ -17,7 +17,7 @@ from benchmarks.studies import c_floor_page
 from benchmarks.studies.c_floor_tally import FloorRow, LaunchTimes, Spread
 from benchmarks.studies.page_part import of_lines
 from mjbench import paths
-from mjbench.comparison.block_sizes import choose_sizes
+from mjbench.comparison.plan import choose_sizes
 from mjbench.errors import MachineError
 from mjbench.simulation import models, work, workload
 

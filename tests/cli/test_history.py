@@ -19,13 +19,13 @@ from mjbench.paired.operations import registry
 from mjbench.paired.release_tasks import ReleaseTask
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import Placement
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.release_ratios import (
     REFERENCE,
     LaunchRatio,
     RatioRecord,
     StepRatioRecord,
 )
-from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
 from mjbench.status import Status

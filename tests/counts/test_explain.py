@@ -24,7 +24,7 @@ from mjbench.measuring.stats import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report import counts
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work

@@ -11,7 +11,7 @@ from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
 from mjbench.releases import packages
-from mjbench.releases.release_spec import INSTALLED, ReleaseSpec
+from mjbench.releases.release_names import INSTALLED, ReleaseSpec
 from mjbench.simulation import models
 
 HERE = {"mujoco": "4.0.0", "mujoco-mjx": "3.17.0", "jax": "0.9.0"}

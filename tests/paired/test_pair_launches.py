@@ -22,7 +22,7 @@ from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import ProcessPairs, WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.placement import AS_SHIPPED
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.status import Status
 
 needs_affinity = pytest.mark.skipif(

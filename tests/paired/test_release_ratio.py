@@ -19,13 +19,13 @@ from mjbench.paired.targets import Target
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import ProcessPair, ProcessPairs, WorkerPool
 from mjbench.releases import release_ratios
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.release_ratios import (
     LaunchRatio,
     OperationRatioRecord,
     RatioRecord,
     StepRatioRecord,
 )
-from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.status import Status
 

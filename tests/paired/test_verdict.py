@@ -25,7 +25,7 @@ from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.verdict import Judgement, PairedResult, judge
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report import verdicts
 from mjbench.simulation import models
 from mjbench.simulation.starts import Starts

@@ -1,10 +1,12 @@
-"""Which release a user means: a version, `newest`, wheels, or packages beside a release."""
+"""Which release a name means: a version, `newest`, wheels, or packages beside a release."""
 
+import bisect
 import functools
 import hashlib
 import platform
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -14,6 +16,7 @@ from packaging.version import InvalidVersion, Version
 from mjbench.errors import InputError, MachineError, one_line, suggestion
 from mjbench.releases import install_check, package_index, packages, wheels
 from mjbench.releases.release import OLDEST, version_key
+from mjbench.releases.wheels import wheel_of
 from mjbench.units import count_of
 
 # Names the release of the environment that mjbench runs in.
@@ -27,6 +30,9 @@ FORMS = (
 )
 # No version has more characters; an install's name, of which it is part, must fit a file system.
 _LONGEST_VERSION = 64
+
+# How many other versions an error names.
+_NEAREST = 4
 
 
 @dataclass(frozen=True)
@@ -151,3 +157,31 @@ def _version(text: str) -> str | None:
         major_minor = ".".join(map(str, version.release))
         normal = normal.replace(major_minor, f"{major_minor}.0", 1)
     return normal
+
+
+def why_not_there(version: str) -> str:
+    """Return that there is no such version for this Python, with those near it; empty if there is.
+
+    Raises:
+      MachineError: the index cannot be read.
+    """
+    files_of = package_index.files()
+    available = sorted(
+        Version(version)
+        for version, names in files_of.items()
+        if any(wheel is not None and wheel.fits for wheel in map(wheel_of, map(Path, names)))
+    )
+    if Version(version) in available:
+        return ""
+    on_index = Version(version) in map(Version, files_of)
+    where = "for this Python" if on_index else "on the package index"
+    return f"there is no MuJoCo {version} {where}{_nearest(version, available)}"
+
+
+def _nearest(version: str, available: Sequence[Version]) -> str:
+    final = [v for v in available if not v.is_prerelease and version_key(str(v)) >= OLDEST]
+    if not final:
+        return ""
+    position = bisect.bisect(final, Version(version)) - _NEAREST // 2
+    first = max(0, min(position, len(final) - _NEAREST))
+    return f"; the nearest are {', '.join(map(str, final[first : first + _NEAREST]))}"

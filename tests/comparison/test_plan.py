@@ -3,7 +3,7 @@ from typing import Any
 import mujoco
 import pytest
 
-from mjbench.comparison.block_sizes import BlockSizes, check_memory, choose_sizes
+from mjbench.comparison.plan import BlockSizes, check_memory, choose_sizes
 from mjbench.errors import InputError
 from mjbench.simulation import models
 
