@@ -40,7 +40,7 @@ from mjbench.host import isolate, machine
 from mjbench.paired import cores
 from mjbench.simulation import agreement, compat, models, workload
 from mjbench.simulation.engine_clock import engine_clock
-from mjbench.simulation.work import step_s
+from mjbench.simulation.reference_run import step_s
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results/c_floor.json"

@@ -21,8 +21,8 @@ from importlib import metadata
 from pathlib import Path
 
 from benchmarks.studies import tally_file
-from mjbench.paired import accelerated_sides, function_verdict, verdict
-from mjbench.paired.accelerated_sides import AcceleratedComparison
+from mjbench.paired import accelerated_environments, function_verdict, verdict
+from mjbench.paired.accelerated_environments import AcceleratedComparison
 from mjbench.paired.function_sides import FunctionTargets
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import Verdict
@@ -159,7 +159,7 @@ def _compiled(pool: WorkerPool, model: CompiledModel, sizes: Sizes) -> FunctionT
     comparison = AcceleratedComparison(
         spec, [spec], [ModelSource("pendulum", file)], [ENGINE], sizes
     )
-    ((old, new),) = accelerated_sides.prepare(pool, comparison)
+    ((old, new),) = accelerated_environments.prepare(pool, comparison)
     assert new.source.text is not None, "it has a module of its own"
     source = replace(new.source, text=model.prelude.encode() + new.source.text)
     # two sides that seem to be the same are not timed

@@ -44,7 +44,7 @@ from mjbench.status import ExitCode
 if TYPE_CHECKING:
     import psutil
 
-    from mjbench.report.results import PathResult
+    from mjbench.report.path_speedups import PathResult
 
 ROOT = Path(__file__).resolve().parent.parent
 TALLY = ROOT / "results" / "ray.json"

@@ -8,8 +8,8 @@ keeps every launch.
 
 from benchmarks import stored
 from benchmarks.settings import Cached, Tracked, for_asv
-from mjbench.paired import release_ratio
-from mjbench.paired.release_tasks import StepTask
+from mjbench.paired import history_measurement
+from mjbench.paired.history_tasks import StepTask
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_names, release_ratios
 from mjbench.releases.release_ratios import REFERENCE, RatioRecord
@@ -44,7 +44,7 @@ class Reference(Tracked):
             except NotImplementedError as reason:
                 cache[model] = Cached(Status.UNAVAILABLE, str(reason))
         with WorkerPool() as pool:
-            records = release_ratio.measure(pool, tasks, LAUNCHES)
+            records = history_measurement.measure(pool, tasks, LAUNCHES)
         return cache | {record.model: _cached(record) for record in records}
 
     def setup(self, cache: dict[str, Cached[float]], model: str) -> None:

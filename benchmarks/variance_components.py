@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjbench.measuring import stats
-from mjbench.paired import launch_seeds
+from mjbench.paired import memory_layout
 from mjbench.paired.pair_launches import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
@@ -141,7 +141,7 @@ def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> li
         with WorkerPool() as pool:
             pair = TargetPair(pool, baseline, candidate)
             pair.prepare(placement.schedule(random.Random()))
-            count = launch_seeds.launches_of_a_program() - 1
+            count = memory_layout.launches_of_a_program() - 1
             groups.append([pair.launch() for _ in range(count)])
             pair.close()
     return groups

@@ -12,11 +12,18 @@ from benchmarks import gpu
 from benchmarks.odd_programs import ODD_PROGRAMS
 from benchmarks.studies import tally_file
 from benchmarks.studies.simulated_launches import Scenario
-from mjbench.comparison import accelerated_check, accelerated_limits, accelerated_steps, plan
+from mjbench.comparison import (
+    accelerated_agreement,
+    accelerated_single_steps,
+    plan,
+)
+from mjbench.comparison import (
+    accelerated_tolerances as tolerances,
+)
 from mjbench.counts import explain
 from mjbench.host import machine
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.loop import habit_costs, latency
+from mjbench.loop import habit_timing, latency
 from mjbench.measuring import calls, stats
 from mjbench.paired import metrics, outcomes, race, race_record
 from mjbench.program import loop_time, py_spy
@@ -26,8 +33,8 @@ from mjbench.releases import change_points, placement, release_ratios
 from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.report.results import PathResult, derive_all
-from mjbench.simulation import changed_work, engine_clock, sampling, starts, workload
+from mjbench.report.path_speedups import PathResult, derive_all
+from mjbench.simulation import changed_work, engine_clock, starts, workload, workload_sampling
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.store import runs
 from mjbench.testing import callables, fixture
@@ -135,12 +142,12 @@ def work() -> Iterator[str]:
     yield f"a correlation time of {workload.CONTROL_TIME_S} s"
     yield f"The default is {plan.NBATCH} × {plan.NSTEP}"
     yield f"more than {1000 * plan.LONG_BLOCK_S:.0f} ms"
-    first, second = (round(1 / spread) for spread in sampling.SPREADS[1:3])
+    first, second = (round(1 / spread) for spread in workload_sampling.SPREADS[1:3])
     yield f"is made {first}, then {second} times smaller"
 
 
 def loop() -> Iterator[str]:
-    yield f"Student's {percent(habit_costs.CONFIDENCE)} interval"
+    yield f"Student's {percent(habit_timing.CONFIDENCE)} interval"
     median, high, higher = (f"{100 * quantile:g} %" for quantile in latency.QUANTILES)
     yield f"which latency {median}, {high} and {higher} of the steps do not exceed"
     yield f"sleeps until {latency.SPIN_NS / 1e6:g} ms before a paced step"
@@ -162,18 +169,18 @@ def python() -> Iterator[str]:
 
 
 def accelerated() -> Iterator[str]:
-    states, simulations = accelerated_check.JUDGED_STATES, accelerated_check.FOLLOWED
+    states, simulations = accelerated_agreement.JUDGED_STATES, accelerated_agreement.FOLLOWED
     yield f"up to {states} states of {simulations} simulations"
-    yield f"at most {percent(accelerated_limits.MAX_ROUNDING_EFFECT, 1)}"
+    yield f"at most {percent(tolerances.MAX_ROUNDING_EFFECT, 1)}"
     yield "off by 1 % is an error of about 0.01"
-    yield f"more than {percent(accelerated_limits.ONE_ANSWER_EFFECT, 1)} in any state"
-    yield f"change by more than {percent(accelerated_limits.LACKING_EFFECT)}"
-    yield f"change by less than {percent(accelerated_limits.CLOSE_EFFECT)} in nine of ten states"
-    yield f"ten times C's, or {percent(accelerated_limits.SETTINGS_LIMIT, 1)}"
-    yield f"within {percent(accelerated_limits.TOGETHER_SHARE)} of C"
-    yield f"{percent(accelerated_limits.FIGURE_ROUNDING[Precision.FLOAT32], 1)} is always allowed"
-    yield f"the same, or {percent(accelerated_limits.FIGURE_ROUNDING[Precision.FLOAT32], 1)}"
-    yield f"never by more than {percent(accelerated_limits.LARGEST_SHARE)} of it"
+    yield f"more than {percent(tolerances.ONE_ANSWER_EFFECT, 1)} in any state"
+    yield f"change by more than {percent(tolerances.LACKING_EFFECT)}"
+    yield f"change by less than {percent(tolerances.CLOSE_EFFECT)} in nine of ten states"
+    yield f"ten times C's, or {percent(tolerances.SETTINGS_LIMIT, 1)}"
+    yield f"within {percent(tolerances.TOGETHER_SHARE)} of C"
+    yield f"{percent(tolerances.FIGURE_ROUNDING[Precision.FLOAT32], 1)} is always allowed"
+    yield f"the same, or {percent(tolerances.FIGURE_ROUNDING[Precision.FLOAT32], 1)}"
+    yield f"never by more than {percent(tolerances.LARGEST_SHARE)} of it"
     groups = derive_all(runs.load(RUNS / "reference-mjx-cpu.jsonl", RECORD_TYPES).records)
     times = {
         group.model.model: {row.path: row.step_ns for row in reversed(group.results)}
@@ -196,9 +203,9 @@ def accelerated() -> Iterator[str]:
     yield f"threads got {cores[0]:.0f} to {cores[-1]:.0f} of the cores"
     (speed,) = tally_file.load(gpu.RESULTS / "gpu.json", gpu.GpuTally, "a GPU").testspeed
     yield f"took {speed.ns_per_step:.0f} ns per step, after compiling for {speed.compile_s:.0f} s"
-    yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_check.py
+    yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_agreement.py
     yield "a stiffness off by 2 %"
-    yield f"for at most {2 * accelerated_steps.JUDGING_S:.0f} seconds"
+    yield f"for at most {2 * accelerated_single_steps.JUDGING_S:.0f} seconds"
     yield f"with its {percent(stats.CONFIDENCE)} interval"
 
 

@@ -12,7 +12,7 @@ from mjbench.simulation import models
 from mjbench.status import Status
 from mjbench.store import run_file, runs
 from mjbench.store.runs import Record, RunHeader
-from mjbench.sweep.calibration import NodeRules
+from mjbench.sweep.busy_node import NodeRules
 from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.model_files import CarriedModel

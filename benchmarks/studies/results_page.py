@@ -18,7 +18,7 @@ from mjbench.paired.race_record import Loop
 if TYPE_CHECKING:  # else imported late: asv imports this module where few packages are
     from mjbench.releases.speed_history import MeasuredRelease
     from mjbench.report.advice import Advice
-    from mjbench.report.results import ModelResults
+    from mjbench.report.path_speedups import ModelResults
     from mjbench.report.speed_history import Listed, SpeedHistory
     from mjbench.store.runs import Run
 
@@ -64,7 +64,7 @@ def model_lines(run: "Run") -> Iterator[str]:
 
 
 def _models(run: "Run") -> "list[ModelResults]":
-    from mjbench.report.results import derive_all
+    from mjbench.report.path_speedups import derive_all
 
     return list(derive_all(run.records))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from mjbench.api import checks, compare, model_sources, start_states
+from mjbench.api import compare, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.api.tune import tune
@@ -159,8 +159,8 @@ def checkup(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
-    budget_s = checks.number("budget_s", budget_s, SECONDS)
+    limit_s = arguments.number("time_limit_s", time_limit_s, SECONDS)
+    budget_s = arguments.number("budget_s", budget_s, SECONDS)
     with start_states.plan(settle_s, states) as starts:
         plan = CheckupPlan(quick, starts, limit_s, budget_s)
         if isinstance(target, str | os.PathLike):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from mjbench.api import checks
+from mjbench.api import argument_values
 from mjbench.errors import InputError, describe, writing
 from mjbench.host import files
 from mjbench.limits import SECONDS_OR_ZERO
@@ -34,7 +34,9 @@ def plan(
       InputError: both `settle_s` and `states` are given, they are not arrays, or there is no such
         file.
     """
-    settle_s = checks.optional(checks.number, "settle_s", settle_s, SECONDS_OR_ZERO)
+    settle_s = argument_values.optional(
+        argument_values.number, "settle_s", settle_s, SECONDS_OR_ZERO
+    )
     with files.temporary_folder() as folder:
         yield starts.start_plan(
             settle_s,

@@ -18,13 +18,13 @@ from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.paired import (
-    accelerated_sides,
+    accelerated_environments,
     function_sides,
     function_verdict,
     targets,
     verdict,
 )
-from mjbench.paired.accelerated_sides import AcceleratedComparison
+from mjbench.paired.accelerated_environments import AcceleratedComparison
 from mjbench.paired.function_sides import (
     EnvironmentComparison,
     FunctionTarget,
@@ -193,7 +193,7 @@ def _of_functions(comparison: EnvironmentComparison, plan: VerdictPlan) -> Measu
 
 
 def _of_compiled(comparison: AcceleratedComparison, plan: VerdictPlan) -> Measurement:
-    comparison = accelerated_sides.with_engines(comparison)
+    comparison = accelerated_environments.with_engines(comparison)
     names, sources = comparison.path_names, comparison.sources
     return _function_measurement(
         "versions",
@@ -205,7 +205,7 @@ def _of_compiled(comparison: AcceleratedComparison, plan: VerdictPlan) -> Measur
         },
         input_files(sources, comparison.specs, plan.sizes.starts),
         len(sources) * len(names) * len(comparison.candidates),
-        lambda pool, on_phase: accelerated_sides.prepare(pool, comparison),
+        lambda pool, on_phase: accelerated_environments.prepare(pool, comparison),
         _COMPILER_PATIENCE_S,
     )
 

@@ -16,7 +16,7 @@ from mjbench.cli.shared import FILE, JSON, PAGE, RESUME, WAIT, as_one, results_o
 from mjbench.simulation.models import resolve, shipped
 
 if TYPE_CHECKING:
-    from mjbench.paired.release_tasks import Selection
+    from mjbench.paired.history_tasks import Selection
 
 _RESULTS_FOLDER = Path("results/history")
 _DEFAULT = click.core.ParameterSource.DEFAULT
@@ -96,8 +96,8 @@ def _select(
     steps: bool,
     operations: bool | None,
 ) -> "Selection":
+    from mjbench.paired.history_tasks import Selection
     from mjbench.paired.operations import registry
-    from mjbench.paired.release_tasks import Selection
     from mjbench.releases import catalogue, release_names, release_ratios
 
     if not steps and models:

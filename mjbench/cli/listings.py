@@ -19,7 +19,7 @@ def models(sources: list[ModelSource], time_limit: float, json_file: str | None)
       mjbench models
       mjbench models gymnasium:ant
     """
-    from mjbench.comparison.listing import list_models
+    from mjbench.comparison.model_facts import list_models
     from mjbench.report import listings
     from mjbench.report.documents import ModelRow, ModelsDocument
 

@@ -3,7 +3,7 @@
 The parent never loads a model. It starts `verify_in_child` in a child, gathers the child's
 messages, and has the model's records when the child ends, however it ends. A path that kills the
 child loses its own row; the child is started again without it. Accelerated paths, which compile
-first, are measured alone (see `accelerated_run`).
+first, are measured alone (see `accelerated_measurement`).
 
 The child loads the model, chooses sizes, does the reference run, then prepares and verifies each
 variant. The workload goes to files, so that what is timed in other processes is what was verified.
@@ -16,8 +16,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from mjbench import paths
-from mjbench.comparison import accelerated_run, step_costs
-from mjbench.comparison.accelerated_run import AcceleratedRequest
+from mjbench.comparison import accelerated_measurement, step_costs
+from mjbench.comparison.accelerated_measurement import AcceleratedRequest
 from mjbench.comparison.messages import AgreementReport, ModelFiles
 from mjbench.comparison.plan import BlockSizes, ComparisonPlan, check_memory, choose_sizes
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
@@ -26,12 +26,12 @@ from mjbench.errors import Failure, failure_of
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
-from mjbench.simulation import agreement, models, sampling, starts, work, workload
+from mjbench.simulation import agreement, models, reference_run, starts, workload, workload_sampling
 from mjbench.simulation.model_digest import model_digest
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import Sample, SampleRequest
 from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload_sampling import Sample, SampleRequest
 from mjbench.status import Status
 
 # A child may be silent for this many times as long as its work should take.
@@ -134,7 +134,7 @@ class ModelChildren:
             limit_s=self.plan.limit_s,
         )
         try:
-            ended = accelerated_run.run(request, receive, self.plan.import_from)
+            ended = accelerated_measurement.run(request, receive, self.plan.import_from)
         except Exception as error:  # a path's own `environment` may raise anything
             failure = failure_of(error)
             ended = isolate.Ended(failure.status, failure.detail)
@@ -143,7 +143,7 @@ class ModelChildren:
             is_silent = ended.status == Status.TIMEOUT
             if is_silent and (compiled is None or compiled.compile_s is None):
                 ended = dataclasses.replace(
-                    ended, detail=accelerated_run.not_compiled(self.plan.limit_s)
+                    ended, detail=accelerated_measurement.not_compiled(self.plan.limit_s)
                 )
             self.revise(position, ended.status, ended.detail)
             return
@@ -205,7 +205,7 @@ def verify_in_child(
     model = models.load(source)
     channel.doing(f"stepping {name}")
     cost_s = step_costs.step_cost_s(
-        model_digest(model), functools.partial(sampling.settled_step_s, model)
+        model_digest(model), functools.partial(workload_sampling.settled_step_s, model)
     )
     sizes = choose_sizes(
         cost_s,
@@ -218,7 +218,7 @@ def verify_in_child(
     check_memory(model, sizes.nbatch, sizes.nstep, plan.most_threads, plan.returns)
     max_nstep = starts.max_settling_nstep(cost_s)
     settling_nstep = min(starts.settling_nstep(model, plan.starts), max_nstep)
-    patience_per_step_s = PATIENCE * work.step_s(model)
+    patience_per_step_s = PATIENCE * reference_run.step_s(model)
     patience_s = patience_per_step_s * sizes.nbatch * sizes.nstep
     channel.allow_silence(patience_s + patience_per_step_s * settling_nstep)
     request = SampleRequest(
@@ -230,7 +230,7 @@ def verify_in_child(
         max_nstep,
         may_shorten=plan.nstep is None,
     )
-    sample = sampling.draw(model, request)
+    sample = workload_sampling.draw(model, request)
     own = sample.workload.returning(plan.returns)
     _save(own, sample, files, bool(plan.accelerated))
     case = ReferenceCase.create(own, sample.observation)
@@ -263,7 +263,7 @@ def _model_record(name: str, own: Workload, sizes: BlockSizes, sample: Sample) -
     return ModelRecord(
         model=name,
         status=Status.OK,
-        facts=work.describe(own.model),
+        facts=reference_run.describe(own.model),
         nbatch=own.nbatch,
         nstep=own.nstep,
         hold=own.hold,

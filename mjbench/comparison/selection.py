@@ -10,7 +10,7 @@ from mjbench.errors import InputError, describe
 from mjbench.host import machine, topology
 from mjbench.paths.accelerated import reference_peaks
 from mjbench.paths.base import WORKER_OPTIONS
-from mjbench.simulation import work
+from mjbench.simulation import reference_run
 from mjbench.simulation.workload import Workload
 
 # Names that stand for several paths.
@@ -112,7 +112,7 @@ def expand(names: Sequence[str]) -> list[str]:
 
 def why_left_out_on_a_cpu(workload: Workload, resources: paths.Resources) -> str | None:
     """Return why a path that compiles is not tried on this model unless the user named it."""
-    if work.describe(workload.model).integrator == "rk4":
+    if reference_run.describe(workload.model).integrator == "rk4":
         return _RK4_REASON
     return _CONTACT_REASON if reference_peaks(workload, resources).contacts else None
 

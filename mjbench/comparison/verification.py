@@ -12,9 +12,17 @@ from mjbench import paths
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError, describe, one_line
-from mjbench.simulation import agreement, compat, inputs, models, trajectory, work, workload
+from mjbench.simulation import (
+    agreement,
+    compat,
+    input_probe,
+    models,
+    reference_run,
+    reference_trajectory,
+    workload,
+)
 from mjbench.simulation.agreement import Difference
-from mjbench.simulation.work import Observation
+from mjbench.simulation.reference_run import Observation
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 from mjbench.status import Status
 
@@ -56,7 +64,7 @@ class ReferenceCase:
     @classmethod
     def of_states(cls, workload: Workload, final_state: np.ndarray) -> "ReferenceCase":
         """Return the case of a workload and its final states; what each step returns is stepped."""
-        outputs, numbers = work.step_outputs(workload), np.arange(workload.nbatch)
+        outputs, numbers = reference_run.step_outputs(workload), np.arange(workload.nbatch)
         return cls(workload, final_state, outputs, paths.Resources(workload), numbers)
 
     @classmethod
@@ -64,7 +72,7 @@ class ReferenceCase:
         model = models.load(models.resolve(CONTACT_MODEL))
         nstep = workload.whole_holds(CONTACT_NSTEP, hold)
         contact_workload = workload.make(model, CONTACT_NBATCH, nstep, hold, seed)
-        healthy, observation = work.observe_healthy(contact_workload)
+        healthy, observation = reference_run.observe_healthy(contact_workload)
         return cls.create(healthy, observation, f"in contact ({CONTACT_MODEL})")
 
     def difference(self, states: paths.States, prepared: paths.Prepared) -> Difference | None:
@@ -140,7 +148,9 @@ class ReferenceCase:
         """
 
         def difference_after(ncontrol: int) -> Difference | None:
-            shorter = ReferenceCase.create(*work.observe_healthy(self.workload.first(ncontrol)))
+            shorter = ReferenceCase.create(
+                *reference_run.observe_healthy(self.workload.first(ncontrol))
+            )
             with contextlib.closing(shorter.resources):
                 path = paths.find(variant.path)
                 return shorter._check(
@@ -206,14 +216,14 @@ class FurtherCases:
 def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
     """Return small cases with every input set, one a product, of simulations without warnings."""
     # where the user's are fewer, some are taken twice: their inputs differ
-    rows = np.resize(trajectory.spread_indices(own.nbatch, INPUTS_NBATCH), INPUTS_NBATCH)
+    rows = np.resize(reference_trajectory.spread_indices(own.nbatch, INPUTS_NBATCH), INPUTS_NBATCH)
     affordable = int(INPUTS_S / (step_s * len(rows)))
     ncontrol = workload.whole_holds(min(INPUTS_NSTEP, affordable), own.hold) // own.hold
     few = dataclasses.replace(
         own, initial_state=own.initial_state[rows], control=own.control[rows, :ncontrol].copy()
     )
-    small = inputs.with_every_input(few, own.seed)
-    observed = work.observe(small)
+    small = input_probe.with_every_input(few, own.seed)
+    observed = reference_run.observe(small)
     calm = observed.healthy & ~observed.warnings.any(axis=1)
     if not calm.any():
         return {}

@@ -39,9 +39,9 @@ from mjbench.paired import release_python
 from mjbench.paired.run_sizes import Sizes
 from mjbench.releases import installs, release_names
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import SampleRequest
-from mjbench.simulation.work_check import Followed
+from mjbench.simulation.state_drift import Followed
 from mjbench.simulation.workload import whole_holds
+from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
 # Simulations and steps of each, unless the sizes say otherwise. Callgrind runs about fifty times

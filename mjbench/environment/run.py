@@ -30,7 +30,7 @@ from mjbench.host import machine
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.paths.base import nthread
-from mjbench.simulation import work
+from mjbench.simulation import reference_run
 from mjbench.status import Status
 
 # Steps that show how long one takes: a few, then more if these would take less than a second.
@@ -231,7 +231,7 @@ def _facts(
         frame_skip=counts.pop() if len(counts) == 1 else None,
         calls=_calls(traces[0]),
         entered=sorted({name for trace in traces if trace.follows for name in trace.entered}),
-        model=None if model is None else work.describe(model),
+        model=None if model is None else reference_run.describe(model),
     )
 
 

@@ -27,11 +27,11 @@ from mjbench.loop.loop_starts import LoopStarts
 from mjbench.loop.rendering import FrameTime
 from mjbench.loop.step_parts import SensorCost, StepPart
 from mjbench.measuring import stats, timing
-from mjbench.simulation import compat, engine_clock, models, work
+from mjbench.simulation import compat, engine_clock, models, reference_run
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
-from mjbench.simulation.work import Work
 from mjbench.status import Status
 
 # A block, in seconds; the fewest and most rounds of blocks.
@@ -199,7 +199,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     channel.doing("stepping the model")
     starts = LoopStarts(model, plan)
     observation = starts.observation
-    nrun = max(1, int(BLOCK_S / (starts.nstep * work.step_s(model))))
+    nrun = max(1, int(BLOCK_S / (starts.nstep * reference_run.step_s(model))))
     block = Block(nrun, starts.nstep, starts.in_turn)
     timers = timer_shares(model, block)
     part_s = PART_SHARE * budget_s

@@ -24,12 +24,12 @@ from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import DrawnWorkload, Observed
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.simulation import changed_work, starts, work_check
-from mjbench.simulation.sampling import LEAD_IN, SampleRequest
+from mjbench.simulation import changed_work, starts, state_drift
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import StateDrift
+from mjbench.simulation.state_drift import StateDrift
 from mjbench.simulation.workload import Product, whole_holds
+from mjbench.simulation.workload_sampling import LEAD_IN, SampleRequest
 
 # Simulations that start from a file of states, so that they are wherever it was; fewer where a run
 # of all would take more seconds than this.
@@ -227,7 +227,7 @@ def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
 
 def _drawing_nstep(nbatch: int, nstep: int, is_divided: bool) -> int:
     """Return about how many steps it takes to draw a workload, and to see what both do with it."""
-    nprobe, npoint = min(nbatch, work_check.NPROBE), len(work_check.points(nstep))
+    nprobe, npoint = min(nbatch, state_drift.NPROBE), len(state_drift.points(nstep))
     # each simulation: a step to start from, and a run when it is drawn and in each target, where
     # three more show whether sections end in the right states; probed ones: a run and single steps
     # as often
@@ -258,7 +258,7 @@ def _prepared(
     check = WorkCheck(
         baseline=baseline.work,
         candidate=candidate.work,
-        drift=work_check.drift(baseline.followed, candidate.followed, is_compared, shared),
+        drift=state_drift.drift(baseline.followed, candidate.followed, is_compared, shared),
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
         nbatch=min(nbatch, nsim),

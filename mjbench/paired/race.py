@@ -23,7 +23,7 @@ from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import Failure, InputError
 from mjbench.host.child_connection import ChildError
-from mjbench.paired import cores, launch_seeds, race_blocks
+from mjbench.paired import cores, memory_layout, race_blocks
 from mjbench.paired.launches import StopRule, Targets, UnableError
 from mjbench.paired.race_record import (
     MAX_LAUNCHES,
@@ -176,7 +176,7 @@ class RaceLaunches(Targets[RaceLaunch]):
         """Start nothing yet; `verified` has saved the work of each launch."""
         self._pool, self._verified, self._variants = pool, verified, variants
         self._release = release_names.parse_release(release_names.INSTALLED)
-        self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
+        self._seeds = memory_layout.schedule(random.Random(), memory_layout.launches_of_a_program())
 
     def launch(self, positions: Sequence[int]) -> RaceLaunch:
         """Time the variants at these positions in a fresh process."""

@@ -21,9 +21,9 @@ from mjbench.errors import MjbenchError, writing
 from mjbench.host import child, child_connection, files, machine, platforms
 from mjbench.host.child_connection import Process
 from mjbench.paired import cores as affinity
-from mjbench.paired import launch_seeds, release_python
+from mjbench.paired import memory_layout, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess
-from mjbench.paired.launch_seeds import LaunchSeeds
+from mjbench.paired.memory_layout import LaunchSeeds
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import Move
 from mjbench.paired.worker_process import WorkerProcess
@@ -173,8 +173,8 @@ class WorkerPool:
         """
         keys = releases[0].key, releases[1].key
         if keys not in self._schedules:
-            launches = launch_seeds.launches_of_a_program()
-            self._schedules[keys] = launch_seeds.schedule(random.Random(), launches)
+            launches = memory_layout.launches_of_a_program()
+            self._schedules[keys] = memory_layout.schedule(random.Random(), launches)
         return self._schedules[keys]
 
     def start_program_early(

@@ -13,7 +13,7 @@ from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
 from mjbench.paths.base import nthread
 from mjbench.report import formats
-from mjbench.report.results import ModelResults, PathResult
+from mjbench.report.path_speedups import ModelResults, PathResult
 from mjbench.simulation import engine_clock
 from mjbench.units import count_of
 

@@ -26,7 +26,7 @@ from mjbench.report import (
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.report.checkup_items import combination_gain
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
-from mjbench.report.results import ModelResults, derive_all
+from mjbench.report.path_speedups import ModelResults, derive_all
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import engine_clock
 from mjbench.status import Status

@@ -18,20 +18,12 @@ from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedies.remedy import Basis, Remedy, RemedyKind
-from mjbench.report import (
-    advice,
-    engine_warnings,
-    environment,
-    formats,
-    program,
-    tuning,
-    tuning_notes,
-)
+from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.report.lint import finding_place
-from mjbench.report.results import ModelResults, derive_all
-from mjbench.simulation import engine_clock
+from mjbench.report.path_speedups import ModelResults, derive_all
+from mjbench.simulation import engine_clock, engine_warnings
 from mjbench.simulation.starts import Starts
 from mjbench.store.runs import Run
 from mjbench.tuning import knobs
@@ -102,7 +94,7 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
     for window in (each.window for each in started):
         lines += [
             f"{line}; raise iterations in <option> until they do not"
-            for line in (engine_warnings.limited_lines(window) if window else ())
+            for line in (starts.limited_lines(window) if window else ())
         ]
     for line in dict.fromkeys(lines):
         yield CheckupItem(

@@ -28,10 +28,10 @@ from mjbench.report.crossovers import (
     describe_work_crossover,
     work_crossovers,
 )
-from mjbench.report.engine_warnings import warning_lines
-from mjbench.report.results import FORMER, ModelResults, PathResult, derive_all
+from mjbench.report.path_speedups import FORMER, ModelResults, PathResult, derive_all
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import engine_clock
+from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 from mjbench.store.runs import Run

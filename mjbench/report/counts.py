@@ -22,8 +22,8 @@ from mjbench.measuring.stats import Ratio
 from mjbench.paired.records import VerdictRow
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.starts import starts_lines
+from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.status import Status
 from mjbench.units import count_of, percent_change
 

@@ -7,9 +7,9 @@ from mjbench.loop.rendering import FrameTime
 from mjbench.loop.step_parts import OTHER
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
-from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import engine_clock
+from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.units import duration, plain
 
 # From this share of a step on, what is left is explained.

@@ -16,7 +16,7 @@ from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU
 from mjbench.report import formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
-from mjbench.report.results import PathResult, derive_all, steps_per_block
+from mjbench.report.path_speedups import PathResult, derive_all, steps_per_block
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 from mjbench.store.machine_identity import MachineIdentity, identify

@@ -20,7 +20,7 @@ from mjbench.releases.release import OLDEST, version_key
 from mjbench.releases.release_names import INSTALLED, NEWEST, PREVIOUS, ReleaseSpec
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
-from mjbench.sweep.calibration import Limits, NodeRules
+from mjbench.sweep.busy_node import Limits, NodeRules
 from mjbench.sweep.cells import CellKind
 from mjbench.sweep.commands import COMMANDS, SWITCHES
 from mjbench.sweep.plan_file import PlanFile

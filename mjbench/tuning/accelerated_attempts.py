@@ -18,7 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench.comparison.accelerated_run import CHILD_MEMORY_SHARE, COMPILER_PATIENCE
+from mjbench.comparison.accelerated_measurement import CHILD_MEMORY_SHARE, COMPILER_PATIENCE
 from mjbench.errors import MachineError, UnavailableError, describe
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
@@ -27,9 +27,9 @@ from mjbench.paired.records import LaunchRow
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, Compiled, accelerated_path, start_fields
 from mjbench.paths.warp_buffers import OverflowedError
-from mjbench.simulation import model_options, models, work, workload
+from mjbench.simulation import model_options, models, reference_run, workload
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.work import Peaks
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.tuning import accuracy, knob_values, reference, trajectories
@@ -144,7 +144,11 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
     sizes = path.default_buffer_sizes(model)
     baseline = EngineBaseline(
-        trials, runs, accuracy.motion(model, starts_qpos, runs), work.observe(repeated).peaks, sizes
+        trials,
+        runs,
+        accuracy.motion(model, starts_qpos, runs),
+        reference_run.observe(repeated).peaks,
+        sizes,
     )
     case.file.write_bytes(pickle.dumps(baseline))
     return BatchFacts(

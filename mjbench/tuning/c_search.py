@@ -23,7 +23,6 @@ from mjbench.status import Status
 from mjbench.tuning import fronts, knobs
 from mjbench.tuning.fronts import FRONT, effect_of, error_of, is_allowed
 from mjbench.tuning.measurements import CMeasurements, SettingRule, SettingTargets
-from mjbench.tuning.observed import MAX_COMPUTING_S
 from mjbench.tuning.records import (
     Attempt,
     Effect,
@@ -36,6 +35,7 @@ from mjbench.tuning.reference import Present
 from mjbench.tuning.search_base import LEAST_GAIN, Search, too_far
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Setting, Settings, label
+from mjbench.tuning.usual_regime import MAX_COMPUTING_S
 from mjbench.units import plain
 
 # A setting that costs more than this share, by its first launch, is not in the second one.

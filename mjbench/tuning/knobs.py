@@ -11,8 +11,8 @@ from mjbench.errors import InputError, shown, suggestion
 from mjbench.loop.step_parts import OTHER, SENSORS
 from mjbench.tuning import knob_values as values
 from mjbench.tuning import model_features as features
-from mjbench.tuning.observed import ObservedModel
 from mjbench.tuning.settings import Setting
+from mjbench.tuning.usual_regime import ObservedModel
 
 _COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
 _CONSTRAINTS = ("constraint making", "constraint projection", "constraint solver")

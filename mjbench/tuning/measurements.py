@@ -16,7 +16,7 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import edited_model, knobs, mesh_notes, observed, reference
+from mjbench.tuning import edited_model, knobs, mesh_notes, reference, usual_regime
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
@@ -183,8 +183,8 @@ def look(
     channel: Channel,
 ) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
     channel.doing(f"stepping {source.name}")
-    seen = observed.observe_model(
-        models.load(source), observed.is_mjcf(source.path), seed, starts, hold, computing_s
+    seen = usual_regime.observe_model(
+        models.load(source), usual_regime.is_mjcf(source.path), seed, starts, hold, computing_s
     )
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
     return settings, mesh_notes.mesh_notes(seen.model)

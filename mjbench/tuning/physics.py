@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.comparison.accelerated_figures import contact_force_n, penetration_m, violation
+from mjbench.comparison.accelerated_run_statistics import contact_force_n, penetration_m, violation
 from mjbench.simulation import compat
 
 

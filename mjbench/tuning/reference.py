@@ -19,7 +19,7 @@ import numpy as np
 
 from mjbench.errors import InputError
 from mjbench.host import machine
-from mjbench.simulation import compat, sampling, starts, work, workload
+from mjbench.simulation import compat, reference_run, starts, workload, workload_sampling
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.tuning import accuracy, trajectories
 from mjbench.tuning.accuracy import Distance, Motion
@@ -244,7 +244,7 @@ def seconds(model: mujoco.MjModel, trials: Trials) -> float:
     """Return about how long `with_reference` takes at least: its steps, as long as present ones."""
     nstep = trials.ncontrol * trajectories.steps_per_control(model, trials.control_s)
     total = trials.nrun * nstep * (REFINEMENT + 1)  # with a converged solver at both timesteps
-    step_s = work.step_s(model, trials.initial_state[0])
+    step_s = reference_run.step_s(model, trials.initial_state[0])
     return total * step_s / min(trials.nrun, machine.usable_cores())
 
 
@@ -269,7 +269,7 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     Starts of one settling run are alike, so they come from several; those of a file from one draw.
     """
     control_s = plan.hold * float(model.opt.timestep)
-    step_s = sampling.settled_step_s(model)
+    step_s = workload_sampling.settled_step_s(model)
     affordable = plan.reference_s / (NRUN * REFINEMENT * plan.hold * step_s)
     nrun = int(np.clip(NRUN * affordable / LEAST_NCONTROL, SLOW_NRUN, NRUN))
     ncontrol = plan.ncontrol or int(max(LEAST_NCONTROL, min(LONGEST_S / control_s, affordable)))
@@ -279,7 +279,7 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
         scale = plan.reference_s / REFERENCE_S
         most = max(LEAST_DRAWS, round(scale * DRAWS))
         count = int(np.clip(scale * DRAWS_S / settling_s, LEAST_DRAWS, most))
-    request = sampling.SampleRequest(
+    request = workload_sampling.SampleRequest(
         -(-nrun // count),
         ncontrol * plan.hold,
         plan.hold,
@@ -289,7 +289,7 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
         may_shorten=True,
     )
     seeds = [plan.seed + number * _SEEDS_APART for number in range(count)]
-    samples = [sampling.draw(model, replace(request, seed=seed)) for seed in seeds]
+    samples = [workload_sampling.draw(model, replace(request, seed=seed)) for seed in seeds]
     drawn = [sample.workload for sample in samples]
     shortest = min(each.ncontrol for each in drawn)
     trials = Trials(

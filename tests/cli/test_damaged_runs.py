@@ -25,7 +25,7 @@ from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, 
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.placement import Placement, PlacementPair
 from mjbench.simulation.accelerated_judgement import Precision
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
 from mjbench.store import runs
 

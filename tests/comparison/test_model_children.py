@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from commands import TESTS
 
-from mjbench.comparison import accelerated_run
+from mjbench.comparison import accelerated_measurement
 from mjbench.comparison.messages import ModelFiles
 from mjbench.comparison.model_children import ModelChildren
 from mjbench.comparison.plan import ComparisonPlan, Variant
@@ -137,7 +137,7 @@ def test_a_compiler_that_takes_too_long_bounds_what_the_path_costs(
             on_record(dataclasses.replace(record, compile_s=compile_s))
         return isolate.Ended(Status.TIMEOUT, "no answer, killed (--time-limit)")
 
-    monkeypatch.setattr(accelerated_run, "run", run)
+    monkeypatch.setattr(accelerated_measurement, "run", run)
     of_model.run_accelerated(1)
     row = of_model.measured[1]
     assert (row.status, row.samples_s) == (Status.TIMEOUT, ())

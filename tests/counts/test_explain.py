@@ -27,8 +27,8 @@ from mjbench.paired.records import TargetRow, VerdictRow
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report import counts
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import Followed
+from mjbench.simulation.reference_run import Work
+from mjbench.simulation.state_drift import Followed
 from mjbench.status import Status
 
 

@@ -28,9 +28,9 @@ from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report import verdicts
 from mjbench.simulation import models
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import StateDrift
+from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 from mjbench.store import runs
 

@@ -24,7 +24,7 @@ from mjbench.program.remedies.remedy import Confirmed, Remedy, RemedyKind
 from mjbench.report import advice, checkup, checkup_items, tuning
 from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
-from mjbench.report.results import derive_all
+from mjbench.report.path_speedups import derive_all
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Record, Run, RunHeader
 from mjbench.tuning.records import Accuracy, Attempt, Effect, Recommendation, TuneRecord, Withdrawal

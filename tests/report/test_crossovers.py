@@ -14,7 +14,7 @@ from mjbench.report.crossovers import (
     describe_work_crossover,
     work_crossovers,
 )
-from mjbench.report.results import PathResult
+from mjbench.report.path_speedups import PathResult
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 

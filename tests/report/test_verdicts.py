@@ -21,9 +21,9 @@ from mjbench.paired.records import (
     VerdictRow,
 )
 from mjbench.report import verdicts
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import SettleLimit, Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import RunDrift
+from mjbench.simulation.state_drift import RunDrift
 from mjbench.status import Status
 
 OLD = TargetRow("3.3.0", "humanoid", "python_loop", {}, {})

@@ -10,8 +10,8 @@ from mjbench.errors import MachineError, UnavailableError
 from mjbench.host import isolate
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.starts import StartPlan
-from mjbench.simulation.work import Peaks
 from mjbench.status import Status
 from mjbench.tuning import knob_values, reference
 from mjbench.tuning.accelerated_attempts import EngineMeasurements

@@ -59,7 +59,7 @@ def test_a_converged_model_is_the_users_but_for_time_and_solver(tmp_path):
     assert model.opt.timestep == pytest.approx(0.004), "the user's stays as it is"
     assert tight.opt.integrator == model.opt.integrator
     assert tight.opt.cone == model.opt.cone
-    assert tight.opt.iterations >= reference.ITERATIONS
+    assert tight.opt.iterations >= solver_convergence.ITERATIONS
 
 
 def test_a_model_that_diverges_is_refused(tmp_path):
