@@ -21,7 +21,7 @@ from mjbench.comparison import (
     accelerated_tolerances as tolerances,
 )
 from mjbench.counts import explain
-from mjbench.host import machine
+from mjbench.host import conditions
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import habit_timing, latency
 from mjbench.measuring import calls, stats
@@ -76,9 +76,9 @@ def timing() -> Iterator[str]:
     yield f"certainly within {margin}, and within {percent(race_record.MARGIN / 2)} by estimate"
     yield f"no other path of the race can be faster by {margin}"
     yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
-    yield f"Below {percent(machine.ENOUGH_CORES)}, nothing is certain"
+    yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is certain"
     yield f"the smallest that has {percent(advice.ENOUGH)} of the best speed-up"
-    yield f"the host took {percent(machine.NOTABLE_STOLEN)} or more of the processor time"
+    yield f"the host took {percent(conditions.NOTABLE_STOLEN)} or more of the processor time"
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
     ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)
     yield f"launched {ours} times on each of our models, {others} times on others"

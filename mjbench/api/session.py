@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
-from mjbench.host import machine, neighbours, platforms
+from mjbench.host import conditions, machine, neighbours, platforms
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour, Presence
 from mjbench.measuring import timing
@@ -313,7 +313,7 @@ class Session:
             return None
         others = dict.fromkeys([*self._others, *self._presence.later_neighbours()])
         share = ProcessorTime.now().stolen_since(self._begin)
-        stolen_share = share if share >= machine.NOTABLE_STOLEN else None
+        stolen_share = share if share >= conditions.NOTABLE_STOLEN else None
         if not others and stolen_share is None:
             return None
         disturbance = Disturbance([other.command for other in others], stolen_share)

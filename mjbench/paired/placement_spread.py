@@ -38,8 +38,8 @@ MIN_LAUNCHES = 9
 class SpreadPlan:
     """How many launches each residue gets, within seconds from when the model is loaded."""
 
-    launches: int = 14
-    time_limit_s: float = 180.0
+    launches: int
+    time_limit_s: float
     sizes: Sizes = field(default_factory=Sizes)
 
     @property

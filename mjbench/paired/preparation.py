@@ -17,7 +17,7 @@ from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired.metrics import Metric
-from mjbench.paired.run_sizes import DRAWN_PER_RUN, RunSize, Sizes, run_size
+from mjbench.paired.run_sizes import RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
 from mjbench.paired.worker import Worker
@@ -39,6 +39,10 @@ NSTART, DRAWING_S = 64, 0.5
 LEAST_SLEEPING_NSTEP = 20
 # What error messages call two targets.
 ROLES = "baseline", "candidate"
+
+# Simulations that are drawn for each one of a run. Launches do others of them, so that a verdict
+# does not rest on the states of one run.
+DRAWN_PER_RUN = 8
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRecord, of_model
-from mjbench.host import machine
+from mjbench.host import conditions
 from mjbench.measuring import stats
 from mjbench.measuring.stats import Ratio
 from mjbench.paired.model_comparison import race_of
@@ -182,12 +182,12 @@ class ModelResults:
     def disturbances(self) -> list[str]:
         race, lines = self.race, list[str]()
         stolen = (race.stolen_share if race else None) or 0.0
-        if stolen >= machine.NOTABLE_STOLEN:
+        if stolen >= conditions.NOTABLE_STOLEN:
             lines.append(f"the host took {100 * stolen:.0f} % of the processor time for others")
         if race and race.neighbours:
             others = ", ".join(f"mjbench {name}" for name in race.neighbours)
             lines.append(f"{others} measured on this machine at the same time")
-        if self.cores is not None and self.cores.share < machine.ENOUGH_CORES:
+        if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
             lines.append(f"threads had {self.cores}")
         return lines
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from mjbench.host import machine, neighbours
+from mjbench.host import conditions, machine, neighbours
 from mjbench.host.machine import Calibration, ProcessorTime
 from mjbench.host.neighbours import Neighbour
 
@@ -28,7 +28,7 @@ class Limits:
       max_stolen: of the processor time, which the host of a virtual machine may give to others.
     """
 
-    min_cores: float = machine.ENOUGH_CORES
+    min_cores: float = conditions.ENOUGH_CORES
     max_busy: float = 0.3
     max_stolen: float = 0.1
 
