@@ -22,7 +22,7 @@ from mjbench.comparison import selection
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import ModelRecord
 from mjbench.environment import measurement as environments
-from mjbench.environment.run import EnvironmentPlan
+from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import Failure, InputError, MjbenchError
 from mjbench.host import isolate, machine

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from mjbench.api.session import Item, Measurement, finished, in_turn
 from mjbench.environment import measurement as environments
+from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.records import EnvironmentRecord
-from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource, resolve
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.host import machine

@@ -20,7 +20,7 @@ from mjbench.report.content import Report
 from mjbench.report.rows import Cell
 from mjbench.status import Status
 from mjbench.store.json_form import json_form
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Run
 
 # The longest conclusion in the one line of `repr`.

@@ -27,7 +27,7 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.status import FINISHED
 from mjbench.store import runs
 from mjbench.store.resume import check_continues
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Record, Run, RunHeader
 
 

@@ -22,6 +22,10 @@ _LEAST_HEALTHY = 0.25
 # sleep after mjMINAWAKE (10) steps below the tolerance.
 LEAD_IN = 20
 
+# How far a model's run is followed beyond its starts, to see whether it goes on to do other work:
+# to this time in simulated seconds, and for this share of the steps of a settling run at most.
+LATER_S, LATER_SHARE = 10.0, 1 / 8
+
 
 @dataclass(frozen=True)
 class SampleRequest:
@@ -124,9 +128,9 @@ def _later(sample: Sample, request: SampleRequest) -> Later | None:
     """Return what the model does later in its run; None where that would take too long."""
     model, drawn = sample.workload.model, sample.workload
     timestep, begin_s = float(model.opt.timestep), 2 * sample.starts.settle_s
-    nstep = int((starts.LATER_S - begin_s) / timestep)
+    nstep = int((LATER_S - begin_s) / timestep)
     if request.max_settling_nstep is not None:
-        nstep = min(nstep, int(starts.LATER_SHARE * request.max_settling_nstep))
+        nstep = min(nstep, int(LATER_SHARE * request.max_settling_nstep))
     if nstep * timestep < begin_s:  # not much later
         return None
     rng, hold = np.random.default_rng([request.seed, 4]), request.hold

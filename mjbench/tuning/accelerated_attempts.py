@@ -32,7 +32,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import accuracy, knob_values, reference, trajectories
+from mjbench.tuning import accuracy, knob_values, measurements, reference, trajectories
 from mjbench.tuning.accuracy import Distance, Motion
 from mjbench.tuning.records import Attempt, BatchFacts, TunedProgram, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
@@ -84,7 +84,7 @@ class EngineMeasurements:
 
     def baseline(self, plan: TrialPlan) -> BatchFacts:
         """Draw trials and run C; launches use them from then on."""
-        limit_s = max(reference.RUNS_SILENCE_S, self._case.limit_s)
+        limit_s = max(measurements.RUNS_SILENCE_S, self._case.limit_s)
         facts: BatchFacts = isolate.call(
             run_baseline, self._case, plan, limit_s=limit_s, **self._child()
         )

@@ -35,6 +35,9 @@ SILENCE_S = 120.0
 # process.
 SHARE_OF_START = 0.25
 
+# Seconds that the present runs and the reference may take at least: they have many steps.
+RUNS_SILENCE_S = 600.0
+
 
 class CMeasurements:
     """Measures a model in C on this machine.
@@ -53,7 +56,7 @@ class CMeasurements:
     ):
         self._source = ModelSource(source.name, source.path.resolve())
         self._starts, self._hold = starts, hold
-        self._limit_s, self._long_s = limit_s, max(reference.RUNS_SILENCE_S, limit_s)
+        self._limit_s, self._long_s = limit_s, max(RUNS_SILENCE_S, limit_s)
         model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
         self._files = SearchFiles(model, baseline, pool.new_folder())
 

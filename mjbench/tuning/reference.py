@@ -44,8 +44,6 @@ _SEEDS_APART = 10_007
 LONGEST_S, LEAST_NCONTROL = 1.0, 4
 # Seconds of computing for the reference, which limit the length of runs.
 REFERENCE_S = 8.0
-# Seconds that the present runs and the reference may take at least: they have many steps.
-RUNS_SILENCE_S = 600.0
 # The horizon ends where half of the runs with present settings are off by this share of the motion,
 MOST_SHARE = 0.1
 # or where rounding has grown to this share of that error, or of the motion if that is more.
