@@ -7,7 +7,7 @@ from mjbench.paired.records import LaunchRow
 from mjbench.simulation.starts import Starts, Window
 from mjbench.store import run_writer, runs
 from mjbench.tuning.accuracy import Distance, Units
-from mjbench.tuning.physics import Physics
+from mjbench.tuning.contact_and_energy import Physics
 from mjbench.tuning.reference import Present
 
 NOTHING = Physics(0.0, 0.0, 0.0, 0.0)

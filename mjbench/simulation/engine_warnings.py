@@ -1,4 +1,7 @@
-"""What MuJoCo's warnings mean: of a program that is run, and of simulations that were measured."""
+"""What MuJoCo's warnings mean: of a program that is run, and of simulations that were measured.
+
+Warnings have the names of mjtWarning, without its prefix.
+"""
 
 from collections.abc import Mapping
 

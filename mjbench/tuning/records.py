@@ -16,8 +16,8 @@ from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning.accuracy import Distance
+from mjbench.tuning.contact_and_energy import Physics
 from mjbench.tuning.mesh_notes import MeshNote
-from mjbench.tuning.physics import Physics
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import Setting
 

@@ -23,7 +23,7 @@ from mjbench.simulation import compat, reference_run, starts, workload, workload
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.tuning import accuracy, trajectories
 from mjbench.tuning.accuracy import Distance, Motion
-from mjbench.tuning.physics import Physics, physics
+from mjbench.tuning.contact_and_energy import Physics, physics
 from mjbench.tuning.solver_convergence import converged, mostly_converges
 from mjbench.tuning.trajectories import Trajectories, Trials
 

@@ -33,7 +33,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.tuning import accuracy, edited_model, trajectories
-from mjbench.tuning.physics import physics
+from mjbench.tuning.contact_and_energy import physics
 from mjbench.tuning.records import Accuracy, Attempt, Effect, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
 from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, label, loop_change

@@ -1,4 +1,8 @@
-"""Does the constraint solver of a model converge, and the same model with one that does."""
+"""Does the constraint solver of a model converge, and the same model with one that does.
+
+A solver that stops at its limit of iterations before it converges makes results depend on that
+limit: `mjbench tune` says so first.
+"""
 
 import copy
 

@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from mjbench.loop.step_recorder import WindowSample
+from mjbench.loop.captured_steps import WindowSample
 
 NSTEP = 10
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjbench.simulation import compat
-from mjbench.tuning.physics import physics
+from mjbench.tuning.contact_and_energy import physics
 
 BOX = mujoco.MjModel.from_xml_string(
     """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
