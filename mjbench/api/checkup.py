@@ -159,8 +159,8 @@ def checkup(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = arguments.number("time_limit_s", time_limit_s, SECONDS)
-    budget_s = arguments.number("budget_s", budget_s, SECONDS)
+    limit_s = argument_values.number("time_limit_s", time_limit_s, SECONDS)
+    budget_s = argument_values.number("budget_s", budget_s, SECONDS)
     with start_states.plan(settle_s, states) as starts:
         plan = CheckupPlan(quick, starts, limit_s, budget_s)
         if isinstance(target, str | os.PathLike):
