@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from mjbench.api import compare, model_sources, start_states
+from mjbench.api import argument_values, compare, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.api.tune import tune
