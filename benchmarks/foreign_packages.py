@@ -147,7 +147,8 @@ def root_element(path: Path) -> str | None:
 def _download(package: Package, folder: Path) -> Path:
     from mjbench.releases import pip  # asv imports this module where `packaging` is missing
 
-    problem = pip.run("download", "--no-deps", f"--dest={folder}", str(package))
+    arguments = ("--no-deps", f"--dest={folder}", str(package))
+    problem = pip.run("download", *arguments, phase=f"downloading {package}")
     wheels = sorted(folder.glob("*.whl"))
     if problem or len(wheels) != 1:
         raise MachineError(f"cannot download {package}: {problem or 'pip stored no wheel'}")

@@ -22,7 +22,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -69,11 +69,14 @@ _VALUES = (
     "path=rollout", "model=bad.xml", "loop:Path", "broken:Path", "time", "instructions", "\x1b[1m",
 )  # fmt: skip
 _OUTPUTS = ("-", "out.json", "good.xml", "run.jsonl", "loop.py", "folder", "no/such/file", "", "/")
-# What keeps a command line that is good by chance short.
-_SHORT = {
-    "budget": "0", "time_limit": "1s", "nbatch": "2", "nstep": "4", "trials": "1", "samples": "2",
-    "slowdowns": "0", "duration_s": "0.1s", "knots": "3", "hold": "2",
+# What keeps a command line that is good by chance short, by option.
+SHORT = {
+    "--budget": "1s", "--time-limit": "1s", "--nbatch": "2", "--nstep": "4", "--trials": "1",
+    "--slowdowns": "0", "--launches": "9", "--samples": "2", "--duration": "0.1s", "--knots": "3",
+    "--hold": "2", "--seconds": "1",
 }  # fmt: skip
+# Options that would wait for another command, or take long.
+NEVER = ("--wait", "--clock")
 # Commands and subcommands that reach the network, write into the project or take long.
 _LEFT_OUT = {"update", "verify", "install", "remove", "history"}
 
@@ -91,13 +94,15 @@ def command_lines(seed: int) -> Iterator[tuple[str, ...]]:
     from mjbench.cli import cli  # asv imports this module where the command line is missing
 
     choices = random.Random(seed)
-    leaves = list(_leaves(cli, ()))
+    commands = dict(leaves(cli, ()))
     while True:
-        path, command = choices.choice(leaves)
-        yield (*path, *_options(choices, command), *_arguments(choices, command))
+        path, command = choices.choice([*commands.items()])
+        modes = {words[-1] for words in commands if words[:-1] == path}  # drawn as commands
+        options = _options(choices, command, {*NEVER, *modes})
+        yield (*path, *options, *_arguments(choices, command))
 
 
-def _leaves(
+def leaves(
     group: "click.Group", path: tuple[str, ...]
 ) -> Iterator[tuple[tuple[str, ...], "click.Command"]]:
     import click
@@ -106,12 +111,14 @@ def _leaves(
         if name in _LEFT_OUT:
             continue
         if isinstance(command, click.Group):
-            yield from _leaves(command, (*path, name))
+            yield from leaves(command, (*path, name))
         else:
             yield (*path, *name.split()), command
 
 
-def _options(choices: random.Random, command: "click.Command") -> list[str]:
+def _options(
+    choices: random.Random, command: "click.Command", left_out: Collection[str]
+) -> list[str]:
     import click
 
     arguments: list[str] = []
@@ -119,20 +126,20 @@ def _options(choices: random.Random, command: "click.Command") -> list[str]:
         if not isinstance(option, click.Option):
             continue
         flag = option.opts[0]
-        if option.name in ("wait", "clock"):  # it would wait for another; it would take long
+        if flag in left_out:
             continue
         if choices.random() < 0.25:
             if option.is_flag:
                 arguments.append(flag)
             else:
-                arguments += [flag, _value(choices, str(option.name))]
-        elif option.name in _SHORT:
-            arguments += [flag, _SHORT[option.name]]
+                arguments += [flag, _value(choices, flag)]
+        elif flag in SHORT:
+            arguments += [flag, SHORT[flag]]
     return arguments
 
 
-def _value(choices: random.Random, name: str) -> str:
-    if name == "json_file":
+def _value(choices: random.Random, flag: str) -> str:
+    if flag == "--json":
         return choices.choice(_OUTPUTS)
     return choices.choice(_NAMES if choices.random() < 0.2 else _VALUES)
 

@@ -53,13 +53,13 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
     numpy = [] if is_numpy_beside else [f"numpy=={metadata.version('numpy')}"]
     names = ", ".join(Path(each).name for each in beside)
     problem = run(
-        f"installing MuJoCo {version}{f' with {names}' if names else ''}",
         "install",
         f"--target={target}",
         *(f"--find-links={folder}" for folder in {wheel.parent for wheel in wheels}),
         *([str(wheel) for wheel in wheels] or [f"mujoco=={version}"]),
         *beside,
         *numpy,
+        phase=f"installing MuJoCo {version}{f' with {names}' if names else ''}",
     )
     if problem and beside:
         raise BuildError(f"cannot install {names} with MuJoCo {version}: {problem}")
@@ -70,11 +70,11 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
 def build(name: str, source: Path, target: Path) -> None:
     """Build the wheel of a source tree into a folder; BuildError if it cannot be built."""
     arguments = ("--no-deps", f"--wheel-dir={target}", str(source))
-    if problem := run(f"building {name}", "wheel", *arguments):
+    if problem := run("wheel", *arguments, phase=f"building {name}"):
         raise BuildError(problem)
 
 
-def run(phase: str, command: str, *arguments: str) -> str:
+def run(command: str, *arguments: str, phase: str) -> str:
     """Run a command of pip that takes wheels alone; return why it failed, or nothing.
 
     pip ends with all that it started, such as a compiler. On Linux it also dies with this process,

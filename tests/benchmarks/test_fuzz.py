@@ -16,6 +16,11 @@ def test_the_same_seed_draws_the_same_command_lines_of_every_command() -> None:
     assert set(cli.commands) - {"history", "results", "releases"} <= drawn
 
 
+def test_options_that_are_kept_short_or_left_out_are_options_of_commands() -> None:
+    flags = {name for _, command in fuzz.leaves(cli, ()) for p in command.params for name in p.opts}
+    assert {*fuzz.SHORT, *fuzz.NEVER} <= flags
+
+
 @pytest.mark.parametrize(
     ("code", "out", "err", "problem"),
     [

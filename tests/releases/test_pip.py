@@ -194,7 +194,7 @@ def test_a_version_that_comes_from_git_is_0(
 ) -> None:
     script(tmp_path / "python", 'test "$SETUPTOOLS_SCM_PRETEND_VERSION" = 0')
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    assert pip.run("building", "wheel") == ""
+    assert pip.run("wheel", phase="building") == ""
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setenv("MJBENCH_CACHE", str(tmp_path / "cache"))
     built: list[str] = []
 
-    def run(phase: str, command: str, *arguments: str) -> str:
+    def run(command: str, *arguments: str, phase: str) -> str:
         assert command == "wheel"
         (target,) = (a.partition("=")[2] for a in arguments if a.startswith("--wheel-dir="))
         (Path(target) / "own-1.0-py3-none-any.whl").write_text(arguments[-1])
@@ -58,7 +58,7 @@ def test_a_branch_called_installed_is_built_as_any_other(sources: list[str]) -> 
 
 
 def failing(problem: str) -> Callable[..., str]:
-    return lambda *_: problem
+    return lambda *_, phase: problem
 
 
 def test_a_revision_that_does_not_build_says_why(
