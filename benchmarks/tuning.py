@@ -25,7 +25,6 @@ import mujoco
 from benchmarks import foreign_packages
 from benchmarks.foreign_packages import PACKAGES
 from benchmarks.studies import tally_command, tally_file, tuning_page
-from mjbench.api.tune import tune
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.paired.worker_pool import WorkerPool
@@ -131,6 +130,8 @@ class TuningTally:
 
 def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
     """Search settings for a model, and run the recommendations from further starts."""
+    from mjbench.api.tune import tune
+
     plan = SearchPlan(budget_s=budget_s)
     with WorkerPool() as pool:
         record = tune(pool, source, plan)

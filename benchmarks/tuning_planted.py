@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.api.tune import tune
 from mjbench.errors import one_line
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
@@ -113,6 +112,8 @@ CASES = (
 
 def search(case: Case, budget_s: float) -> TuneRecord:
     """Return what a search on a case comes to."""
+    from mjbench.api.tune import tune
+
     with tempfile.TemporaryDirectory() as folder, WorkerPool() as pool:
         file = Path(folder) / "planted.xml"
         file.write_text(case.xml)
