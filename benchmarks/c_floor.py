@@ -34,13 +34,13 @@ import numpy as np
 from benchmarks.studies import c_floor_page, tally_file
 from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, LaunchTimes
 from mjbench import paths
-from mjbench.comparison.block_sizes import choose_sizes
+from mjbench.comparison.plan import choose_sizes
 from mjbench.errors import MachineError, MjbenchError, one_line
 from mjbench.host import isolate, machine
 from mjbench.paired import cores
 from mjbench.simulation import agreement, compat, models, workload
 from mjbench.simulation.engine_clock import engine_clock
-from mjbench.simulation.work import step_s
+from mjbench.simulation.reference_run import step_s
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results/c_floor.json"

@@ -31,7 +31,7 @@ from benchmarks.studies import foreign_page, foreign_tally, tally_file
 from benchmarks.studies.foreign_tally import FileResult, ForeignTally, PackageTally
 from mjbench.errors import InputError, MachineError, MjbenchError, writing
 from mjbench.host import machine, platforms
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode
@@ -92,10 +92,10 @@ def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
     """Compare all variants on one model file."""
     from mjbench.api.model_comparison import ModelChildren, ModelComparison
     from mjbench.comparison.verification import ModelFiles
-    from mjbench.host import scratch
+    from mjbench.host.files import temporary_folder
 
     source = ModelSource(file, files.root / file)
-    with scratch.folder() as folder:
+    with temporary_folder() as folder:
         children = ModelChildren(source, plan(limit_s), ModelFiles.in_folder(folder))
         children.verify()
     measurements = children.measurements(children.agreeing, is_over=True)

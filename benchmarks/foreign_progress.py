@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmarks.foreign_packages import Package
 from benchmarks.studies.foreign_tally import FileResult
 from mjbench.errors import writing
-from mjbench.store import files
+from mjbench.host import files
 
 
 @dataclass(frozen=True)

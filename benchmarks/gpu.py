@@ -28,7 +28,7 @@ from mjbench.errors import InputError, MachineError, MjbenchError
 from mjbench.host import isolate
 from mjbench.paths import warp_buffers
 from mjbench.paths.accelerated import Compiled, accelerated_path
-from mjbench.simulation import models, work
+from mjbench.simulation import models, reference_run
 from mjbench.simulation.workload import Workload, fields
 from mjbench.status import ExitCode
 
@@ -126,7 +126,7 @@ def testspeed(name: str, nworld: int) -> Testspeed:
     Raises:
       MachineError: it failed, or its output has other names.
     """
-    peaks = work.observe(stored.stored_workload(name, nstep=NSTEP)).peaks
+    peaks = reference_run.observe(stored.stored_workload(name, nstep=NSTEP)).peaks
     sizes = warp_buffers.buffer_sizes(peaks, 1)
     flags = {
         "nworld": nworld,

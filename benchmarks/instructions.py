@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmarks import stored
 from benchmarks.settings import Cached, Tracked, for_asv
 from mjbench.counts.instructions import InstructionCounter, ModelCount, unavailable
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models, workload
 from mjbench.status import Status
 
@@ -43,7 +43,7 @@ class Instructions(Tracked):
                     sources.append(source)
                 except NotImplementedError as reason:
                     cache[name] = Cached(Status.UNAVAILABLE, str(reason))
-            release = release_spec.parse_release(release_spec.INSTALLED)
+            release = release_names.parse_release(release_names.INSTALLED)
             halves = sources[::2], sources[1::2]
             with ThreadPoolExecutor(len(halves)) as pool:
                 for counts in pool.map(lambda half: list(counter.count(release, half)), halves):

@@ -19,8 +19,8 @@ from pathlib import Path
 from benchmarks import foreign_packages
 from benchmarks.studies import judgement_page, tally_command, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load, save_states
-from mjbench.comparison import accelerated_run
-from mjbench.comparison.accelerated_run import AcceleratedRequest
+from mjbench.comparison import accelerated_measurement
+from mjbench.comparison.accelerated_measurement import AcceleratedRequest
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.errors import failure_of
@@ -44,7 +44,7 @@ def judged(package: str, source: ModelSource, path: str, limit_s: float) -> Judg
         try:
             isolate.call(save_states, resolved, file, NBATCH, NSTEP, limit_s=limit_s)
             request = AcceleratedRequest(resolved, Variant(path, {}), file, limit_s=limit_s)
-            ended = accelerated_run.run(request, records.append)
+            ended = accelerated_measurement.run(request, records.append)
         except Exception as error:  # a model's or an engine's own
             failure = failure_of(error)
             ended = isolate.Ended(failure.status, failure.detail)

@@ -20,8 +20,8 @@ from typing import Any
 import mjbench
 from mjbench import extras, paths
 from mjbench.errors import InputError, MachineError, MjbenchError, one_line, writing
+from mjbench.host import files
 from mjbench.simulation import models
-from mjbench.store import files
 from mjbench.web import npm_package
 from mjbench.web.npm_package import Build, NpmPackage
 

@@ -21,8 +21,8 @@ from importlib import metadata
 from pathlib import Path
 
 from benchmarks.studies import tally_file
-from mjbench.paired import accelerated_sides, function_verdict, verdict
-from mjbench.paired.accelerated_sides import AcceleratedComparison
+from mjbench.paired import accelerated_environments, function_verdict, verdict
+from mjbench.paired.accelerated_environments import AcceleratedComparison
 from mjbench.paired.function_sides import FunctionTargets
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import Verdict
@@ -31,7 +31,7 @@ from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode, Status
@@ -107,7 +107,7 @@ class Result:
 
 def baseline() -> Target:
     """Return the model as it is, in the installed release."""
-    return Target(release_spec.parse_release(release_spec.INSTALLED), models.resolve(MODEL))
+    return Target(release_names.parse_release(release_names.INSTALLED), models.resolve(MODEL))
 
 
 def planted(folder: Path, metrics: Sequence[Metric]) -> Iterator[Case]:
@@ -153,13 +153,13 @@ def _compiled(pool: WorkerPool, model: CompiledModel, sizes: Sizes) -> FunctionT
     file = pool.new_folder() / "pendulum.xml"
     file.write_text(PENDULUM)
     names = ("jax", "jaxlib", "mujoco-mjx")
-    spec = release_spec.parse_release(
+    spec = release_names.parse_release(
         ",".join(f"{name}=={metadata.version(name)}" for name in names)
     )
     comparison = AcceleratedComparison(
         spec, [spec], [ModelSource("pendulum", file)], [ENGINE], sizes
     )
-    ((old, new),) = accelerated_sides.prepare(pool, comparison)
+    ((old, new),) = accelerated_environments.prepare(pool, comparison)
     assert new.source.text is not None, "it has a module of its own"
     source = replace(new.source, text=model.prelude.encode() + new.source.text)
     # two sides that seem to be the same are not timed

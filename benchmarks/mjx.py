@@ -21,7 +21,7 @@ from mjbench.errors import MjbenchError, describe
 from mjbench.host import isolate
 from mjbench.measuring import timing
 from mjbench.paths.accelerated import AcceleratedPath
-from mjbench.simulation import work, workload
+from mjbench.simulation import reference_run, workload
 from mjbench.status import Status
 
 # Simulations of a block, and steps of each.
@@ -208,7 +208,7 @@ def compile_and_time(
         return Cached(Status.UNAVAILABLE, describe(error))
     contender = timing.Contender(compiled.run, before=compiled.clear)
     _, *block_s = (timing.block_s(contender) for _ in range(1 + BLOCKS))  # the first one warms up
-    ends = (work.observe(simulations).final_state, compiled.final_states().values)
+    ends = (reference_run.observe(simulations).final_state, compiled.final_states().values)
     c_state, state = (workload.fields(simulations.model, each) for each in ends)
     for name in ("qpos", "qvel"):
         largest = np.abs(c_state[name]).max()

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks import stored
 from benchmarks.settings import Timed, for_asv
 from mjbench import paths
-from mjbench.comparison.planner import Planner, PlannerSettings, PlannerStates, SwingUp
+from mjbench.comparison.sampling_planners import Planner, PlannerSettings, PlannerStates, SwingUp
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, Workload
 

@@ -37,14 +37,14 @@ from mjbench import extras, paths
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.paths import local_ray
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.simulation import models, workload
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
     import psutil
 
-    from mjbench.report.results import PathResult
+    from mjbench.report.path_speedups import PathResult
 
 ROOT = Path(__file__).resolve().parent.parent
 TALLY = ROOT / "results" / "ray.json"

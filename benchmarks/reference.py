@@ -8,10 +8,10 @@ keeps every launch.
 
 from benchmarks import stored
 from benchmarks.settings import Cached, Tracked, for_asv
-from mjbench.paired import release_ratio
-from mjbench.paired.release_tasks import StepTask
+from mjbench.paired import history_measurement
+from mjbench.paired.history_tasks import StepTask
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_ratios, release_spec
+from mjbench.releases import release_names, release_ratios
 from mjbench.releases.release_ratios import REFERENCE, RatioRecord
 from mjbench.simulation import models
 from mjbench.status import Status
@@ -32,8 +32,8 @@ class Reference(Tracked):
     def setup_cache(self) -> dict[str, Cached[float]]:
         """Measure all models in the same launches; return the ratios by model."""
         releases = (
-            release_spec.parse_release(REFERENCE),
-            release_spec.parse_release(release_spec.INSTALLED),
+            release_names.parse_release(REFERENCE),
+            release_names.parse_release(release_names.INSTALLED),
         )
         cache: dict[str, Cached[float]] = {}
         tasks = []
@@ -44,7 +44,7 @@ class Reference(Tracked):
             except NotImplementedError as reason:
                 cache[model] = Cached(Status.UNAVAILABLE, str(reason))
         with WorkerPool() as pool:
-            records = release_ratio.measure(pool, tasks, LAUNCHES)
+            records = history_measurement.measure(pool, tasks, LAUNCHES)
         return cache | {record.model: _cached(record) for record in records}
 
     def setup(self, cache: dict[str, Cached[float]], model: str) -> None:

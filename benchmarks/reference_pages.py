@@ -38,7 +38,7 @@ def main() -> None:
 def command_lines() -> Iterator[str]:
     """Yield a section for each command, with its help, in the order of `mjbench --help`."""
     from mjbench.cli import cli  # late, as below: asv imports this module without click
-    from mjbench.cli.command_names import LISTED
+    from mjbench.command_names import LISTED
 
     for group, names in LISTED.items():
         yield f"## {group}"

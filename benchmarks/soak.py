@@ -100,14 +100,14 @@ def compare_once() -> None:
     from mjbench.api.model_comparison import ModelChildren
     from mjbench.comparison.plan import ComparisonPlan, Variant
     from mjbench.comparison.verification import ModelFiles
-    from mjbench.host import scratch
+    from mjbench.host import files
     from mjbench.paths import BASE
     from mjbench.simulation import models
     from mjbench.status import Status
 
     # the smallest work there is: what is checked is what is left after it
     plan = ComparisonPlan(variants=(Variant(BASE, {}),), nbatch=1, nstep=1)
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         ended = ModelChildren(models.resolve(MODEL), plan, ModelFiles.in_folder(folder)).verify()
     if ended.status != Status.OK:
         raise SystemExit(f"a comparison failed: {ended.detail}")
@@ -118,10 +118,10 @@ def launch_once(pool: "WorkerPool") -> None:
     from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.target_pair import TargetPair
     from mjbench.paired.targets import Target
-    from mjbench.releases import release_spec
+    from mjbench.releases import release_names
     from mjbench.simulation import models
 
-    target = Target(release_spec.parse_release(release_spec.INSTALLED), models.resolve(MODEL))
+    target = Target(release_names.parse_release(release_names.INSTALLED), models.resolve(MODEL))
     pair = TargetPair(pool, target, target, Sizes(nbatch=1, nstep=1))
     try:
         pair.prepare()

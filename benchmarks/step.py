@@ -11,7 +11,7 @@ from collections.abc import Callable
 from benchmarks import stored
 from benchmarks.settings import Cached, Timed, Tracked, for_asv
 from mjbench.errors import describe
-from mjbench.simulation import models, work
+from mjbench.simulation import models, reference_run
 from mjbench.status import Status
 
 
@@ -76,34 +76,38 @@ class Work(Tracked):
     param_names = ("model",)
 
     @for_asv(timeout=300)
-    def setup_cache(self) -> dict[str, Cached[work.Work]]:
+    def setup_cache(self) -> dict[str, Cached[reference_run.Work]]:
         """Step the stored workload of each model once, counting."""
         return {model: _counted(model) for model in self.params}
 
-    def setup(self, cache: dict[str, Cached[work.Work]], model: str) -> None:
+    def setup(self, cache: dict[str, Cached[reference_run.Work]], model: str) -> None:
         """Skip a model that this release cannot load."""
         cache[model].get()
 
     @for_asv(unit="contacts/step", pretty_name="contacts per step")
-    def track_contacts(self, cache: dict[str, Cached[work.Work]], model: str) -> float:
+    def track_contacts(self, cache: dict[str, Cached[reference_run.Work]], model: str) -> float:
         """Return contacts (`data.ncon`) per step."""
         return cache[model].get().contacts
 
     @for_asv(unit="constraints/step", pretty_name="constraints per step")
-    def track_constraints(self, cache: dict[str, Cached[work.Work]], model: str) -> float:
+    def track_constraints(self, cache: dict[str, Cached[reference_run.Work]], model: str) -> float:
         """Return scalar constraints (`data.nefc`) per step."""
         return cache[model].get().constraints
 
     @for_asv(unit="iterations/step", pretty_name="solver iterations per step")
-    def track_solver_iterations(self, cache: dict[str, Cached[work.Work]], model: str) -> float:
+    def track_solver_iterations(
+        self, cache: dict[str, Cached[reference_run.Work]], model: str
+    ) -> float:
         """Return solver iterations per step, summed over constraint islands."""
         return cache[model].get().solver_iterations
 
 
-def _counted(model: str) -> Cached[work.Work]:
+def _counted(model: str) -> Cached[reference_run.Work]:
     """Return the work with solver iterations summed over islands, as all stored results have it."""
     try:
-        observation = work.observe(stored.stored_workload(model, nstep=stored.nstep_of(model)))
+        observation = reference_run.observe(
+            stored.stored_workload(model, nstep=stored.nstep_of(model))
+        )
     except NotImplementedError as reason:
         return Cached(Status.UNAVAILABLE, str(reason))
     except Exception as error:  # of one model, which must not cost the others theirs

@@ -21,7 +21,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.releases.release import version_key
-from mjbench.simulation import agreement, models, work, workload
+from mjbench.simulation import agreement, models, reference_run, workload
 
 FILE = Path(__file__).with_name("stored.npz")
 # Simulations, steps of each, and steps for which each control is held.
@@ -127,7 +127,7 @@ def prepared_run(
 @functools.cache
 def _final_state(model: str, nbatch: int, nstep: int) -> np.ndarray:
     """Return (nbatch, nstate) where the reference run of a stored workload ends."""
-    return work.observe(stored_workload(model, nbatch, nstep)).final_state
+    return reference_run.observe(stored_workload(model, nbatch, nstep)).final_state
 
 
 def _fields(name: str, when: str) -> dict[str, np.ndarray]:
@@ -182,7 +182,7 @@ def _state_after(single: workload.Workload, nstep: int) -> np.ndarray:
     """Return the (1, nstate) state of a workload of one simulation after `nstep` steps."""
     control = single.step_control[:, :nstep]
     stopped = workload.Workload(single.model, single.initial_state, control, hold=1, seed=0)
-    return work.observe(stopped).final_state
+    return reference_run.observe(stopped).final_state
 
 
 def main() -> None:

@@ -57,8 +57,8 @@ class SweepTimes:
 def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: float) -> "Plan":
     """Return a plan whose verdicts all take their time limit, on nodes that never refuse."""
     from mjbench.paired.metrics import Metric
-    from mjbench.releases.release_spec import ReleaseSpec
-    from mjbench.sweep.calibration import Limits, NodeRules
+    from mjbench.releases.release_names import ReleaseSpec
+    from mjbench.sweep.busy_node import Limits, NodeRules
     from mjbench.sweep.cells import CellKind
     from mjbench.sweep.plan import Plan
 

@@ -39,7 +39,6 @@ from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.tuning.search_base import SearchPlan
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import label
-from mjbench.tuning.tune import tune
 
 ROOT = Path(__file__).resolve().parent.parent
 TALLY, PAGE = ROOT / "results" / "tuning.json", ROOT / "docs" / "tuning.md"
@@ -131,6 +130,8 @@ class TuningTally:
 
 def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
     """Search settings for a model, and run the recommendations from further starts."""
+    from mjbench.api.tune import tune
+
     plan = SearchPlan(budget_s=budget_s)
     with WorkerPool() as pool:
         record = tune(pool, source, plan)

@@ -25,7 +25,6 @@ from mjbench.status import ExitCode, Status
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.search_base import SearchPlan
 from mjbench.tuning.settings import label
-from mjbench.tuning.tune import tune
 
 BUDGET_S = 120.0
 # The knobs that can remove a planted cost.
@@ -113,6 +112,8 @@ CASES = (
 
 def search(case: Case, budget_s: float) -> TuneRecord:
     """Return what a search on a case comes to."""
+    from mjbench.api.tune import tune
+
     with tempfile.TemporaryDirectory() as folder, WorkerPool() as pool:
         file = Path(folder) / "planted.xml"
         file.write_text(case.xml)

@@ -21,13 +21,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjbench.measuring import stats
-from mjbench.paired import launch_seeds
+from mjbench.paired import memory_layout
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import placement, release_spec
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases import placement, release_names
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import models
 
 # Ratio of the standard deviation of normal noise to its median absolute deviation, and of the
@@ -141,7 +141,7 @@ def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> li
         with WorkerPool() as pool:
             pair = TargetPair(pool, baseline, candidate)
             pair.prepare(placement.schedule(random.Random()))
-            count = launch_seeds.launches_of_a_program() - 1
+            count = memory_layout.launches_of_a_program() - 1
             groups.append([pair.launch() for _ in range(count)])
             pair.close()
     return groups
@@ -152,9 +152,9 @@ def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(prog="variance_components", description=__doc__)
     parser.add_argument("models", nargs="*", metavar="MODEL")
     parser.add_argument("--programs", type=int, default=10)
-    parser.add_argument("--releases", nargs=2, default=2 * [release_spec.INSTALLED])
+    parser.add_argument("--releases", nargs=2, default=2 * [release_names.INSTALLED])
     options = parser.parse_args(arguments)
-    old, new = map(release_spec.parse_release, options.releases)
+    old, new = map(release_names.parse_release, options.releases)
     for model in options.models or models.shipped():
         programs = measure(old, new, model, options.programs)
         launches = list(itertools.chain(*programs))

@@ -83,8 +83,8 @@ def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
 
 def _kind(words: Sequence[str]) -> str:
     """Return the name of the document that a command line writes."""
+    from mjbench.command_names import present_name
     from mjbench.report.kinds import DOCUMENTS
-    from mjbench.store.command_names import present_name
 
     for name in DOCUMENTS:
         command, _, mode = present_name(name).partition(" ")

@@ -16,8 +16,8 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.paired.launches import Targets, launch
 from mjbench.paired.race import RaceBudget, RaceRule
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
-from mjbench.report import results
-from mjbench.report.results import ModelResults
+from mjbench.report import path_speedups
+from mjbench.report.path_speedups import ModelResults
 
 # A variant and its speed-up over the plain loop.
 Entrant = tuple[Variant, float]
@@ -160,5 +160,5 @@ def derived(
     record: RaceRecord, *, more: Sequence[MeasurementRecord] = (), **fields: Any
 ) -> ModelResults:
     """Return the results of a comparison; see `compared`."""
-    (model_results,) = results.derive_all(compared(record, more=more, **fields))
+    (model_results,) = path_speedups.derive_all(compared(record, more=more, **fields))
     return model_results

@@ -12,7 +12,7 @@ from mjbench.simulation.accelerated_judgement import (
     PartName,
     Precision,
 )
-from mjbench.simulation.work import ModelFacts, Work
+from mjbench.simulation.reference_run import ModelFacts, Work
 from mjbench.status import Status
 
 FACTS = ModelFacts(

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 from mjbench.web.records import StartUp, WebPathRecord, WebRecord
 from mjbench.web.rounding_check import FirstDifference, PointDifference, RoundingCheck, StepErrors
 

@@ -13,16 +13,17 @@ from benchmarks.odd_programs import ODD_PROGRAMS
 from benchmarks.studies import tally_file
 from benchmarks.studies.simulated_launches import Scenario
 from mjbench.comparison import (
-    accelerated_check,
-    accelerated_limits,
-    accelerated_steps,
-    block_sizes,
+    accelerated_agreement,
+    accelerated_single_steps,
     plan,
 )
+from mjbench.comparison import (
+    accelerated_tolerances as tolerances,
+)
 from mjbench.counts import explain
-from mjbench.host import machine
+from mjbench.host import conditions
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.loop import habit_costs, latency
+from mjbench.loop import habit_timing, latency
 from mjbench.measuring import calls, stats
 from mjbench.paired import metrics, outcomes, race, race_record
 from mjbench.program import loop_time, py_spy
@@ -32,12 +33,12 @@ from mjbench.releases import change_points, placement, release_ratios
 from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.report.results import PathResult, derive_all
-from mjbench.simulation import changed_work, package_timer, sampling, starts, workload
+from mjbench.report.path_speedups import PathResult, derive_all
+from mjbench.simulation import changed_work, engine_clock, starts, workload, workload_sampling
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.store import runs
 from mjbench.testing import callables, fixture
-from mjbench.tuning import records, reference, trajectories
+from mjbench.tuning import records, reference, solver_convergence, trajectories
 from mjbench.web import c_reference
 
 
@@ -74,10 +75,10 @@ def timing() -> Iterator[str]:
     yield f"`--quick` is {plan.QUICK_BUDGET_S:.0f} s"
     yield f"certainly within {margin}, and within {percent(race_record.MARGIN / 2)} by estimate"
     yield f"no other path of the race can be faster by {margin}"
-    yield f"by {percent(package_timer.MIN_GAIN)} or more as estimated"
-    yield f"Below {percent(machine.ENOUGH_CORES)}, nothing is certain"
+    yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
+    yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is certain"
     yield f"the smallest that has {percent(advice.ENOUGH)} of the best speed-up"
-    yield f"the host took {percent(machine.NOTABLE_STOLEN)} or more of the processor time"
+    yield f"the host took {percent(conditions.NOTABLE_STOLEN)} or more of the processor time"
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
     ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)
     yield f"launched {ours} times on each of our models, {others} times on others"
@@ -126,7 +127,7 @@ def tune() -> Iterator[str]:
     yield f"the whole {percent(records.CONFIDENCE)} interval"
     yield f"by at most {percent(reference.SAME_SHARE, 3)} of the motion"
     yield f"by more than {percent(trajectories.SENSOR_SHARE)} of its largest value"
-    yield f"in more than {percent(reference.MOST_LIMITED)} of the steps"
+    yield f"in more than {percent(solver_convergence.MOST_LIMITED)} of the steps"
     yield f"with {percent(records.CONFIDENCE)} confidence, nine runs in ten"
     yield f"would take more than {reference.REFERENCE_S:.0f} s"
     yield "a timestep of 2, 4 or 8 times yours"
@@ -139,14 +140,14 @@ def work() -> Iterator[str]:
     yield f"{starts.KEYFRAME_SETTLE_S} s from a keyframe"
     yield f"{starts.DEFAULT_SETTLE_S:.0f} s without one"
     yield f"a correlation time of {workload.CONTROL_TIME_S} s"
-    yield f"The default is {block_sizes.NBATCH} × {block_sizes.NSTEP}"
-    yield f"more than {1000 * block_sizes.LONG_BLOCK_S:.0f} ms"
-    first, second = (round(1 / spread) for spread in sampling.SPREADS[1:3])
+    yield f"The default is {plan.NBATCH} × {plan.NSTEP}"
+    yield f"more than {1000 * plan.LONG_BLOCK_S:.0f} ms"
+    first, second = (round(1 / spread) for spread in workload_sampling.SPREADS[1:3])
     yield f"is made {first}, then {second} times smaller"
 
 
 def loop() -> Iterator[str]:
-    yield f"Student's {percent(habit_costs.CONFIDENCE)} interval"
+    yield f"Student's {percent(habit_timing.CONFIDENCE)} interval"
     median, high, higher = (f"{100 * quantile:g} %" for quantile in latency.QUANTILES)
     yield f"which latency {median}, {high} and {higher} of the steps do not exceed"
     yield f"sleeps until {latency.SPIN_NS / 1e6:g} ms before a paced step"
@@ -168,18 +169,18 @@ def python() -> Iterator[str]:
 
 
 def accelerated() -> Iterator[str]:
-    states, simulations = accelerated_check.JUDGED_STATES, accelerated_check.FOLLOWED
+    states, simulations = accelerated_agreement.JUDGED_STATES, accelerated_agreement.FOLLOWED
     yield f"up to {states} states of {simulations} simulations"
-    yield f"at most {percent(accelerated_limits.MAX_ROUNDING_EFFECT, 1)}"
+    yield f"at most {percent(tolerances.MAX_ROUNDING_EFFECT, 1)}"
     yield "off by 1 % is an error of about 0.01"
-    yield f"more than {percent(accelerated_limits.ONE_ANSWER_EFFECT, 1)} in any state"
-    yield f"change by more than {percent(accelerated_limits.LACKING_EFFECT)}"
-    yield f"change by less than {percent(accelerated_limits.CLOSE_EFFECT)} in nine of ten states"
-    yield f"ten times C's, or {percent(accelerated_limits.SETTINGS_LIMIT, 1)}"
-    yield f"within {percent(accelerated_limits.TOGETHER_SHARE)} of C"
-    yield f"{percent(accelerated_limits.FIGURE_ROUNDING[Precision.FLOAT32], 1)} is always allowed"
-    yield f"the same, or {percent(accelerated_limits.FIGURE_ROUNDING[Precision.FLOAT32], 1)}"
-    yield f"never by more than {percent(accelerated_limits.LARGEST_SHARE)} of it"
+    yield f"more than {percent(tolerances.ONE_ANSWER_EFFECT, 1)} in any state"
+    yield f"change by more than {percent(tolerances.LACKING_EFFECT)}"
+    yield f"change by less than {percent(tolerances.CLOSE_EFFECT)} in nine of ten states"
+    yield f"ten times C's, or {percent(tolerances.SETTINGS_LIMIT, 1)}"
+    yield f"within {percent(tolerances.TOGETHER_SHARE)} of C"
+    yield f"{percent(tolerances.FIGURE_ROUNDING[Precision.FLOAT32], 1)} is always allowed"
+    yield f"the same, or {percent(tolerances.FIGURE_ROUNDING[Precision.FLOAT32], 1)}"
+    yield f"never by more than {percent(tolerances.LARGEST_SHARE)} of it"
     groups = derive_all(runs.load(RUNS / "reference-mjx-cpu.jsonl", RECORD_TYPES).records)
     times = {
         group.model.model: {row.path: row.step_ns for row in reversed(group.results)}
@@ -202,9 +203,9 @@ def accelerated() -> Iterator[str]:
     yield f"threads got {cores[0]:.0f} to {cores[-1]:.0f} of the cores"
     (speed,) = tally_file.load(gpu.RESULTS / "gpu.json", gpu.GpuTally, "a GPU").testspeed
     yield f"took {speed.ns_per_step:.0f} ns per step, after compiling for {speed.compile_s:.0f} s"
-    yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_check.py
+    yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_agreement.py
     yield "a stiffness off by 2 %"
-    yield f"for at most {2 * accelerated_steps.JUDGING_S:.0f} seconds"
+    yield f"for at most {2 * accelerated_single_steps.JUDGING_S:.0f} seconds"
     yield f"with its {percent(stats.CONFIDENCE)} interval"
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.pair_launches import LaunchedPair, PairWork
@@ -11,12 +11,12 @@ from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.verdict import Judgement, PairedResult
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.releases.placement import PlacementPair
 from mjbench.simulation import models
 from mjbench.status import Status
 
-INSTALLED = release_spec.parse_release(release_spec.INSTALLED)
+INSTALLED = release_names.parse_release(release_names.INSTALLED)
 CARTPOLE = Target(INSTALLED, models.resolve("cartpole"))
 CUBES = Target(INSTALLED, models.resolve("cube_table"))
 # One launch: verdicts cost time, and how often they are right is not what is tested.

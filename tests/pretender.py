@@ -19,10 +19,10 @@ from mjbench.paths.accelerated import (
     states_of_fields,
 )
 from mjbench.paths.base import Options, States
-from mjbench.simulation import compat, models, trajectory, workload
+from mjbench.simulation import compat, models, reference_trajectory, workload
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.work import Peaks
+from mjbench.simulation.reference_run import Peaks
 
 # A model without contacts or other constraints.
 MODEL = "cartpole"
@@ -178,7 +178,7 @@ def _steps(
 ) -> StepOutcome:
     """Take steps in C, with contacts and accelerations of the last one."""
     model, data = _spoilt(work.model, fault), mujoco.MjData(work.model)
-    round_off = trajectory.as_float32 if is_float32 else np.array
+    round_off = reference_trajectory.as_float32 if is_float32 else np.array
     states, found = workload.states(work.model, fields), []
     qacc, forces = (np.zeros((len(states), model.nv)) for _ in range(2))
     ctrl = control[:, 0]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from commands import ROOT
 
-BENCHMARK, PLUGIN = "pytest_benchmark.plugin", "mjbench.testing.plugin"
+BENCHMARK, PLUGIN = "pytest_benchmark.plugin", "mjbench.testing"
 
 
 def run_pytest(

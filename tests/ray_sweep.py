@@ -17,8 +17,7 @@ import psutil
 from sweep_examples import count_cell, matrix
 
 from mjbench.store.run_set import RunSetFile
-from mjbench.sweep.ray_cluster import LeftOut, RayCluster
-from mjbench.sweep.ray_session import LABEL, RESOURCE
+from mjbench.sweep.ray_cluster import LABEL, RESOURCE, LeftOut, RayCluster
 from mjbench.sweep.results import CellResult
 from mjbench.sweep.run import Sweep
 

@@ -8,8 +8,8 @@ from typing import Any
 from mjbench.host.machine import Machine
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import run_set, runs
-from mjbench.store.run_file import RunFile
 from mjbench.store.run_set import RunSection, RunSetFile
+from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Record, RunHeader
 
 MACHINE = Machine(

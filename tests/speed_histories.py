@@ -10,7 +10,7 @@ from mjbench.releases import speed_history
 from mjbench.releases.placement import Placement
 from mjbench.releases.release_ratios import LaunchRatio, StepRatioRecord
 from mjbench.releases.speed_history import SpeedSeries
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run, RunHeader
 

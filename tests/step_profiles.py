@@ -3,7 +3,7 @@
 from mjbench.loop import profile
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 
 
 def step_profile(clock_ns: float | None = 500.0) -> ProfileRow:

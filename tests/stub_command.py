@@ -12,7 +12,7 @@ from pathlib import Path
 from mjbench.counts.records import InstructionsRecord
 from mjbench.host import child, machine
 from mjbench.store import runs
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import RunHeader
 
 

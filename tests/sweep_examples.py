@@ -7,12 +7,12 @@ from mjbench.host.machine import Machine
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.status import Status
-from mjbench.store import run_file, runs
+from mjbench.store import run_writer, runs
 from mjbench.store.runs import Record, RunHeader
-from mjbench.sweep.calibration import NodeRules
+from mjbench.sweep.busy_node import NodeRules
 from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.model_files import CarriedModel
@@ -59,7 +59,7 @@ def count_cell(model: str, release: str = "4.0.0") -> Cell:
 
 def line(record: Record) -> bytes:
     """Return a record as a run file has it."""
-    return run_file.line_of(record).encode()
+    return run_writer.line_of(record).encode()
 
 
 def header(command: str = "versions") -> bytes:

@@ -14,7 +14,7 @@ import yaml
 from commands import ROOT, mjbench
 
 from mjbench.cli import cli
-from mjbench.loop import habit_costs
+from mjbench.loop import habit_timing
 from mjbench.paired import outcomes, race_record
 from mjbench.status import ExitCode
 from mjbench.testing import fixture
@@ -210,6 +210,6 @@ def test_the_page_of_method_states_the_confidence_of_each_command() -> None:
         "`compare`": race_record.CONFIDENCE,
         "`versions`, `ab`, `doctor --verdicts`, `doctor --placement`": outcomes.CONFIDENCE,
         "`tune`": records.CONFIDENCE,
-        "`profile --habits`": habit_costs.CONFIDENCE,
+        "`profile --habits`": habit_timing.CONFIDENCE,
         "the pytest fixture": fixture.CONFIDENCE,
     }

@@ -5,9 +5,9 @@ import json
 from mjbench.host import machine
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.starts import Starts, Window
-from mjbench.store import run_file, runs
+from mjbench.store import run_writer, runs
 from mjbench.tuning.accuracy import Distance, Units
-from mjbench.tuning.physics import Physics
+from mjbench.tuning.contact_and_energy import Physics
 from mjbench.tuning.reference import Present
 
 NOTHING = Physics(0.0, 0.0, 0.0, 0.0)
@@ -92,7 +92,7 @@ def present(error=PRESENT_ERROR, is_comparable=True, solver_limited=0.0):
 def stored(folder, record):
     """Return a run file with one record."""
     header = runs.RunHeader(runs.SCHEMA, "tune", machine.describe(), {})
-    file = run_file.RunFile.create(folder, header)
+    file = run_writer.RunFile.create(folder, header)
     file.close()
     with file.path.open("a") as stream:
         stream.write(json.dumps(record) + "\n")

@@ -8,7 +8,7 @@ from benchmarks.studies import tally_file
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
-from mjbench.simulation import models, work, workload
+from mjbench.simulation import models, reference_run, workload
 from mjbench.simulation.accelerated_judgement import EngineJudgement
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -69,7 +69,7 @@ class JudgementTally:
 def save_states(source: ModelSource, file: Path, nbatch: int, nstep: int, channel: Channel) -> None:
     """Write the workload of a model to a file; runs in a child, as a model may crash MuJoCo."""
     sample = workload.make(models.load(source), nbatch, nstep)
-    save_workload(sample, work.observe(sample).peaks, file)
+    save_workload(sample, reference_run.observe(sample).peaks, file)
 
 
 def load(file: Path) -> JudgementTally:

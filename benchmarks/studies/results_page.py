@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.studies.page_part import DOCS, PagePart
 from mjbench.comparison.plan import describe_options
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.pages import markdown
 from mjbench.paired.outcomes import Cause
 from mjbench.paired.race_record import Loop
@@ -18,7 +18,7 @@ from mjbench.paired.race_record import Loop
 if TYPE_CHECKING:  # else imported late: asv imports this module where few packages are
     from mjbench.releases.speed_history import MeasuredRelease
     from mjbench.report.advice import Advice
-    from mjbench.report.results import ModelResults
+    from mjbench.report.path_speedups import ModelResults
     from mjbench.report.speed_history import Listed, SpeedHistory
     from mjbench.store.runs import Run
 
@@ -64,7 +64,7 @@ def model_lines(run: "Run") -> Iterator[str]:
 
 
 def _models(run: "Run") -> "list[ModelResults]":
-    from mjbench.report.results import derive_all
+    from mjbench.report.path_speedups import derive_all
 
     return list(derive_all(run.records))
 

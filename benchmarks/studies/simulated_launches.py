@@ -7,7 +7,7 @@ import numpy as np
 
 from mjbench.measuring import launch_stats
 from mjbench.measuring.launch_stats import Evidence, Interval
-from mjbench.paired.launch_seeds import FIXED_LAUNCHES
+from mjbench.paired.memory_layout import FIXED_LAUNCHES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan, conclude
 

@@ -17,7 +17,7 @@ from benchmarks.studies.simulated_launches import (
     two_modes,
 )
 from mjbench.measuring import launch_stats
-from mjbench.paired.launch_seeds import RANDOM_LAUNCHES
+from mjbench.paired.memory_layout import RANDOM_LAUNCHES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan
 

@@ -19,7 +19,7 @@ from mjbench.paired.bisect_search import short_name
 from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases import bundle, catalogue
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
 from mjbench.units import percent_change

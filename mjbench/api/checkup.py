@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from mjbench.api import checks, model_comparison, model_sources, start_states
+from mjbench.api import argument_values, model_comparison, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
+from mjbench.api.tune import tune
 from mjbench.checkups import combination, targets
 from mjbench.checkups.records import CheckedPart, CheckupPart
 from mjbench.checkups.targets import CheckedSource, ProgramFile
@@ -21,13 +22,13 @@ from mjbench.comparison import selection
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import ModelRecord
 from mjbench.environment import measurement as environments
-from mjbench.environment.run import EnvironmentPlan
+from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import Failure, InputError, MjbenchError
 from mjbench.host import isolate, machine
 from mjbench.limits import SECONDS, TIME_LIMIT_S
 from mjbench.loop import lint, profile
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
@@ -43,7 +44,6 @@ from mjbench.store.runs import Record
 from mjbench.tuning.c_search import LEAST_LAUNCHES
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.search_base import SearchPlan
-from mjbench.tuning.tune import tune
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -159,8 +159,8 @@ def checkup(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
-    budget_s = checks.number("budget_s", budget_s, SECONDS)
+    limit_s = argument_values.number("time_limit_s", time_limit_s, SECONDS)
+    budget_s = argument_values.number("budget_s", budget_s, SECONDS)
     with start_states.plan(settle_s, states) as starts:
         plan = CheckupPlan(quick, starts, limit_s, budget_s)
         if isinstance(target, str | os.PathLike):

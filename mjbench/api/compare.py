@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjbench import paths as stepping_paths
-from mjbench.api import checks, model_sources, start_states
+from mjbench.api import argument_values, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.model_comparison import measurement
 from mjbench.comparison import selection
 from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
 from mjbench.errors import InputError
 from mjbench.limits import LARGE_COUNT, SECONDS, SEED, THREADS, TIME_LIMIT_S
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.report.advice import Advice, ClockAdvice
 from mjbench.report.crossovers import Crossover, WorkCrossover
 from mjbench.report.documents import CompareDocument
-from mjbench.report.results import ModelResults, PathResult, derive_all
+from mjbench.report.path_speedups import ModelResults, PathResult, derive_all
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.workload import Product
 
@@ -124,29 +124,29 @@ def compare(
       MachineError: a package is missing, or no model could be compared because processes failed.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    path_names = [] if paths is None else checks.names("paths", paths)
+    path_names = [] if paths is None else argument_values.names("paths", paths)
     plan = ComparisonPlan(
         variants=(),
-        nstep=checks.optional(checks.whole, "nstep", nstep),
-        hold=checks.whole("hold", hold),
-        seed=checks.whole("seed", seed, SEED),
-        returns=checks.choice("returns", returns, Product),
-        budget_s=checks.number("budget_s", budget_s, SECONDS),
-        limit_s=checks.number("time_limit_s", time_limit_s, SECONDS),
+        nstep=argument_values.optional(argument_values.whole, "nstep", nstep),
+        hold=argument_values.whole("hold", hold),
+        seed=argument_values.whole("seed", seed, SEED),
+        returns=argument_values.choice("returns", returns, Product),
+        budget_s=argument_values.number("budget_s", budget_s, SECONDS),
+        limit_s=argument_values.number("time_limit_s", time_limit_s, SECONDS),
         import_from=_own_path_folder(path_names),
         named=selection.named(path_names),
-        total_steps=checks.optional(
-            checks.whole, "total_steps", total_steps, LARGE_COUNT, is_float=True
+        total_steps=argument_values.optional(
+            argument_values.whole, "total_steps", total_steps, LARGE_COUNT, is_float=True
         ),
     )
-    checks.holds(plan.nstep, plan.hold)
+    argument_values.holds(plan.nstep, plan.hold)
     plans = selection.plans(
         plan,
         path_names,
-        checks.optional(checks.wholes, "threads", threads, THREADS),
-        checks.optional(checks.wholes, "chunk", chunk),
+        argument_values.optional(argument_values.wholes, "threads", threads, THREADS),
+        argument_values.optional(argument_values.wholes, "chunk", chunk),
         _option_texts(options or {}),
-        checks.optional(checks.wholes, "nbatch", nbatch),
+        argument_values.optional(argument_values.wholes, "nbatch", nbatch),
     )
     with (
         model_sources.sources(models or shipped_models.shipped()) as sources,

@@ -19,18 +19,18 @@ from mjbench.host import conditions
 from mjbench.host.conditions import Condition, Grade
 from mjbench.host.neighbours import Neighbour
 from mjbench.loop import rendering
-from mjbench.measuring.progress import Progress
-from mjbench.paired import machine_check, placement_spread, selfcheck
+from mjbench.measuring.timing import Progress
+from mjbench.paired import detectable_change, placement_spread, selfcheck
 from mjbench.paired.placement_spread import SpreadPlan
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.selfcheck_records import trial_records
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.release_spec import parse_release
+from mjbench.releases.release_names import parse_release
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.selfcheck import describe_case
-from mjbench.simulation import models, package_timer
+from mjbench.simulation import engine_clock, models
 from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
 
@@ -46,10 +46,10 @@ def all_conditions(others: Sequence[Neighbour]) -> list[Condition]:
 
 
 def _timer() -> Iterator[Condition]:
-    share = machine_check.clock_share()
+    share = detectable_change.clock_share()
     if share is not None:
         detail = f"takes {100 * share:.0f} % of a cart-pole's step"
-        yield Condition("MuJoCo's timer", Grade.NOTE, detail, package_timer.OFF_NOTE)
+        yield Condition("MuJoCo's timer", Grade.NOTE, detail, engine_clock.OFF_NOTE)
 
 
 def _valgrind() -> Condition:
@@ -59,7 +59,7 @@ def _valgrind() -> Condition:
 
 
 def _rendering() -> Condition:
-    source = models.resolve(machine_check.MODEL)
+    source = models.resolve(detectable_change.MODEL)
     frames = [rendering.measure(source, name, _FRAME_LIMIT_S) for name in rendering.BACKENDS]
     speeds = [f"{f.backend} {1e3 * f.seconds:.1f} ms a frame" for f in frames if f.seconds]
     if speeds:
@@ -72,7 +72,7 @@ def compare_with_itself(budget_s: float) -> NoiseRow:
     """Return how noisy a comparison of the cart-pole with itself is, or why there is none."""
     try:
         with WorkerPool() as pool:
-            return NoiseRow.of(machine_check.noise(pool, budget_s))
+            return NoiseRow.of(detectable_change.noise(pool, budget_s))
     except MjbenchError as error:
         return NoiseRow(detail=str(error))
 

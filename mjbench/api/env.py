@@ -6,12 +6,12 @@ from pathlib import Path
 
 from mjbench.api.session import Item, Measurement, finished, in_turn
 from mjbench.environment import measurement as environments
+from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.records import EnvironmentRecord
-from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource, resolve
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.host import machine
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.status import Status
 
 

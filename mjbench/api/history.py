@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
-from mjbench.counts import records, release_changes
+from mjbench.counts import explain, records
 from mjbench.errors import InputError
-from mjbench.paired import release_ratio
-from mjbench.paired.release_tasks import Selection
+from mjbench.paired import history_measurement
+from mjbench.paired.history_tasks import Selection
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.simulation.starts import DEFAULT_STARTS
@@ -18,7 +18,7 @@ def ratios(selection: Selection) -> Measurement:
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         with WorkerPool() as pool:
-            for measured in release_ratio.measure_rest(pool, selection, earlier, observer):
+            for measured in history_measurement.measure_rest(pool, selection, earlier, observer):
                 yield Item(measured)
 
     return Measurement(
@@ -37,7 +37,7 @@ def changes(selection: Selection) -> Measurement:
         raise InputError("give two releases or more")
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
-        for counted in release_changes.count_rest(selection, earlier, observer):
+        for counted in explain.count_rest(selection, earlier, observer):
             yield Item(counted)
 
     files = [source.path for source in selection.sources]

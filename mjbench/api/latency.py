@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mjbench.api import checks, model_sources, start_states
+from mjbench.api import argument_values, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Measurement, of_each_model
 from mjbench.limits import HERTZ, SECONDS, SEED, TIME_LIMIT_S
@@ -80,12 +80,12 @@ def latency(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    deadline_s = checks.optional(checks.number, "deadline_s", deadline_s, SECONDS)
-    rate_hz = checks.optional(checks.number, "rate_hz", rate_hz, HERTZ)
-    nstep = checks.optional(checks.whole, "nstep", nstep)
-    budget_s = checks.number("budget_s", budget_s, SECONDS)
-    hold, seed = checks.whole("hold", hold), checks.whole("seed", seed, SEED)
-    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
+    deadline_s = argument_values.optional(argument_values.number, "deadline_s", deadline_s, SECONDS)
+    rate_hz = argument_values.optional(argument_values.number, "rate_hz", rate_hz, HERTZ)
+    nstep = argument_values.optional(argument_values.whole, "nstep", nstep)
+    budget_s = argument_values.number("budget_s", budget_s, SECONDS)
+    hold, seed = argument_values.whole("hold", hold), argument_values.whole("seed", seed, SEED)
+    limit_s = argument_values.number("time_limit_s", time_limit_s, SECONDS)
     with (
         model_sources.sources([model]) as sources,
         start_states.plan(settle_s, states, actions) as starts,

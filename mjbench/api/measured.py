@@ -12,7 +12,7 @@ from mjbench.api.session import Item, Measurement, Observer, Session
 from mjbench.errors import REFUSALS, InputError, MachineError, one_line
 from mjbench.host import child, platforms
 from mjbench.host.machine import Machine
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.pages import fragment, reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.report import kinds, rows
@@ -20,7 +20,7 @@ from mjbench.report.content import Report
 from mjbench.report.rows import Cell
 from mjbench.status import Status
 from mjbench.store.json_form import json_form
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Run
 
 # The longest conclusion in the one line of `repr`.

@@ -4,7 +4,7 @@ The parent never loads a model. A child verifies all paths (see `comparison.veri
 messages are gathered, and the model's records are known when it ends, however it ends. A path that
 kills the child loses its own row; the child is started again without it. The launches of the race
 do the verified work (see `paired.race`). Accelerated paths, which compile first, are measured alone
-(see `comparison.accelerated_run`).
+(see `comparison.accelerated_measurement`).
 """
 
 import itertools
@@ -15,8 +15,8 @@ from dataclasses import dataclass, field, replace
 
 from mjbench import paths
 from mjbench.api.session import Item, Items, Measurement, Observer
-from mjbench.comparison import accelerated_run
-from mjbench.comparison.accelerated_run import AcceleratedRequest
+from mjbench.comparison import accelerated_measurement
+from mjbench.comparison.accelerated_measurement import AcceleratedRequest
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.comparison.verification import AgreementReport, ModelFiles, verify_in_child
@@ -28,7 +28,7 @@ from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report import comparison as report
-from mjbench.report.results import derive_all
+from mjbench.report.path_speedups import derive_all
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
 from mjbench.store.runs import Record, to_json
@@ -363,7 +363,7 @@ class ModelChildren:
             limit_s=self.plan.limit_s,
         )
         try:
-            ended = accelerated_run.run(request, receive, self.plan.import_from)
+            ended = accelerated_measurement.run(request, receive, self.plan.import_from)
         except Exception as error:  # a path's own `environment` may raise anything
             failure = failure_of(error)
             ended = isolate.Ended(failure.status, failure.detail)
@@ -371,7 +371,9 @@ class ModelChildren:
             compiled = self.measured.get(position)
             is_silent = ended.status == Status.TIMEOUT
             if is_silent and (compiled is None or compiled.compile_s is None):
-                ended = replace(ended, detail=accelerated_run.not_compiled(self.plan.limit_s))
+                ended = replace(
+                    ended, detail=accelerated_measurement.not_compiled(self.plan.limit_s)
+                )
             self.revise(position, ended.status, ended.detail)
             return
         assert self.reference is not None

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from mjbench.errors import InputError, one_line, shown
-from mjbench.host import scratch
+from mjbench.host import files
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 
@@ -45,7 +45,7 @@ def sources(given: "Sequence[Model]") -> Iterator[list[ModelSource]]:
         i: named(model) for i, model in enumerate(given) if isinstance(model, str | os.PathLike)
     }
     taken = {source.name for source in sources_by_position.values()}
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         for i, model in enumerate(given):
             if i not in sources_by_position:
                 source = _saved(model, folder / f"{i}.mjb", taken)

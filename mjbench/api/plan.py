@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from mjbench.api import session
 from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.comparison import planning_run, selection
-from mjbench.comparison.planner import Algorithm, PlannerSettings
 from mjbench.comparison.planning_run import PlanningRequest
+from mjbench.comparison.sampling_planners import Algorithm, PlannerSettings
 from mjbench.errors import MjbenchError
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan

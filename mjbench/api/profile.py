@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mjbench.api import checks, model_sources, start_states
+from mjbench.api import argument_values, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Items, Measurement, Observer, input_files, of_each_model
 from mjbench.counts import instructions
@@ -12,13 +12,13 @@ from mjbench.counts.instructions import InstructionCounter
 from mjbench.counts.records import counted
 from mjbench.errors import MachineError
 from mjbench.limits import SECONDS, TIME_LIMIT_S
-from mjbench.loop import habit_costs
+from mjbench.loop import habit_timing
 from mjbench.loop import profile as loop_profile
-from mjbench.loop.habit_costs import OverheadRow
+from mjbench.loop.habit_timing import OverheadRow
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.paired.run_sizes import Sizes
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.store.runs import Record
@@ -84,8 +84,8 @@ def profile(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
-    budget_s = checks.number("budget_s", budget_s, SECONDS)
+    limit_s = argument_values.number("time_limit_s", time_limit_s, SECONDS)
+    budget_s = argument_values.number("budget_s", budget_s, SECONDS)
     with (
         model_sources.sources([model]) as sources,
         start_states.plan(settle_s, states) as starts,
@@ -111,7 +111,7 @@ def of_habits(
     """Return the measurement of what habits of a loop cost, `mjbench profile --habits`."""
 
     def measure_model(source: ModelSource) -> list[OverheadRow]:
-        return [habit_costs.measure(source, limit_s, starts=starts, budget_s=budget_s)]
+        return [habit_timing.measure(source, limit_s, starts=starts, budget_s=budget_s)]
 
     arguments = {"budget_s": budget_s}
     return of_each_model("overhead", sources, starts, OverheadRow, measure_model, arguments)
@@ -121,7 +121,7 @@ def of_instructions(
     sources: Sequence[ModelSource], releases: Sequence[str], sizes: Sizes, limit_s: float
 ) -> Measurement:
     """Return the count of instructions per step, `mjbench profile --instructions`."""
-    specs = [release_spec.parse_release(name) for name in releases or (release_spec.INSTALLED,)]
+    specs = [release_names.parse_release(name) for name in releases or (release_names.INSTALLED,)]
     if problem := instructions.unavailable():
         raise MachineError(problem)
 

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
-from mjbench.host import machine, neighbours, platforms
+from mjbench.host import conditions, machine, neighbours, platforms
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour, Presence
-from mjbench.measuring import progress
-from mjbench.measuring.progress import Progress
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.measuring import timing
+from mjbench.measuring.timing import Progress
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report.content import Section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation.models import ModelSource
@@ -27,7 +27,7 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.status import FINISHED
 from mjbench.store import runs
 from mjbench.store.resume import check_continues
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Record, Run, RunHeader
 
 
@@ -35,7 +35,7 @@ class Observer:
     """Passes the progress of a measurement on to a function; commands show more."""
 
     def __init__(self, on_progress: Progress | None = None):
-        self._on_progress = on_progress or progress.ignore
+        self._on_progress = on_progress or timing.no_progress
 
     def __call__(self, name: str, share: float) -> None:
         self._on_progress(name, share)
@@ -306,7 +306,7 @@ class Session:
             return None
         others = dict.fromkeys([*self._others, *self._presence.later_neighbours()])
         share = ProcessorTime.now().stolen_since(self._begin)
-        stolen_share = share if share >= machine.NOTABLE_STOLEN else None
+        stolen_share = share if share >= conditions.NOTABLE_STOLEN else None
         if not others and stolen_share is None:
             return None
         disturbance = Disturbance([other.command for other in others], stolen_share)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from mjbench.api import checks
+from mjbench.api import argument_values
 from mjbench.errors import InputError, describe, writing
-from mjbench.host import scratch
+from mjbench.host import files
 from mjbench.limits import SECONDS_OR_ZERO
 from mjbench.simulation import starts
 from mjbench.simulation.starts import StartPlan
@@ -34,8 +34,10 @@ def plan(
       InputError: both `settle_s` and `states` are given, they are not arrays, or there is no such
         file.
     """
-    settle_s = checks.optional(checks.number, "settle_s", settle_s, SECONDS_OR_ZERO)
-    with scratch.folder() as folder:
+    settle_s = argument_values.optional(
+        argument_values.number, "settle_s", settle_s, SECONDS_OR_ZERO
+    )
+    with files.temporary_folder() as folder:
         yield starts.start_plan(
             settle_s,
             None if states is None else _states_file(states, folder),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.errors import writing
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import FINISHED
 from mjbench.store import run_set

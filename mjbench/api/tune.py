@@ -5,16 +5,19 @@ from pathlib import Path
 
 from mjbench.api.session import Item, Items, Measurement, Observer, finished, in_turn, input_files
 from mjbench.errors import InputError
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.store.runs import Record, Run
 from mjbench.tuning import edited_model, knobs
-from mjbench.tuning.records import Effect, TuneRecord
-from mjbench.tuning.search_base import PARTS, SearchPlan
+from mjbench.tuning.accelerated_attempts import EngineMeasurements
+from mjbench.tuning.accelerated_search import EngineSearch
+from mjbench.tuning.c_search import CSearch
+from mjbench.tuning.measurements import SILENCE_S, CMeasurements
+from mjbench.tuning.records import Batch, Effect, TuneRecord
+from mjbench.tuning.search_base import PARTS, Advance, SearchPlan
 from mjbench.tuning.settings import NBATCH, edits_of
-from mjbench.tuning.tune import tune
 
 
 def measurement(
@@ -72,3 +75,23 @@ def write_best(run: Run, source: ModelSource, copy: Path, limit_s: float) -> boo
     if edits:
         edited_model.copy_in_child(source, edits, copy, limit_s)
     return bool(edits)
+
+
+def tune(
+    pool: WorkerPool,
+    source: ModelSource,
+    plan: SearchPlan,
+    limit_s: float = SILENCE_S,
+    advance: Advance = lambda done, text, share: None,
+) -> TuneRecord:
+    """Return what a search for faster settings of a model came to, however it ended.
+
+    Args:
+      limit_s: seconds of silence after which a process is killed; compilers get more.
+    """
+    if plan.engine == "c":
+        in_c = CMeasurements(pool, source, plan.starts, plan.hold, limit_s)
+        return CSearch(TuneRecord(model=source.name), plan, in_c, advance).result()
+    record = TuneRecord(model=source.name, engine=plan.engine, batch=Batch(plan.nbatch))
+    batched = EngineMeasurements(pool, source, plan.engine, plan.nbatch, limit_s)
+    return EngineSearch(record, plan, batched, advance).result()

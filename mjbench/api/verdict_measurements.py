@@ -16,15 +16,15 @@ from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired import (
-    accelerated_sides,
+    accelerated_environments,
     function_sides,
     function_verdict,
     targets,
     verdict,
 )
-from mjbench.paired.accelerated_sides import AcceleratedComparison
+from mjbench.paired.accelerated_environments import AcceleratedComparison
 from mjbench.paired.function_sides import (
     EnvironmentComparison,
     FunctionTarget,
@@ -39,7 +39,7 @@ from mjbench.paired.verdict import Judgement, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE, find
 from mjbench.releases import packages
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.store.runs import Record
@@ -193,7 +193,7 @@ def _of_functions(comparison: EnvironmentComparison, plan: VerdictPlan) -> Measu
 
 
 def _of_compiled(comparison: AcceleratedComparison, plan: VerdictPlan) -> Measurement:
-    comparison = accelerated_sides.with_engines(comparison)
+    comparison = accelerated_environments.with_engines(comparison)
     names, sources = comparison.path_names, comparison.sources
     return _function_measurement(
         "versions",
@@ -205,7 +205,7 @@ def _of_compiled(comparison: AcceleratedComparison, plan: VerdictPlan) -> Measur
         },
         input_files(sources, comparison.specs, plan.sizes.starts),
         len(sources) * len(names) * len(comparison.candidates),
-        lambda pool, on_phase: accelerated_sides.prepare(pool, comparison),
+        lambda pool, on_phase: accelerated_environments.prepare(pool, comparison),
         _COMPILER_PATIENCE_S,
     )
 

@@ -4,19 +4,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mjbench.api import checks, model_sources, start_states
+from mjbench.api import argument_values, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.verdict_measurements import between_releases
 from mjbench.errors import InputError
 from mjbench.limits import SECONDS, SEED, SHARE
-from mjbench.measuring.progress import Progress
+from mjbench.measuring.timing import Progress
 from mjbench.paired import family, outcomes
 from mjbench.paired.family import Family
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.verdict import VerdictPlan
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models as shipped_models
 
 if TYPE_CHECKING:
@@ -108,27 +108,27 @@ def versions(
       MachineError: a package or a release is missing, or processes failed for every model.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    path_names = None if paths is None else checks.names("paths", paths)
-    chosen = checks.choice("metric", metric, Metric)
+    path_names = None if paths is None else argument_values.names("paths", paths)
+    chosen = argument_values.choice("metric", metric, Metric)
     if not news:
         raise InputError('name an old and a new release, such as versions("3.3.0", "4.0.0")')
-    specs = [release_spec.parse_release(str(name)) for name in (old, *news)]
+    specs = [release_names.parse_release(str(name)) for name in (old, *news)]
     sources = model_sources.each_once(map(model_sources.named, _several(models)))
     with start_states.plan(settle_s, states, actions) as starts:
         sizes = Sizes(
-            checks.optional(checks.whole, "nbatch", nbatch),
-            checks.optional(checks.whole, "nstep", nstep),
-            checks.whole("hold", hold),
-            checks.whole("seed", seed, SEED),
+            argument_values.optional(argument_values.whole, "nbatch", nbatch),
+            argument_values.optional(argument_values.whole, "nstep", nstep),
+            argument_values.whole("hold", hold),
+            argument_values.whole("seed", seed, SEED),
             starts,
             metric=chosen,
         )
-        checks.holds(sizes.nstep, sizes.hold)
+        argument_values.holds(sizes.nstep, sizes.hold)
         plan = VerdictPlan(
-            checks.number("min_effect", min_effect, SHARE),
-            checks.number("confidence", confidence, SHARE),
-            checks.number("precision", precision, SHARE),
-            checks.number("time_limit_s", time_limit_s, SECONDS),
+            argument_values.number("min_effect", min_effect, SHARE),
+            argument_values.number("confidence", confidence, SHARE),
+            argument_values.number("precision", precision, SHARE),
+            argument_values.number("time_limit_s", time_limit_s, SECONDS),
             sizes,
             as_shipped,
         )

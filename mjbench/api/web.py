@@ -7,7 +7,7 @@ from mjbench.api.session import Item, Items, Measurement, Observer, finished, in
 from mjbench.host import machine
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
 from mjbench.web import measure as builds
@@ -25,11 +25,11 @@ def measurement(
     limit_s: float,
 ) -> Measurement:
     """Return the measurement; without a release, it is that of the npm package."""
-    spec = None if release is None else release_spec.parse_release(release)
+    spec = None if release is None else release_names.parse_release(release)
     package = npm_package.find(None if spec is None else spec.version, package_folder)
     node = node_process.find_node(node_command)
     engine = Engine(package, node, limit_s, machine.usable_cores())
-    spec = spec or release_spec.parse_release(package.version)
+    spec = spec or release_names.parse_release(package.version)
     plan = builds.WebPlan(spec, engine, sizes, budget_s)
 
     def items(earlier: Sequence[Record], observer: Observer) -> Items:

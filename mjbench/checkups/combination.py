@@ -16,7 +16,7 @@ from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -68,7 +68,7 @@ def measure(
       MachineError: a process failed.
       KeyboardInterrupt: the user stopped it.
     """
-    release, candidate = release_spec.parse_release(release_spec.INSTALLED), source
+    release, candidate = release_names.parse_release(release_names.INSTALLED), source
     if edits := edits_of(combination.settings):
         file = pool.new_file(".mjb")
         isolate.call(_save, source, edits, file, limit_s=limit_s)

@@ -48,7 +48,7 @@ def bisect(
 
 def _are_revisions(sides: Sequence[str], target: str) -> bool:
     """Return whether two sides are meant as revisions: models of packages have a colon, too."""
-    from mjbench.releases.release_spec import is_release
+    from mjbench.releases.release_names import is_release
 
     if "::" in target or any(side.startswith(REVISION) for side in sides):
         return True
@@ -57,7 +57,7 @@ def _are_revisions(sides: Sequence[str], target: str) -> bool:
 
 def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan") -> "Measurement":
     from mjbench.api.bisect import release_bisection
-    from mjbench.releases.release_spec import parse_release
+    from mjbench.releases.release_names import parse_release
 
     source = models.resolve(model)
     return release_bisection(parse_release(baseline), parse_release(candidate), source, plan)

@@ -38,7 +38,7 @@ def checkup(
     markdown_file: str | None,
     code: bool,
     starts: "StartPlan",
-    time_limit: float,
+    limit_s: float,
     output: OutputOptions,
 ) -> None:
     """My simulation is slow: what can I do? One ranked list, in a minute.
@@ -65,7 +65,7 @@ def checkup(
     from mjbench.report import checkup as report
 
     source = targets.recognized(target, arguments, Path.cwd())
-    work = measurement(source, CheckupPlan(quick, starts, time_limit, budget_s))
+    work = measurement(source, CheckupPlan(quick, starts, limit_s, budget_s))
     pages = {
         form: OutputFile(f"--{form}", name, work.files)
         for form, name in (("html", html_file), ("markdown", markdown_file))

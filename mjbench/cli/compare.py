@@ -103,7 +103,7 @@ def compare(
     hold: int,
     seed: int,
     starts: "StartPlan",
-    time_limit: float,
+    limit_s: float,
     output: OutputOptions,
 ) -> None:
     """Compare ways of stepping MODELs (default: all C paths): do they agree, and how fast are they?
@@ -138,7 +138,7 @@ def compare(
         starts=starts,
         returns=Product(returns),
         budget_s=_budget_s(budget, quick),
-        limit_s=time_limit,
+        limit_s=limit_s,
         import_from=own_path_folder(path_names),
         named=selection.named(path_names or []),
         total_steps=total_steps,

@@ -60,7 +60,6 @@ MAX_NSTEP = 100_000
 def env(
     nenv: list[int] | None,
     no_vector: bool,
-    time_limit: float,
     output: OutputOptions,
     **options: Any,
 ) -> None:
@@ -82,7 +81,7 @@ def env(
 
     if no_vector and nenv:
         raise click.UsageError("give --nbatch or --no-vector, not both")
-    work = measurement(**options, nenv=[] if no_vector else nenv, limit_s=time_limit)
+    work = measurement(**options, nenv=[] if no_vector else nenv)
     run = measure_and_print(work, output)
     records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())

@@ -12,7 +12,7 @@ import click
 
 import mjbench
 from mjbench.checkups.targets import may_be_target
-from mjbench.cli.command_names import LISTED, REMOVED, with_mode
+from mjbench.command_names import LISTED, REMOVED, with_mode
 from mjbench.errors import InputError, MachineError, MjbenchError, describe, one_line, printable
 from mjbench.host import platforms
 from mjbench.status import ExitCode

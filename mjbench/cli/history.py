@@ -16,7 +16,7 @@ from mjbench.cli.shared import FILE, JSON, PAGE, RESUME, WAIT, as_one, results_o
 from mjbench.simulation.models import resolve, shipped
 
 if TYPE_CHECKING:
-    from mjbench.paired.release_tasks import Selection
+    from mjbench.paired.history_tasks import Selection
 
 _RESULTS_FOLDER = Path("results/history")
 _DEFAULT = click.core.ParameterSource.DEFAULT
@@ -96,9 +96,9 @@ def _select(
     steps: bool,
     operations: bool | None,
 ) -> "Selection":
+    from mjbench.paired.history_tasks import Selection
     from mjbench.paired.operations import registry
-    from mjbench.paired.release_tasks import Selection
-    from mjbench.releases import catalogue, release_ratios, release_spec
+    from mjbench.releases import catalogue, release_names, release_ratios
 
     if not steps and models:
         raise click.UsageError("--model is for steps; leave it out with --no-steps")
@@ -106,7 +106,7 @@ def _select(
         raise click.UsageError("without steps and operations, nothing is left")
     has_operations = not models if operations is None else operations
     return Selection(
-        release_spec.parse_release(release_ratios.REFERENCE),
+        release_names.parse_release(release_ratios.REFERENCE),
         catalogue.named_or_since(names, since, history),
         [resolve(name) for name in models or shipped()] if steps else [],
         list(registry().values()) if has_operations else [],

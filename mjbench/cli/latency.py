@@ -36,7 +36,7 @@ from mjbench.cli.shared import (
 )
 @budget(10, "Time for the steps of each pace, if there are more than 1,000.")
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)
-def latency(time_limit: float, output: OutputOptions, **options: Any) -> None:
+def latency(output: OutputOptions, **options: Any) -> None:
     """How long do single steps take, which miss their deadline, and what do slow ones share?
 
     Steps are measured free-running, each after the other, and paced: due at a fixed rate, as in a
@@ -49,4 +49,4 @@ def latency(time_limit: float, output: OutputOptions, **options: Any) -> None:
     """
     from mjbench.api.latency import measurement
 
-    measure_and_print(measurement(**options, limit_s=time_limit), output).exit()
+    measure_and_print(measurement(**options), output).exit()

@@ -9,7 +9,7 @@ from mjbench.simulation.models import ModelSource
 @cli.command()
 @models_argument()
 @with_options(LIMIT, JSON)
-def models(sources: list[ModelSource], time_limit: float, json_file: str | None) -> None:
+def models(sources: list[ModelSource], limit_s: float, json_file: str | None) -> None:
     """List models: sizes, contacts and constraints at the start, timestep, integrator, solver.
 
     Without a MODEL: all shipped models.
@@ -19,12 +19,12 @@ def models(sources: list[ModelSource], time_limit: float, json_file: str | None)
       mjbench models
       mjbench models gymnasium:ant
     """
-    from mjbench.comparison.listing import list_models
+    from mjbench.comparison.model_facts import list_models
     from mjbench.report import listings
     from mjbench.report.documents import ModelRow, ModelsDocument
 
     with RunContext(json_file, [source.path for source in sources]) as run:
-        listed = list_models(sources, time_limit)
+        listed = list_models(sources, limit_s)
         run.table(listings.models_table(listed))
         for line in listings.failed_models(listed):
             run.out.print(line, soft_wrap=True)

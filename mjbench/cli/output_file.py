@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from mjbench.errors import InputError, MachineError, writing
-from mjbench.store import files
+from mjbench.host import files
 
 
 class OutputFile:

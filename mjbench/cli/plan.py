@@ -71,9 +71,7 @@ from mjbench.cli.shared import (
 @THREADS
 @budget(60, "Time for the plans of each model and size; after it, the closed loop ends.")
 @with_options(SEED, PLANNING_STARTS, LIMIT, STORING)
-def plan(
-    path_names: list[str] | None, time_limit: float, output: OutputOptions, **options: Any
-) -> None:
+def plan(path_names: list[str] | None, output: OutputOptions, **options: Any) -> None:
     """How many plans per second does a sampling planner make, by the path that rolls them out?
 
     The planner runs in a closed loop on MODEL (default: cartpole, which must swing up its pole; any
@@ -96,7 +94,6 @@ def plan(
         **options,
         path_names=path_names,
         import_from=own_path_folder(path_names),
-        limit_s=time_limit,
     )
     measure_and_print(
         work,

@@ -27,7 +27,7 @@ from mjbench.cli.shared import (
 @models_argument("cartpole")
 @budget(4, "Time for the steps of each model, and half of it for the frames of each backend.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
-def profile(time_limit: float, output: OutputOptions, **options: Any) -> None:
+def profile(output: OutputOptions, **options: Any) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages, such as collision, constraint solver and kinematics, are from MuJoCo's own timers.
@@ -42,7 +42,7 @@ def profile(time_limit: float, output: OutputOptions, **options: Any) -> None:
     """
     from mjbench.api.profile import measurement
 
-    measure_and_print(measurement(**options, limit_s=time_limit), output).exit()
+    measure_and_print(measurement(**options), output).exit()
 
 
 @cli.command("profile --habits")
@@ -50,7 +50,7 @@ def profile(time_limit: float, output: OutputOptions, **options: Any) -> None:
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
 @budget(30, "About how long to time the habits of each model.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
-def profile_habits(code: bool, time_limit: float, output: OutputOptions, **options: Any) -> None:
+def profile_habits(code: bool, output: OutputOptions, **options: Any) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
@@ -65,7 +65,7 @@ def profile_habits(code: bool, time_limit: float, output: OutputOptions, **optio
     """
     from mjbench.api.profile import of_habits
 
-    measure_and_print(of_habits(**options, limit_s=time_limit), output, code=code).exit()
+    measure_and_print(of_habits(**options), output, code=code).exit()
 
 
 @cli.command("profile --instructions")

@@ -86,11 +86,11 @@ def site(output: Path, project: Path) -> None:
       mjbench results site -o build/site
       python -m http.server --directory build/site
     """
-    from mjbench.host import scratch
+    from mjbench.host import files
     from mjbench.pages import site as pages
 
     pages.check_output(output, project)
-    with RunContext() as run, scratch.folder() as folder:
+    with RunContext() as run, files.temporary_folder() as folder:
         for warning in pages.build(pages.read(project, report_line), folder, output):
             report_line(warning)
         run.out.print(f"Site: {output / 'index.html'}", soft_wrap=True)

@@ -334,6 +334,7 @@ PAGE = click.option(
 )
 LIMIT = click.option(
     "--time-limit",
+    "limit_s",
     type=seconds(),
     default=f"{TIME_LIMIT_S:g}s",
     show_default=True,

@@ -151,18 +151,18 @@ def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
 
 def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
     """Print what machines show side by side, and each run after it; of many runs, a list."""
-    from mjbench.report import across_machines, advice_across
+    from mjbench.report import advice_across, machines_side_by_side
     from mjbench.report.documents import RunSetDocument
 
-    results = across_machines.side_by_side(stored)
+    results = machines_side_by_side.side_by_side(stored)
     if results.has_several:
         for line in advice_across.cautions(results.advice):
             run.out.print(line, soft_wrap=True)
-        run.show(filter(None, [across_machines.section(results)]))
+        run.show(filter(None, [machines_side_by_side.section(results)]))
     names = [machine.name for machine in results.machines]
     if len(stored) > _MOST_RUNS:
         run.out.print()
-        run.table(across_machines.runs_table(stored, names))
+        run.table(machines_side_by_side.runs_table(stored, names))
         report_line(f"{len(stored)} runs: only listed; `mjbench show --html` has a section of each")
     else:
         for number, (each, name) in enumerate(zip(stored, names, strict=True), 1):

@@ -77,7 +77,7 @@ from mjbench.tuning.settings import NBATCH
 def tune(
     sources: list[ModelSource],
     target: str | None,
-    time_limit: float,
+    limit_s: float,
     output: OutputOptions,
     **options: Any,
 ) -> None:
@@ -101,12 +101,12 @@ def tune(
     from mjbench.api.tune import measurement, write_best
 
     copy = None if target is None else Path(target)
-    work = measurement(sources, **options, limit_s=time_limit, copy=copy)
+    work = measurement(sources, **options, limit_s=limit_s, copy=copy)
     with contextlib.closing(OutputFile("--write", target, work.files)) as file:
         file.open()  # fails now, rather than after the search, where it cannot be written
     run = measure_and_print(work, output)
     if copy is not None and not run.is_stopped:
-        if write_best(run.session.run(), sources[0], copy, time_limit):
+        if write_best(run.session.run(), sources[0], copy, limit_s):
             run.out.print(f"Wrote {target}", soft_wrap=True)
         else:
             reason = "no settings of the file are recommended"

@@ -25,7 +25,7 @@ from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
-    from mjbench.releases.release_spec import ReleaseSpec
+    from mjbench.releases.release_names import ReleaseSpec
 
 
 @cli.command()
@@ -99,10 +99,10 @@ def versions(
     from mjbench.api.verdict_measurements import between_releases
     from mjbench.report import verdicts
 
-    release_names, sources = (
+    releases, sources = (
         (list(names), list[ModelSource]()) if functions else releases_and_models(names)
     )
-    specs = _releases(old, news, release_names)
+    specs = _releases(old, news, releases)
     sizes = replace(plan.sizes, metric=Metric(metric))
     plan = replace(plan, family=family or 1, sizes=sizes)
     measurement = between_releases(specs, sources, path_names, plan, functions)
@@ -110,12 +110,10 @@ def versions(
     run.exit_with(fail_on.of_run(run.session.run(), plan.confidence))
 
 
-def _releases(
-    old: str | None, news: Sequence[str], release_names: Sequence[str]
-) -> list["ReleaseSpec"]:
-    from mjbench.releases.release_spec import parse_release
+def _releases(old: str | None, news: Sequence[str], releases: Sequence[str]) -> list["ReleaseSpec"]:
+    from mjbench.releases.release_names import parse_release
 
-    names = [old, *release_names] if old else list(release_names)
+    names = [old, *releases] if old else list(releases)
     if not names or len(names) + len(news) < 2:
         raise InputError("name an OLD and a NEW release, such as `mjbench versions 3.3.0 4.0.0`")
     return [parse_release(name) for name in (names[0], *news, *names[1:])]
@@ -123,28 +121,28 @@ def _releases(
 
 def releases_and_models(names: Sequence[str]) -> tuple[list[str], list[ModelSource]]:
     """Return the releases among names, and the models of the others; without any, all shipped."""
-    from mjbench.releases import release_spec
+    from mjbench.releases import release_names
 
-    release_names = [name for name in names if release_spec.is_release(name)]
-    model_names = [name for name in names if name not in release_names]
-    return release_names, [_model(name) for name in model_names or models.shipped()]
+    releases = [name for name in names if release_names.is_release(name)]
+    model_names = [name for name in names if name not in releases]
+    return releases, [_model(name) for name in model_names or models.shipped()]
 
 
 def _model(name: str) -> ModelSource:
-    from mjbench.releases import release_spec, wheels
+    from mjbench.releases import release_names, wheels
 
     try:
         return models.resolve(name)
     except models.UnknownModelError:
         known = [
-            release_spec.INSTALLED,
-            release_spec.NEWEST,
-            release_spec.PREVIOUS,
+            release_names.INSTALLED,
+            release_names.NEWEST,
+            release_names.PREVIOUS,
             *models.shipped(),
         ]
         raise InputError(
             f"{shown(name)} is neither a release nor a model{suggestion(name, known)}:"
-            f" a release is {release_spec.FORMS}; a model is one of {', '.join(models.shipped())},"
+            f" a release is {release_names.FORMS}; a model is one of {', '.join(models.shipped())},"
             f" {models.FORMS}"
         ) from None
     except InputError:

@@ -52,15 +52,15 @@ def versions_explain(
     from mjbench.counts.records import ExplainRecord
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.releases import release_spec
+    from mjbench.releases import release_names
     from mjbench.report import counts as report
 
-    release_names, sources = releases_and_models(names)
-    if len(release_names) != 2:
+    releases, sources = releases_and_models(names)
+    if len(releases) != 2:
         raise InputError(
             "name an OLD and a NEW release, such as `mjbench versions --explain 3.17.0 4.0.0`"
         )
-    specs = [release_spec.parse_release(name) for name in release_names]
+    specs = [release_names.parse_release(name) for name in releases]
     counted: dict[str, tuple[ModelCount, ModelCount]] = {}
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Items":

@@ -33,7 +33,7 @@ from mjbench.cli.shared import FILE, LIMIT, SIZES, STORING, budget, models_argum
 )
 @budget(5, "Time to spend on timing each model.", zero=True)
 @with_options(SIZES, LIMIT, STORING)
-def web(time_limit: float, output: OutputOptions, **options: Any) -> None:
+def web(output: OutputOptions, **options: Any) -> None:
     """How fast is MuJoCo in WebAssembly, and does it compute what the C engine does?
 
     Steps the builds of the npm package @mujoco/mujoco under Node.js, and the C engine of the same
@@ -52,6 +52,6 @@ def web(time_limit: float, output: OutputOptions, **options: Any) -> None:
     from mjbench.api.web import measurement
     from mjbench.web.records import WebRecord
 
-    run = measure_and_print(measurement(**options, limit_s=time_limit), output)
+    run = measure_and_print(measurement(**options), output)
     records = run.session.run().of_type(WebRecord)
     run.exit(status for record in records for status in record.statuses())

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjbench.comparison.accelerated_limits import (
+from mjbench.comparison.accelerated_tolerances import (
     BORDER,
     CLOSE_EFFECT,
     CLOSE_QUANTILE,

@@ -19,7 +19,13 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.plan import Variant
-from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings, PlannerStates, task_of
+from mjbench.comparison.sampling_planners import (
+    Algorithm,
+    Planner,
+    PlannerSettings,
+    PlannerStates,
+    task_of,
+)
 from mjbench.errors import InputError, describe, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel

@@ -13,8 +13,8 @@ from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, Posi
 from mjbench.comparison.plan import Variant
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.accelerated_judgement import EngineAnswer, EngineJudgement, Precision
+from mjbench.simulation.reference_run import ModelFacts, Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import ModelFacts, Work
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 

@@ -10,9 +10,9 @@ import numpy as np
 from mjbench import paths
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
-from mjbench.simulation import agreement, compat, models, work, workload
+from mjbench.simulation import agreement, compat, models, reference_run, workload
 from mjbench.simulation.agreement import Difference
-from mjbench.simulation.work import Observation
+from mjbench.simulation.reference_run import Observation
 from mjbench.simulation.workload import StepOutputs, Workload
 
 # The model that a path is verified on, too, where a model starts without contact: a path that loses
@@ -50,7 +50,7 @@ class ReferenceCase:
     @classmethod
     def of_states(cls, workload: Workload, final_state: np.ndarray) -> "ReferenceCase":
         """Return the case of a workload and its final states; what each step returns is stepped."""
-        outputs, numbers = work.step_outputs(workload), np.arange(workload.nbatch)
+        outputs, numbers = reference_run.step_outputs(workload), np.arange(workload.nbatch)
         return cls(workload, final_state, outputs, paths.Resources(workload), numbers)
 
     @classmethod
@@ -58,7 +58,7 @@ class ReferenceCase:
         model = models.load(models.resolve(CONTACT_MODEL))
         nstep = workload.whole_holds(CONTACT_NSTEP, hold)
         contact_workload = workload.make(model, CONTACT_NBATCH, nstep, hold, seed)
-        healthy, observation = work.observe_healthy(contact_workload)
+        healthy, observation = reference_run.observe_healthy(contact_workload)
         return cls.create(healthy, observation, f"in contact ({CONTACT_MODEL})")
 
     def difference(self, states: paths.States, prepared: paths.Prepared) -> Difference | None:
@@ -134,7 +134,9 @@ class ReferenceCase:
         """
 
         def difference_after(ncontrol: int) -> Difference | None:
-            shorter = ReferenceCase.create(*work.observe_healthy(self.workload.first(ncontrol)))
+            shorter = ReferenceCase.create(
+                *reference_run.observe_healthy(self.workload.first(ncontrol))
+            )
             with contextlib.closing(shorter.resources):
                 path = paths.find(variant.path)
                 return shorter._check(

@@ -1,4 +1,4 @@
-"""Which paths, with which options and sizes, a command line names."""
+"""Which paths are compared, with which options and sizes: those named, and of the usual ones."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -8,13 +8,20 @@ from mjbench import paths
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.errors import InputError, describe
 from mjbench.host import machine, topology
-from mjbench.paths.parallelism import WORKER_OPTIONS
+from mjbench.paths.accelerated import reference_peaks
+from mjbench.paths.base import WORKER_OPTIONS
+from mjbench.simulation import reference_run
+from mjbench.simulation.workload import Workload
 
 # Names that stand for several paths.
 C_PATHS, USUAL_PATHS = "c", "usual"
 # What `--scaling` tries: paths for open and for closed loop, and simulations that a thread takes at
 # a time.
 SCALING_PATHS, SCALING_CHUNKS = ("rollout", "batch_step"), (1, 4, 16)
+# On a CPU, MJX is slow on a model that makes contact (docs/method/accelerated.md gives figures),
+# and takes minutes to compile RK4, which has four of everything: not tried unless named.
+_CONTACT_REASON = "makes contact, where it is slow on a CPU; name it with --paths to try it"
+_RK4_REASON = "is integrated by RK4, which compiles for minutes; name it with --paths to try it"
 
 
 def default_threads() -> list[int]:
@@ -101,6 +108,13 @@ def expand(names: Sequence[str]) -> list[str]:
         else:
             expanded.append(name)
     return list(dict.fromkeys(expanded))
+
+
+def why_left_out_on_a_cpu(workload: Workload, resources: paths.Resources) -> str | None:
+    """Return why a path that compiles is not tried on this model unless the user named it."""
+    if reference_run.describe(workload.model).integrator == "rk4":
+        return _RK4_REASON
+    return _CONTACT_REASON if reference_peaks(workload, resources).contacts else None
 
 
 def rivals(names: Sequence[str]) -> list[str]:

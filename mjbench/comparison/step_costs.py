@@ -15,9 +15,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from mjbench.errors import MjbenchError
-from mjbench.host import platforms
+from mjbench.host import files, platforms
 from mjbench.releases import installs
-from mjbench.store import files
 
 # Names another file than the one in the cache folder.
 FILE_VARIABLE = "MJBENCH_STEP_COSTS"

@@ -16,8 +16,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.comparison import step_costs
-from mjbench.comparison.block_sizes import BlockSizes, check_memory, choose_sizes
-from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.comparison.plan import BlockSizes, ComparisonPlan, Variant, check_memory, choose_sizes
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.reference_case import ReferenceCase
 from mjbench.errors import describe, one_line
@@ -25,19 +24,19 @@ from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import (
     agreement,
-    inputs,
+    input_probe,
     models,
-    sampling,
+    reference_run,
+    reference_trajectory,
     starts,
-    trajectory,
-    work,
     workload,
+    workload_sampling,
 )
 from mjbench.simulation.model_digest import model_digest
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import Sample, SampleRequest
 from mjbench.simulation.workload import Product, Workload
+from mjbench.simulation.workload_sampling import Sample, SampleRequest
 from mjbench.status import Status
 
 # A child may be silent for this many times as long as its work should take.
@@ -101,7 +100,7 @@ def verify_in_child(
     model = models.load(source)
     channel.doing(f"stepping {name}")
     cost_s = step_costs.step_cost_s(
-        model_digest(model), functools.partial(sampling.settled_step_s, model)
+        model_digest(model), functools.partial(workload_sampling.settled_step_s, model)
     )
     sizes = choose_sizes(
         cost_s,
@@ -114,7 +113,7 @@ def verify_in_child(
     check_memory(model, sizes.nbatch, sizes.nstep, plan.most_threads, plan.returns)
     max_nstep = starts.max_settling_nstep(cost_s)
     settling_nstep = min(starts.settling_nstep(model, plan.starts), max_nstep)
-    patience_per_step_s = PATIENCE * work.step_s(model)
+    patience_per_step_s = PATIENCE * reference_run.step_s(model)
     patience_s = patience_per_step_s * sizes.nbatch * sizes.nstep
     channel.allow_silence(patience_s + patience_per_step_s * settling_nstep)
     request = SampleRequest(
@@ -126,7 +125,7 @@ def verify_in_child(
         max_nstep,
         may_shorten=plan.nstep is None,
     )
-    sample = sampling.draw(model, request)
+    sample = workload_sampling.draw(model, request)
     own = sample.workload.returning(plan.returns)
     _save(own, sample, files, bool(plan.accelerated))
     case = ReferenceCase.create(own, sample.observation)
@@ -159,7 +158,7 @@ def _model_record(name: str, own: Workload, sizes: BlockSizes, sample: Sample) -
     return ModelRecord(
         model=name,
         status=Status.OK,
-        facts=work.describe(own.model),
+        facts=reference_run.describe(own.model),
         nbatch=own.nbatch,
         nstep=own.nstep,
         hold=own.hold,
@@ -258,14 +257,14 @@ class FurtherCases:
 def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
     """Return small cases with every input set, one a product, of simulations without warnings."""
     # where the user's are fewer, some are taken twice: their inputs differ
-    rows = np.resize(trajectory.spread_indices(own.nbatch, INPUTS_NBATCH), INPUTS_NBATCH)
+    rows = np.resize(reference_trajectory.spread_indices(own.nbatch, INPUTS_NBATCH), INPUTS_NBATCH)
     affordable = int(INPUTS_S / (step_s * len(rows)))
     ncontrol = workload.whole_holds(min(INPUTS_NSTEP, affordable), own.hold) // own.hold
     few = dataclasses.replace(
         own, initial_state=own.initial_state[rows], control=own.control[rows, :ncontrol].copy()
     )
-    small = inputs.with_every_input(few, own.seed)
-    observed = work.observe(small)
+    small = input_probe.with_every_input(few, own.seed)
+    observed = reference_run.observe(small)
     calm = observed.healthy & ~observed.warnings.any(axis=1)
     if not calm.any():
         return {}

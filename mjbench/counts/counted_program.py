@@ -22,16 +22,16 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.block_sizes import check_memory
+from mjbench.comparison.plan import check_memory
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.paired import operations
 from mjbench.releases import install_check
-from mjbench.simulation import models, sampling, work, work_check, workload
+from mjbench.simulation import models, reference_run, state_drift, workload, workload_sampling
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import Followed
+from mjbench.simulation.state_drift import Followed
+from mjbench.simulation.workload_sampling import SampleRequest
 
 # A function of the engine that nothing else calls, and how often it is called for each task.
 MARKER = "mj_version"
@@ -171,7 +171,7 @@ def _answer(task: TaskRequest, instrumentation: Instrumentation) -> CountAnswer:
 def _step_between_markers(request: ModelRequest, instrumentation: Instrumentation) -> CountedWork:
     model = models.load(request.source)
     shared, probe, starts = _workload(model, request)
-    observation = work.observe(shared)
+    observation = reference_run.observe(shared)
     run = paths.find(PATH).prepare(shared, {}, paths.Resources(shared)).run
     _run_between_markers(run, instrumentation)
     return CountedWork(
@@ -180,7 +180,7 @@ def _step_between_markers(request: ModelRequest, instrumentation: Instrumentatio
         diverged=int((~observation.healthy).sum()),
         warnings=observation.other_warnings(),
         healthy=observation.healthy,
-        followed=None if probe is None else work_check.follow(shared, probe),
+        followed=None if probe is None else state_drift.follow(shared, probe),
         starts=starts,
     )
 
@@ -215,8 +215,8 @@ def _workload(
     file, starts = request.workload_file, None
     if not file.is_file():
         check_memory(model, request.sample.nbatch, request.sample.nstep)
-        sample = sampling.draw(model, request.sample)
-        created, starts = work_check.portable(sample.workload), sample.starts
+        sample = workload_sampling.draw(model, request.sample)
+        created, starts = state_drift.portable(sample.workload), sample.starts
         partial = file.with_suffix(".part")  # a killed program must leave no half of a file
         partial.write_bytes(pickle.dumps(created))
         partial.rename(file)

@@ -1,9 +1,14 @@
-"""Explain why a release is slower: instructions by function and stage, baseline and candidate."""
+"""Explain why a release is slower: instructions by function and stage, baseline and candidate.
 
+`mjbench history explain` asks for each release and the one before, for models and operations.
+"""
+
+import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.counts import counted_program
+from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.function_differences import (
     CodeChanges,
     code_shares,
@@ -13,20 +18,27 @@ from mjbench.counts.function_differences import (
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
     ExplainRecord,
+    finished,
 )
 from mjbench.errors import MachineError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
+from mjbench.measuring.timing import Progress
+from mjbench.paired.history_tasks import Selection
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paired.verdict import exact_verdict
-from mjbench.releases.release_spec import ReleaseSpec
-from mjbench.simulation import changed_work, work_check
+from mjbench.releases.release_names import ReleaseSpec
+from mjbench.simulation import changed_work, state_drift
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.work_check import StateDrift
+from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 
 # Two counts of the same work differ by less, as a share (tests/counts/test_instructions.py).
 REPEATABILITY = 0.001
+
+# Of each model and pair of releases, as many functions are stored, and those that exchanged cost
+# with them.
+_TOP = 12
 
 
 def explain_change(
@@ -78,7 +90,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
     work = None
     if not failed and baseline.work and candidate.work:
         work = Pair(baseline.work, candidate.work)
-    drift = state_drift(baseline, candidate)
+    drift = _drift(baseline, candidate)
     details = [f"MuJoCo {c.release}: {c.detail}" for c in (baseline, candidate) if c.detail]
     path = counted_program.PATH
     return VerdictRow(
@@ -105,12 +117,12 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
     )
 
 
-def state_drift(baseline: ModelCount, candidate: ModelCount) -> StateDrift | None:
+def _drift(baseline: ModelCount, candidate: ModelCount) -> StateDrift | None:
     if baseline.followed is None or candidate.followed is None:
         return None
     assert baseline.healthy is not None and candidate.healthy is not None, "both were counted"
     healthy = baseline.healthy & candidate.healthy
-    return work_check.drift(baseline.followed, candidate.followed, healthy)
+    return state_drift.drift(baseline.followed, candidate.followed, healthy)
 
 
 def work_changes(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None) -> list[str]:
@@ -118,7 +130,7 @@ def work_changes(baseline: ModelCount, candidate: ModelCount, time: VerdictRow |
 
     Where time was compared, single steps were compared with it; they are counted without otherwise.
     """
-    drift = state_drift(baseline, candidate)
+    drift = _drift(baseline, candidate)
     one_step = drift.one_step if drift else None
     if time is not None and time.drift is not None:
         one_step = max(one_step or 0.0, time.drift)
@@ -166,3 +178,51 @@ def verdicts(
         for count in counter.count(candidate, missing) if missing else ():
             row = verdict_row(baselines[count.model], count, comparison.min_effect)
             yield VerdictRecord(**vars(row))
+
+
+def count_rest(
+    selection: Selection, earlier: Sequence[object], on_progress: Progress
+) -> Iterator[list[ExplainRecord]]:
+    """Count each release, and yield what changed since the one before and is not known yet."""
+    done = {(record.old, record.new, record.series) for record in finished(earlier)}
+    missing = _releases_to_count(selection, done)
+    operations = [
+        OperationRequest(operation.name, operation.source) for operation in selection.operations
+    ]
+    before: Sequence[ModelCount] = ()
+    with InstructionCounter() as counter:
+        if missing and selection.sources:
+            list(counter.count(selection.reference, selection.sources))  # draws the workloads
+        for number, release in enumerate(selection.releases):
+            on_progress(f"MuJoCo {release.version}", number / len(selection.releases))
+            if release.version not in missing:
+                before = ()
+                continue
+            counts = [
+                *counter.count(release, selection.sources),
+                *counter.count(release, operations),
+            ]
+            yield [
+                _record(old, new)
+                for old, new in zip(before, counts, strict=bool(before))
+                if (old.release, new.release, new.operation or new.model) not in done
+            ]
+            before = counts
+
+
+def _releases_to_count(selection: Selection, done: set[tuple[str, str, str]]) -> set[str]:
+    versions = [release.version for release in selection.releases]
+    return {
+        version
+        for old, new in itertools.pairwise(versions)
+        for version in (old, new)
+        if any((old, new, name) not in done for name in selection.names)
+    }
+
+
+def _record(old: ModelCount, new: ModelCount) -> ExplainRecord:
+    """Return what changed in a model: functions that changed most, and whose cost moved there."""
+    row = explain_change(old, new, time=None)
+    names = {name for f in row.functions[:_TOP] for name in (f.name, *f.moved_with)}
+    functions = [function for function in row.functions if function.name in names]
+    return replace(row, functions=functions)

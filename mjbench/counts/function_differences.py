@@ -25,8 +25,6 @@ MAX_REST = 0.25
 MIN_CALLEE_CHANGE = 0.25
 # A function that takes over less than this share of a difference has no part in the move.
 MIN_PART = 0.05
-# As many functions are named of those that account for a change.
-MAIN_FUNCTIONS = 3
 # Functions without a name in the symbol table: Callgrind writes their address instead.
 _UNNAMED = "0x"
 

@@ -33,15 +33,15 @@ from mjbench.counts.counted_program import (
 from mjbench.counts.records import InstructionsRecord
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
-from mjbench.host import child, child_connection, platforms, scratch
+from mjbench.host import child, child_connection, files, platforms
 from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.paired import release_python
 from mjbench.paired.run_sizes import Sizes
-from mjbench.releases import installs, release_spec
+from mjbench.releases import installs, release_names
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import SampleRequest
-from mjbench.simulation.work_check import Followed
+from mjbench.simulation.state_drift import Followed
 from mjbench.simulation.workload import whole_holds
+from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
 # Simulations and steps of each, unless the sizes say otherwise. Callgrind runs about fifty times
@@ -114,7 +114,7 @@ class InstructionCounter:
         problem = unavailable()
         if problem:
             raise MachineError(problem)
-        self._folder = self._closing.enter_context(scratch.folder())
+        self._folder = self._closing.enter_context(files.temporary_folder())
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -126,7 +126,7 @@ class InstructionCounter:
 
     def count(
         self,
-        release: release_spec.ReleaseSpec,
+        release: release_names.ReleaseSpec,
         work: Sequence[ModelSource | OperationRequest],
         limit_s: float = 600.0,
     ) -> Iterator[ModelCount]:
@@ -154,19 +154,19 @@ class InstructionCounter:
 
 
 def _count(
-    release: release_spec.ReleaseSpec, requests: Sequence[TaskRequest], limit_s: float
+    release: release_names.ReleaseSpec, requests: Sequence[TaskRequest], limit_s: float
 ) -> Iterator[ModelCount]:
     done = 0
     while done < len(requests):
         # a task that ends the process costs only its own row: a new process counts the rest
-        with scratch.folder() as folder:
+        with files.temporary_folder() as folder:
             for count in _count_until_death(release, requests[done:], folder, limit_s):
                 yield count
                 done += 1
 
 
 def _count_until_death(
-    release: release_spec.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
+    release: release_names.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
 ) -> Iterator[ModelCount]:
     """Count tasks until one ends the process; the last count then says how."""
     begin_s = time.monotonic()
@@ -193,7 +193,7 @@ def _count_until_death(
 
 @contextlib.contextmanager
 def _program(
-    release: release_spec.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
+    release: release_names.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
 ) -> Iterator[ChildConnection]:
     """Run the counted program under Callgrind as long as the block lasts; yield its connection.
 
@@ -242,7 +242,10 @@ def _callgrind(folder: Path) -> list[str]:
 
 
 def _task_count(
-    release: release_spec.ReleaseSpec, task: TaskRequest, answer: CountAnswer, dumps: Sequence[Path]
+    release: release_names.ReleaseSpec,
+    task: TaskRequest,
+    answer: CountAnswer,
+    dumps: Sequence[Path],
 ) -> ModelCount:
     empty = ModelCount(
         model=task.source.name if task.source else "",

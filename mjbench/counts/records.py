@@ -11,8 +11,8 @@ from typing import ClassVar
 
 from mjbench.bounds import Version
 from mjbench.paired.records import Pair, VerdictRow
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
 from mjbench.status import FINISHED, Status
 
 

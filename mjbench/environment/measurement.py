@@ -12,15 +12,15 @@ from mjbench.comparison import selection
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.verification import AgreementReport
 from mjbench.environment import vectors
-from mjbench.environment.layer_shares import LayerSamples
-from mjbench.environment.physics_comparison import CHOICES, PATHS
-from mjbench.environment.records import EnvironmentRecord, PathSamples
-from mjbench.environment.run import (
+from mjbench.environment.child_process import (
     EnvironmentPlan,
     EnvironmentRequest,
     EnvironmentRound,
     measure_in_child,
 )
+from mjbench.environment.layer_shares import LayerSamples
+from mjbench.environment.physics_comparison import CHOICES, PATHS
+from mjbench.environment.records import EnvironmentRecord, PathSamples
 from mjbench.environment.source import EnvironmentSource
 from mjbench.host import isolate
 from mjbench.host.isolate import Ended

@@ -25,7 +25,7 @@ from mjbench.environment.recording import Recording, StepTrace
 from mjbench.errors import MachineError
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
-from mjbench.simulation import agreement, compat, work
+from mjbench.simulation import agreement, compat, reference_run
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.workload import Workload
@@ -182,7 +182,7 @@ class PhysicsComparison:
 
 def difference_from(physics: PhysicsAlone) -> str:
     """Return where a plain loop of the runs first differs from the environment's ends, or empty."""
-    observation = work.observe(physics.workload)
+    observation = reference_run.observe(physics.workload)
     columns = compat.state_columns(physics.workload.model)
     difference = agreement.first_differing_entry(
         physics.final_state, observation.final_state, columns
@@ -204,14 +204,16 @@ def prepare(
     physics: PhysicsAlone, variants: Sequence[Variant], channel: Channel
 ) -> PhysicsComparison:
     """Verify every path, the plain loop first, and send an `AgreementReport` for each."""
-    workload, observation = work.observe_healthy(physics.workload)
+    workload, observation = reference_run.observe_healthy(physics.workload)
     if workload.nbatch < physics.workload.nbatch:
         raise MachineError(f"the physics diverges ({observation.diagnosis()})")
     workload = dataclasses.replace(
         workload, initial_state=workload.initial_state.copy(), control=workload.control.copy()
     )
     case = ReferenceCase.create(workload, observation)
-    further = FurtherCases.create(case, work.step_s(workload.model, workload.initial_state[0]))
+    further = FurtherCases.create(
+        case, reference_run.step_s(workload.model, workload.initial_state[0])
+    )
     guard = ModelGuard(workload.model)
     prepared_by_position: dict[int, paths.Prepared] = {}
     for position, variant in enumerate(variants):

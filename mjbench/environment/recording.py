@@ -22,9 +22,8 @@ import numpy as np
 from mjbench.environment import engine
 from mjbench.loop.engine_functions import STEPPING, EngineFunction
 from mjbench.simulation import agreement, compat
-from mjbench.simulation.agreement import Difference
+from mjbench.simulation.agreement import Difference, StateReader
 from mjbench.simulation.model_guard import ModelGuard
-from mjbench.simulation.state_reader import StateReader
 
 # `mj_step` does a whole step, `mj_step1` begins one, and `mj_step2` ends it.
 _STEP, _BEGIN, _END = STEPPING

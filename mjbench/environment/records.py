@@ -29,7 +29,7 @@ from mjbench.environment.timer import TimerCost
 from mjbench.errors import Failure
 from mjbench.measuring import stats
 from mjbench.measuring.stats import Estimate
-from mjbench.simulation.work import ModelFacts
+from mjbench.simulation.reference_run import ModelFacts
 from mjbench.status import Status
 from mjbench.store.json_form import in_json
 

@@ -23,10 +23,10 @@ import numpy as np
 
 from mjbench.environment import adapters, construction
 from mjbench.environment.adapters import EnvironmentAdapter, GymnasiumAdapter
+from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.passes import PATIENCE
 from mjbench.environment.records import EnvironmentRecord, VectorForm, VectorSamples
 from mjbench.environment.repetition import Fingerprint
-from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import Failure, InputError, describe
 from mjbench.host import isolate, machine

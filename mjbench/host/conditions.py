@@ -29,6 +29,12 @@ _BETTER_CLOCK = "have the kernel use the processor's counter: boot with clocksou
 # A clock whose smallest step is longer cannot time a step, in nanoseconds.
 _MAX_TIMER_NS = 1000.0
 
+# The share of processor time that the host of a virtual machine must take before it counts.
+NOTABLE_STOLEN = 0.02
+# The share that threads must get of the cores that they can use: with less, their figures say more
+# about the machine's other guests than about what was measured.
+ENOUGH_CORES = 0.85
+
 
 class Grade(StrEnum):
     """How bad a condition is."""
@@ -161,7 +167,7 @@ def stolen() -> Condition | None:
         pass
     share = ProcessorTime.now().stolen_since(before)
     detail = f"a virtual machine; its host takes {100 * share:.0f} % of the processor time"
-    if share < machine.NOTABLE_STOLEN:
+    if share < NOTABLE_STOLEN:
         return Condition("host", Grade.GOOD, detail)
     return Condition(
         "host", Grade.BAD, detail, "measure at another hour, or on a machine of your own"

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar, TypeVarTuple
 
 from mjbench.errors import REFUSALS, MachineError, failure_of
-from mjbench.host import child, child_connection, scratch
+from mjbench.host import child, child_connection, files
 from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.status import Status
 
@@ -110,7 +110,7 @@ def run(
       environment: further environment variables of the child; None removes one.
       memory_bytes: the child is killed when it takes more.
     """
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         connection = child_connection.start(
             lambda descriptor: [sys.executable, "-c", _CHILD, str(descriptor), str(os.getpid())],
             folder / _LOG,

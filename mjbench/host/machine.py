@@ -55,11 +55,6 @@ _SPINNER = (
     "<geom size='.1' contype='0' conaffinity='0'/></body></worldbody></mujoco>"
 )
 _CALIBRATION_STEPS = 5000
-# The share of processor time that the host of a virtual machine must take before it counts.
-NOTABLE_STOLEN = 0.02
-# The share that threads must get of the cores that they can use: with less, their figures say more
-# about the machine's other guests than about what was measured.
-ENOUGH_CORES = 0.85
 # Share of the available memory that work may take.
 MEMORY_SHARE = 0.6
 

@@ -24,11 +24,11 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError, MachineError, MjbenchError, shown, writing
+from mjbench.host import files
 from mjbench.loop import engine_functions
-from mjbench.loop.step_recorder import ModelRecorder, RecordedWindow, StepRecorder
+from mjbench.loop.captured_steps import ModelRecorder, RecordedWindow, StepRecorder
 from mjbench.simulation import capture_header, state_file
 from mjbench.simulation.capture_header import CaptureHeader
-from mjbench.store import files
 
 # States that are stored, and steps of a window, unless the user says otherwise.
 MAX_STATES, WINDOW_NSTEP = 10_000, 100

@@ -22,12 +22,12 @@ from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import stats
-from mjbench.simulation import compat, models, sampling, starts, work
+from mjbench.simulation import compat, models, reference_run, starts, workload_sampling
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
-from mjbench.simulation.work import Work
 from mjbench.simulation.workload import Workload, whole_holds
+from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
 # Steps to measure unless the user says, and about how long they may take, in seconds; no fewer than
@@ -227,7 +227,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamp
     channel.doing("loading the model")
     model = models.load(request.source)
     channel.doing("drawing start states")
-    step_s = work.step_s(model)
+    step_s = reference_run.step_s(model)
     affordable = max(LEAST_NSTEP, int(request.budget_s / step_s))
     nstep = request.nstep or min(NSTEP, affordable)
     nrun = -(-(nstep + WARM_UP_NSTEP) // RUN_NSTEP)
@@ -236,7 +236,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamp
     sample_request = SampleRequest(
         nrun, run_nstep, request.hold, request.seed, request.starts, max_nstep, may_shorten=True
     )
-    sample = sampling.draw(model, sample_request)
+    sample = workload_sampling.draw(model, sample_request)
     timestep_s = float(model.opt.timestep)
     rate_hz = request.rate_hz or 1 / timestep_s
     samples: list[StepSamples] = []

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import InputError, MachineError, one_line, printable, writing
+from mjbench.host import files
 from mjbench.loop import lint
 from mjbench.loop.lint_certain_names import CertainNames
 from mjbench.loop.lint_fix_copies import Copying
@@ -29,7 +30,6 @@ from mjbench.loop.notebook import NotebookPart
 from mjbench.loop.python_source import PythonProgram, read_program
 from mjbench.loop.script_files import UncheckedFile
 from mjbench.loop.stepping_script import SteppingScript
-from mjbench.store import files as stored_files
 
 _LINE = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
 _LINE_END = re.compile(rb"\r\n|\r|\n")
@@ -92,7 +92,7 @@ class LintedFile:
         """Store the changed file in place of the old one; MachineError if that fails."""
         if self.after is not self.before:
             path = Path(self.file).resolve()  # a link stays a link
-            with writing(path), stored_files.replacing(path) as partial:
+            with writing(path), files.replacing(path) as partial:
                 partial.write_bytes(self.after.data)
 
     def diff(self) -> str:

@@ -8,10 +8,10 @@ simulation stays where it started.
 import mujoco
 import numpy as np
 
-from mjbench.simulation import compat, sampling, starts, work
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation import compat, reference_run, starts, workload_sampling
+from mjbench.simulation.reference_run import Observation
 from mjbench.simulation.starts import StartPlan, Starts
-from mjbench.simulation.work import Observation
+from mjbench.simulation.workload_sampling import SampleRequest
 
 # Start states that are drawn; fewer where to step from all of them would take more seconds than
 # this, but not fewer than the least.
@@ -45,13 +45,13 @@ class LoopStarts:
         self, model: mujoco.MjModel, plan: StartPlan, nstep: int | None = None, seed: int = 0
     ):
         """Draw starts for runs of `nstep` steps; None for as many as take about RUN_S."""
-        self._model, step_s = model, work.step_s(model)
+        self._model, step_s = model, reference_run.step_s(model)
         self.nstep = nstep or max(LEAST_NSTEP, int(RUN_S / step_s))
         affordable = int(DRAWING_S / (self.nstep * step_s))
         nstart = min(NSTART, max(LEAST_NSTART, affordable))
         max_nstep = starts.max_settling_nstep(step_s)
         request = SampleRequest(nstart, self.nstep, self.nstep, seed, plan, max_nstep)
-        sample = sampling.draw(model, request)
+        sample = workload_sampling.draw(model, request)
         self.starts: Starts = sample.starts
         self.observation: Observation = sample.observation
         self._states = sample.workload.initial_state

@@ -21,17 +21,17 @@ from mjbench.bounds import AnyFloat, Nanoseconds, Share, Timestep, check_measure
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.loop import engine_stages, habits, rendering, step_parts
+from mjbench.loop import habits, rendering, step_parts
 from mjbench.loop.habits import Habit, compile_loop
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.loop.rendering import FrameTime
 from mjbench.loop.step_parts import SensorCost, StepPart
 from mjbench.measuring import stats, timing
-from mjbench.simulation import compat, models, package_timer, work
+from mjbench.simulation import compat, engine_clock, models, reference_run
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
-from mjbench.simulation.work import Work
 from mjbench.status import Status
 
 # A block, in seconds; the fewest and most rounds of blocks.
@@ -199,7 +199,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     channel.doing("stepping the model")
     starts = LoopStarts(model, plan)
     observation = starts.observation
-    nrun = max(1, int(BLOCK_S / (starts.nstep * work.step_s(model))))
+    nrun = max(1, int(BLOCK_S / (starts.nstep * reference_run.step_s(model))))
     block = Block(nrun, starts.nstep, starts.in_turn)
     timers = timer_shares(model, block)
     part_s = PART_SHARE * budget_s
@@ -216,7 +216,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     least_ratio = stats.speedup(of_loop, of_one_call).low
     if clock_ns is not None:
         share = max(0.0, clock_ns) / engine_ns
-        parts.append(StepPart(package_timer.NAME, engine_stages.OTHER, share))
+        parts.append(StepPart(engine_clock.NAME, step_parts.OTHER, share))
     return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
@@ -277,7 +277,7 @@ def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
     step = int(mujoco.mjtTimer.mjTIMER_STEP)
     fastest = sorted(blocks[1:], key=lambda block: float(block[step]))  # the first touches memory
     timer_s = np.sum(fastest[: -(-len(fastest) // 3)], axis=0)  # by mjtTimer
-    timers = {name: compat.timer(name) for name in engine_stages.TIMERS}
-    return engine_stages.shares(
+    timers = {name: compat.timer(name) for name in step_parts.TIMERS}
+    return step_parts.stage_shares(
         {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}
     )

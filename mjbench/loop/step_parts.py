@@ -1,7 +1,8 @@
-"""Parts of a step that the engine has no timer for, timed by calling them: sensors, and others.
+"""Parts of a step: stages by the engine's own timers, and what has none, such as sensors.
 
-Each is called again and again on states after `mj_forward`; it computes the same each time: what
-sensors share, MuJoCo computes once and flags as done, so these flags are cleared before each call.
+A part without a timer is called again and again on states after `mj_forward`. It computes the same
+each time: what sensors share, MuJoCo computes once and flags as done, so these flags are cleared
+before each call.
 """
 
 import contextlib
@@ -15,7 +16,6 @@ import mujoco
 import numpy as np
 
 from mjbench.bounds import Share
-from mjbench.loop.engine_stages import OTHER
 from mjbench.measuring import timing
 from mjbench.simulation import compat
 
@@ -29,6 +29,25 @@ _EVALUATIONS_OF_RK4 = 4
 
 # A function of the engine, or what brings an MjData to a start state.
 Function = Callable[[mujoco.MjModel, mujoco.MjData], None]
+
+# Stages by MuJoCo's timers (mjtTimer); what they leave of a step is `other`.
+STAGES: Mapping[str, str] = {
+    "kinematics": "POS_KINEMATICS",
+    "inertia": "POS_INERTIA",
+    "broad-phase collision": "COL_BROAD",
+    "narrow-phase collision": "COL_NARROW",
+    "collision": "POS_COLLISION",
+    "constraint making": "POS_MAKE",
+    "constraint projection": "POS_PROJECT",
+    "velocity": "VELOCITY",
+    "actuation": "ACTUATION",
+    "constraint solver": "CONSTRAINT",
+    "integration": "ADVANCE",
+}
+# What the timers leave of a step.
+OTHER = "other"
+# The timers that `stage_shares` reads.
+TIMERS = (*STAGES.values(), "STEP")
 
 
 class SensorStage(enum.StrEnum):
@@ -230,3 +249,19 @@ def medians(
         statistics.median(seconds) / count
         for seconds, count in zip(zip(*rounds, strict=True), calls, strict=True)
     ]
+
+
+def stage_shares(timer_s: Mapping[str, float]) -> dict[str, float]:
+    """Return the share of a step by stage, `other` included; they sum to 1.
+
+    Args:
+      timer_s: seconds by timer, without the `mjTIMER_` of its name; a timer that a release does not
+        have may be missing.
+    """
+    stages = {stage: timer_s.get(timer, 0.0) for stage, timer in STAGES.items()}
+    # The timer of collision includes its two phases: leave what they do not explain.
+    phases = stages["broad-phase collision"] + stages["narrow-phase collision"]
+    stages["collision"] = max(0.0, stages["collision"] - phases)
+    total = max(timer_s.get("STEP", 0.0), sum(stages.values()), 1e-30)  # never 0, as it divides
+    stages[OTHER] = total - sum(stages.values())
+    return {stage: value / total for stage, value in stages.items()}

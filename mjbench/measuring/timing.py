@@ -14,6 +14,9 @@ from mjbench.measuring.calls import nothing
 
 Clock = Callable[[], float]
 
+# Called with what is measured now, and the share of all work that is done.
+Progress = Callable[[str, float], None]
+
 
 @dataclass(frozen=True)
 class Contender:
@@ -82,3 +85,7 @@ def block_times(
     """Time two blocks against each other; return the seconds of each, in orders such as `ABBA`."""
     contenders = {"A": Contender(baseline, before), "B": Contender(candidate, before)}
     return [[block_s(contenders[letter], clock) for letter in order] for order in orders]
+
+
+def no_progress(name: str, share: float) -> None:
+    """Show no progress."""

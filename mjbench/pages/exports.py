@@ -10,13 +10,13 @@ from xml.etree import ElementTree
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError, MachineError
-from mjbench.paired import family, machine_verdicts
-from mjbench.paired.machine_verdicts import MachinesOutcome
+from mjbench.paired import family
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
-from mjbench.report import rows, verdicts
-from mjbench.report.across_machines import verdict_cell
-from mjbench.report.results import derive_all, disturbed, path_results
+from mjbench.report import rows, verdicts, verdicts_across
+from mjbench.report.machines_side_by_side import verdict_cell
+from mjbench.report.path_speedups import derive_all, disturbed, path_results
+from mjbench.report.verdicts_across import MachinesOutcome
 from mjbench.status import Status
 from mjbench.store.machine_identity import identify
 from mjbench.store.run_set import RunSet
@@ -251,7 +251,7 @@ def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
     machines = [machine.name for machine in identify([run.header.machine for run in runs])]
     for run, machine in zip(runs, machines, strict=True):
         yield from (replace(case, name=f"{machine}: {case.name}") for case in _path_cases(run))
-    across = machine_verdicts.decide(machine_verdicts.rows_of(runs, machines))
+    across = verdicts_across.decide(verdicts_across.rows_of(runs, machines))
     for comparison in across.comparisons:
         name = verdicts.comparison_name(comparison)
         sentence = verdicts.describe_machines(comparison, name)

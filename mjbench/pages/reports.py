@@ -7,14 +7,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mjbench import command_names
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import one_line, printable
 from mjbench.releases import known_causes
 from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import across_machines as across
 from mjbench.report import counts, formats, history_across, history_files, kinds
+from mjbench.report import machines_side_by_side as across
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
-from mjbench.store import command_names, run_set
+from mjbench.store import run_set
 from mjbench.store.machine_identity import MachineIdentity
 from mjbench.store.runs import Run
 from mjbench.units import count_of

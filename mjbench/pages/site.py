@@ -28,7 +28,7 @@ from mjbench.pages.markdown import escaped
 from mjbench.pages.reports import NamedRun
 from mjbench.report import comparison, history, history_files, history_plots
 from mjbench.report.content import Tone
-from mjbench.report.results import derive_all
+from mjbench.report.path_speedups import derive_all
 from mjbench.report.speed_history import SpeedHistory
 from mjbench.status import Status
 

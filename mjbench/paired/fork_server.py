@@ -1,8 +1,8 @@
 """A program that imports what all workers need, and forks them (Linux).
 
 To import NumPy and the standard library takes more than half of a worker's start. MuJoCo is not
-imported here: its libraries and its data lie elsewhere in each worker. `launch_seeds` says how many
-launches use one server.
+imported here: its libraries and its data lie elsewhere in each worker. `memory_layout` says how
+many launches use one server.
 
 This module runs inside the environment of any one release: it needs only the standard library.
 """

@@ -14,8 +14,8 @@ from mjbench.errors import InputError, MachineError, shown
 from mjbench.paired.records import TargetRow
 from mjbench.paired.timed_function import MEASURING, CodeOrigin, FunctionFacts, FunctionSource
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs, packages, release_spec, revision_builds, source_layout
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases import installs, packages, release_names, revision_builds
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Repository, Revision
 from mjbench.simulation.starts import Starts
 from mjbench.status import ExitCode
@@ -165,7 +165,7 @@ class RevisionComparison:
             if old is None or new is None or old == new:
                 continue
             base, module = package_of(top, function.file)
-            is_importable = (top / base).resolve() in source_layout.source_folders(top)
+            is_importable = (top / base).resolve() in revision_builds.source_folders(top)
             instead = f": for the function of each, name {module}:{function.name}"
             yield (
                 f"{function.file} itself differs, and both sides run that of {self.candidate.name}"
@@ -228,7 +228,7 @@ def check_out(
       BuildError: a revision cannot be built.
     """
     root, work = pool.new_folder().resolve(), pool.new_folder()
-    installed = release_spec.parse_release(release_spec.INSTALLED)
+    installed = release_names.parse_release(release_names.INSTALLED)
     sides = []
     # folders with names of one length, so that nothing in a process differs by it
     for name, revision in zip("ab", (comparison.baseline, comparison.candidate), strict=True):
@@ -256,24 +256,24 @@ def own_packages(tree: Path) -> frozenset[str]:
     Packages that processes import to measure are the tree's own only where they lie directly in a
     source folder, not where they are copies of other projects.
     """
-    copies = {name for name in MEASURING if not source_layout.has_module(tree, name)}
-    return source_layout.package_names(tree) - sys.stdlib_module_names - copies
+    copies = {name for name in MEASURING if not revision_builds.has_module(tree, name)}
+    return revision_builds.package_names(tree) - sys.stdlib_module_names - copies
 
 
 def build_reason(baseline: Path, candidate: Path) -> str:
     """Return why two source trees have to be built and installed; empty where they have not."""
     trees = baseline, candidate
-    if not all(map(source_layout.is_installable, trees)):
+    if not all(map(revision_builds.is_installable, trees)):
         return ""
-    if any(map(source_layout.is_compiled, trees)):
+    if any(map(revision_builds.is_compiled, trees)):
         return "there are extension modules"
-    needs = set(map(source_layout.dependencies, trees))
+    needs = set(map(revision_builds.dependencies, trees))
     return "they need other packages" if len(needs) > 1 else ""
 
 
 def changed_locks(baseline: Path, candidate: Path) -> list[str]:
     """Return the names of files that pin versions, and are not the same in two source trees."""
-    old, new = map(source_layout.lock_files, (baseline, candidate))
+    old, new = map(revision_builds.lock_files, (baseline, candidate))
     return sorted(name for name in {**old, **new} if old.get(name) != new.get(name))
 
 
@@ -294,7 +294,7 @@ def _targets(
             side.tree,
             replace(
                 function_source(
-                    function, text, side.folder, layout, source_layout.source_folders(side.folder)
+                    function, text, side.folder, layout, revision_builds.source_folders(side.folder)
                 ),
                 are_first=not side.is_built,
                 cwd=str(_cwd(side.folder, comparison.cwd.relative_to(top))),
@@ -390,7 +390,7 @@ def install_all(comparison: EnvironmentComparison) -> list[FunctionTargets]:
 
 def install(spec: ReleaseSpec) -> CodeOrigin:
     """Install an environment that is missing; return where its packages must be imported from."""
-    if spec.name == release_spec.INSTALLED:
+    if spec.name == release_names.INSTALLED:
         return CodeOrigin(frozenset(), (), "")
     folder = installs.install(spec).resolve()
     names = packages.modules(folder, packages.names_of(spec.beside))
@@ -403,5 +403,5 @@ def _target_in(
     root, cwd, text = comparison.root, comparison.cwd, None
     if function.file is not None:
         text = (root / function.file).read_bytes()
-    source = function_source(function, text, root, root, source_layout.source_folders(cwd))
+    source = function_source(function, text, root, root, revision_builds.source_folders(cwd))
     return FunctionTarget(function.text, None, "", replace(source, cwd=str(cwd)), origin, spec)

@@ -18,10 +18,10 @@ from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases import movable, placement
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement, PlacementPair
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import models
-from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import KEYFRAME_STARTS
+from mjbench.simulation.workload_sampling import SampleRequest
 
 # A model with many contacts, which most of the engine's loops work on; simulations and steps of it.
 _MODEL, _NBATCH, _NSTEP = "pile", 2, 20

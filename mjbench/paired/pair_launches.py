@@ -46,11 +46,11 @@ from mjbench.paired.time_limit import (
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import changed_work
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import StateDrift
+from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 
 # Metrics of which a launch has one layout and one quad, because more would be the same again; and

@@ -16,7 +16,7 @@ import numpy as np
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
 from mjbench.errors import MachineError
 from mjbench.measuring import launch_stats
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired import moved_check
 from mjbench.paired.outcomes import CONFIDENCE
 from mjbench.paired.records import LaunchRow
@@ -38,8 +38,8 @@ MIN_LAUNCHES = 9
 class SpreadPlan:
     """How many launches each residue gets, within seconds from when the model is loaded."""
 
-    launches: int = 14
-    time_limit_s: float = 180.0
+    launches: int
+    time_limit_s: float
     sizes: Sizes = field(default_factory=Sizes)
 
     @property

@@ -23,7 +23,7 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.verification import ModelFiles
 from mjbench.errors import Failure, InputError
 from mjbench.host.child_connection import ChildError
-from mjbench.paired import cores, launch_seeds, race_blocks
+from mjbench.paired import cores, memory_layout, race_blocks
 from mjbench.paired.launches import StopRule, Targets, UnableError
 from mjbench.paired.race_record import (
     MAX_LAUNCHES,
@@ -33,8 +33,8 @@ from mjbench.paired.race_record import (
     UnableVariant,
 )
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
-from mjbench.paths.parallelism import nthread
-from mjbench.releases import release_spec
+from mjbench.paths.base import nthread
+from mjbench.releases import release_names
 from mjbench.status import Status
 
 # Launches after the race at most.
@@ -182,8 +182,8 @@ class RaceLaunches(Targets[RaceLaunch]):
         """Start nothing yet; `files` have the work of each launch."""
         self._pool, self._model, self._plan, self._files = pool, model, plan, files
         self._variants = variants
-        self._release = release_spec.parse_release(release_spec.INSTALLED)
-        self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
+        self._release = release_names.parse_release(release_names.INSTALLED)
+        self._seeds = memory_layout.schedule(random.Random(), memory_layout.launches_of_a_program())
 
     def launch(self, positions: Sequence[int]) -> RaceLaunch:
         """Time the variants at these positions in a fresh process."""

@@ -17,9 +17,9 @@ import numpy as np
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.measuring import launch_stats
-from mjbench.measuring.ratio import Ratio
-from mjbench.paths.parallelism import nthread
-from mjbench.simulation import package_timer
+from mjbench.measuring.stats import Ratio
+from mjbench.paths.base import nthread
+from mjbench.simulation import engine_clock
 from mjbench.status import Status
 
 # A path may be this much slower than the fastest and still be as good: the race does not go on to
@@ -226,7 +226,7 @@ class RaceRecord:
     def timer_gain(self) -> Ratio | None:
         """What turning MuJoCo's timer off gains, where that is certain and worth a line."""
         gain = self.speedup(WITHOUT_TIMER)
-        if gain is None or not gain.is_above(1.0) or gain.estimate < 1 + package_timer.MIN_GAIN:
+        if gain is None or not gain.is_above(1.0) or gain.estimate < 1 + engine_clock.MIN_GAIN:
             return None
         return gain
 

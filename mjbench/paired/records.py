@@ -20,14 +20,13 @@ from mjbench.bounds import (
 )
 from mjbench.measuring import stats
 from mjbench.measuring.calls import Compilation
-from mjbench.measuring.ratio import Ratio
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.stats import Estimate, Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import RunDrift
+from mjbench.simulation.state_drift import RunDrift
 from mjbench.status import FINISHED, Status
 
 _Value = TypeVar("_Value")
@@ -186,7 +185,7 @@ class VerdictRow:
       placement: of machine code; None for instructions.
       work: contacts, constraints, solver iterations per step.
       drift: largest difference of qpos, qvel and act one step after the same states, at several
-        points of the run, relative to each field (see `work_check.StateDrift`).
+        points of the run, relative to each field (see `state_drift.StateDrift`).
       run_drift: the same for runs from the same starts, at several points.
       diverged: simulations that diverged; none of them is timed.
       warnings: how many of the others raised each warning of MuJoCo.

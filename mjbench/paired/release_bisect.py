@@ -19,7 +19,7 @@ from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs, known_causes
 from mjbench.releases.catalogue import ReleaseRange
-from mjbench.releases.release_spec import INSTALLED
+from mjbench.releases.release_names import INSTALLED
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status

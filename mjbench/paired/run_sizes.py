@@ -23,9 +23,6 @@ MAX_NSTEP = 100
 THREADED_RUN_S = 0.01
 # Steps of a run whose slowest are compared, at least: five are above the 99th percentile.
 MIN_P99_STEPS = 500
-# Simulations that are drawn for each one of a run. Launches do others of them, so that a verdict
-# does not rest on the states of one run.
-DRAWN_PER_RUN = 8
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow, TrialRecord
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
@@ -68,7 +68,7 @@ def inside_step(model: ModelSource, function: str) -> Case:
 def between_builds(model: ModelSource, pair: NoChangePair) -> Case:
     """Return a case of two releases whose steps execute equally many instructions."""
     baseline, candidate = (
-        Target(release_spec.parse_release(release), model) for release in (pair.old, pair.new)
+        Target(release_names.parse_release(release), model) for release in (pair.old, pair.new)
     )
     return Case(Arm.BETWEEN_BUILDS, baseline, candidate)
 
@@ -96,7 +96,7 @@ def remaining(cases: Sequence[Case], trials: int, records: Sequence[TrialRecord]
 
 
 def _installed(model: ModelSource) -> Target:
-    return Target(release_spec.parse_release(release_spec.INSTALLED), model)
+    return Target(release_names.parse_release(release_names.INSTALLED), model)
 
 
 def run(

@@ -27,16 +27,16 @@ from mjbench.paired.pair_launches import (
     WorkCheck,
     check_growth,
 )
-from mjbench.paired.run_sizes import DRAWN_PER_RUN, RUN_S, RunSize, Sizes, run_size
+from mjbench.paired.run_sizes import RUN_S, RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import DrawnWorkload, Observed, ReadyOperation
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
-from mjbench.simulation import starts, work_check
+from mjbench.simulation import starts, state_drift
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import LEAD_IN, SampleRequest
 from mjbench.simulation.workload import Product, whole_holds
+from mjbench.simulation.workload_sampling import LEAD_IN, SampleRequest
 
 # Simulations that start from a file of states, so that they are wherever it was; fewer where a run
 # of all would take more seconds than this.
@@ -48,6 +48,10 @@ LEAST_SLEEPING_NSTEP = 20
 MAX_REPEATS = 10_000
 # What error messages call two targets.
 ROLES = "baseline", "candidate"
+
+# Simulations that are drawn for each one of a run. Launches do others of them, so that a verdict
+# does not rest on the states of one run.
+DRAWN_PER_RUN = 8
 
 
 class TargetPair(LaunchedPair):
@@ -339,7 +343,7 @@ def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
 
 def _drawing_nstep(nbatch: int, nstep: int, is_divided: bool) -> int:
     """Return about how many steps it takes to draw a workload, and to see what both do with it."""
-    nprobe, npoint = min(nbatch, work_check.NPROBE), len(work_check.points(nstep))
+    nprobe, npoint = min(nbatch, state_drift.NPROBE), len(state_drift.points(nstep))
     # each simulation: a step to start from, and a run when it is drawn and in each target, where
     # three more show whether sections end in the right states; probed ones: a run and single steps
     # as often
@@ -370,7 +374,7 @@ def _prepared(
     check = WorkCheck(
         baseline=baseline.work,
         candidate=candidate.work,
-        drift=work_check.drift(baseline.followed, candidate.followed, is_compared, shared),
+        drift=state_drift.drift(baseline.followed, candidate.followed, is_compared, shared),
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
         nbatch=min(nbatch, nsim),

@@ -12,13 +12,13 @@ from mjbench import paths
 from mjbench.errors import InputError, describe
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.records import TargetRow
-from mjbench.paths import parallelism
-from mjbench.releases import release_spec
+from mjbench.paths import base
+from mjbench.releases import release_names
 from mjbench.simulation import model_options, models
 from mjbench.units import listed
 
 _TIMER = ("on", "off")
-_DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": release_spec.INSTALLED}
+_DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": release_names.INSTALLED}
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Target:
       has_timer: whether steps read the timer of MuJoCo's Python package.
     """
 
-    release: release_spec.ReleaseSpec
+    release: release_names.ReleaseSpec
     model: models.ModelSource
     path: str = paths.BASE
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Target:
 
     @property
     def nthread(self) -> int:
-        return parallelism.nthread(self.options)
+        return base.nthread(self.options)
 
     @property
     def files(self) -> list[Path]:
@@ -76,8 +76,8 @@ def parse(baseline: str, candidate: str) -> tuple[Target, Target]:
 
 
 def of_releases(
-    baseline: release_spec.ReleaseSpec,
-    candidates: Sequence[release_spec.ReleaseSpec],
+    baseline: release_names.ReleaseSpec,
+    candidates: Sequence[release_names.ReleaseSpec],
     sources: Sequence[models.ModelSource],
     path_names: Sequence[str],
 ) -> list[tuple[Target, Target]]:
@@ -186,7 +186,7 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
     except InputError as error:
         raise InputError(f"{text!r}: {error}") from None
     return Target(
-        release_spec.parse_release(settings["release"]),
+        release_names.parse_release(settings["release"]),
         models.resolve(settings["model"]),
         path.name,
         complete_options(path, options),

@@ -15,7 +15,7 @@ import numpy as np
 from mjbench.errors import MachineError
 from mjbench.measuring import launch_stats
 from mjbench.measuring.launch_stats import Evidence, Interval
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired import outcomes
 from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.metrics import METRICS, Metric
@@ -37,7 +37,7 @@ from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.status import Status
 
 # A verdict of faster or slower is final when its interval's half-width is at most this share of the

@@ -4,7 +4,7 @@ Where code and data lie in memory decides 1 % of a process's speed, sometimes 3 
 and one layout is not a sample. So each launch is a new process, which maps MuJoCo's libraries
 behind a random amount of other memory. Several times per launch it allocates model, data and
 controls anew in the same way, and runs at a random depth of the stack. Both targets of a launch
-draw the same (see `launch_seeds`). (Where processes were forked after MuJoCo was imported, all of
+draw the same (see `memory_layout`). (Where processes were forked after MuJoCo was imported, all of
 one parent shared an offset of 0.5 %, once of 3 %. So `fork_server` forks them before.)
 
 This module runs inside the environment of any one release: it needs only the standard library,
@@ -50,9 +50,9 @@ if TYPE_CHECKING:
     from mjbench.paired.timed_function import TimedFunction
     from mjbench.paths import Resources, States
     from mjbench.simulation.rounding_reference import RoundingReference
-    from mjbench.simulation.sampling import SampleRequest
     from mjbench.simulation.starts import StartPlan
     from mjbench.simulation.workload import PortableWorkload, Product, Workload
+    from mjbench.simulation.workload_sampling import SampleRequest
 
 # What moves the memory of a layout is freed after as many more of them.
 _SCATTERED_LAYOUTS = 12
@@ -153,50 +153,50 @@ class Worker:
 
     @activity("measuring a step")
     def measure_step_cost(self, plan: "StartPlan", nstart: int, hold: int) -> StepCost:
-        from mjbench.simulation import compat, sampling, starts, work
+        from mjbench.simulation import compat, reference_run, starts, workload_sampling
         from mjbench.simulation.model_digest import model_digest
 
         return StepCost(
             model_digest(self.model),
-            work.step_s(self.model),
+            reference_run.step_s(self.model),
             starts.settling_nstep(self.model, plan),
-            sampling.most_nstep(self.model, plan, nstart, hold),
+            workload_sampling.most_nstep(self.model, plan, nstart, hold),
             compat.has_sleep(self.model),
         )
 
     @activity("measuring a step")
     def measure_settled_cost(self) -> float:
         """Return about how many seconds one step takes in the model's typical regime."""
-        from mjbench.simulation import sampling
+        from mjbench.simulation import workload_sampling
 
-        return sampling.settled_step_s(self.model)
+        return workload_sampling.settled_step_s(self.model)
 
     @activity("making the workload")
     def make_workload(self, request: "SampleRequest") -> DrawnWorkload:
-        """Draw a workload for the loaded model (see `sampling.draw`)."""
-        from mjbench.comparison.block_sizes import check_memory
-        from mjbench.simulation import sampling, work_check
+        """Draw a workload for the loaded model (see `workload_sampling.draw`)."""
+        from mjbench.comparison.plan import check_memory
+        from mjbench.simulation import state_drift, workload_sampling
 
         check_memory(self.model, request.nbatch, request.nstep)
-        sample = sampling.draw(self.model, request)
-        return DrawnWorkload(work_check.portable(sample.workload), sample.starts)
+        sample = workload_sampling.draw(self.model, request)
+        return DrawnWorkload(state_drift.portable(sample.workload), sample.starts)
 
     @activity("stepping the model")
     def observe(self, workload_file: Path, nsection: int = 1) -> Observed:
         """Read a pickled `PortableWorkload`, do it once the plain way, and return what it was."""
         from mjbench.paired import loop_sections
-        from mjbench.simulation import work, work_check
+        from mjbench.simulation import reference_run, state_drift
 
         portable = self.read_workload(workload_file)
         assert portable.probe is not None, "a workload is drawn with states along it"
-        observation = work.observe(self.workload)
+        observation = reference_run.observe(self.workload)
         return Observed(
             work=observation.work,
             healthy=observation.healthy,
             diagnosis=observation.diagnosis(),
             warnings=observation.other_warnings(),
             final_state=observation.final_state,
-            followed=work_check.follow(self.workload, portable.probe),
+            followed=state_drift.follow(self.workload, portable.probe),
             can_divide=loop_sections.can_divide(self.workload.only(observation.healthy), nsection),
             timestep_s=float(self.model.opt.timestep),
         )

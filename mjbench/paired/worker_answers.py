@@ -19,9 +19,9 @@ from mjbench.releases.placement import Placement
 if TYPE_CHECKING:
     import numpy as np
 
+    from mjbench.simulation.reference_run import Work
     from mjbench.simulation.starts import Starts
-    from mjbench.simulation.work import Work
-    from mjbench.simulation.work_check import Followed
+    from mjbench.simulation.state_drift import Followed
     from mjbench.simulation.workload import PortableWorkload
 
 Answer = TypeVar("Answer")
@@ -75,7 +75,7 @@ class ReadyOperation:
 
 @dataclass(frozen=True, eq=False)
 class DrawnWorkload:
-    """A workload that was drawn, with states along it (see `work_check.probe`)."""
+    """A workload that was drawn, with states along it (see `state_drift.probe`)."""
 
     workload: "PortableWorkload"
     starts: "Starts"

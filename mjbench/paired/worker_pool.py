@@ -19,18 +19,18 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from mjbench.errors import REFUSALS, Failure, writing
-from mjbench.host import child, child_connection, machine, platforms, scratch
+from mjbench.host import child, child_connection, files, machine, platforms
 from mjbench.host.child_connection import ChildConnection, ChildError, Process
 from mjbench.paired import cores as affinity
-from mjbench.paired import launch_seeds, release_python, worker_answers
+from mjbench.paired import memory_layout, release_python, worker_answers
 from mjbench.paired.fork_server_process import ForkServerProcess
-from mjbench.paired.launch_seeds import LaunchSeeds
+from mjbench.paired.memory_layout import LaunchSeeds
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import Done, Move
 from mjbench.releases import installs, movable
 from mjbench.releases.moved_install import ImmovableError, MovableInstall
 from mjbench.releases.placement import Placement
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.status import Status
 
 # Programs that wait for requests, at most: those of two sides, for the releases used last; and
@@ -172,7 +172,7 @@ class WorkerPool:
 
     def __enter__(self) -> "WorkerPool":
         with contextlib.ExitStack() as closing:
-            self._root = closing.enter_context(scratch.folder())
+            self._root = closing.enter_context(files.temporary_folder())
             self._work = self._root / "work"
             with writing(self._root):
                 release_python.link_mjbench(self._root)
@@ -267,8 +267,8 @@ class WorkerPool:
         """
         keys = releases[0].key, releases[1].key
         if keys not in self._schedules:
-            launches = launch_seeds.launches_of_a_program()
-            self._schedules[keys] = launch_seeds.schedule(random.Random(), launches)
+            launches = memory_layout.launches_of_a_program()
+            self._schedules[keys] = memory_layout.schedule(random.Random(), launches)
         return self._schedules[keys]
 
     def start_program_early(

@@ -1,8 +1,8 @@
 """What every path promises that compiles the step first, for an accelerator or for this CPU.
 
-Such a path runs in a process of its own (`comparison.accelerated_run`): its engine uses all cores,
-may never return, and must not run while another path is timed. It computes in its own precision
-and order, so its results are judged part by part, not to the last bit
+Such a path runs in a process of its own (`comparison.accelerated_measurement`): its engine
+uses all cores, may never return, and must not run while another path is timed. It computes in its
+own precision and order, so its results are judged part by part, not to the last bit
 (`simulation.accelerated_judgement`).
 """
 
@@ -19,10 +19,10 @@ import numpy as np
 from mjbench import extras, paths
 from mjbench.errors import InputError, one_line
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
-from mjbench.simulation import compat, work
+from mjbench.simulation import compat, reference_run
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.work import Peaks
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import (
     PortableWorkload,
     Product,
@@ -193,7 +193,7 @@ def load_workload(model: mujoco.MjModel, file: pathlib.Path) -> tuple[Workload, 
 
 def reference_peaks(workload: Workload, resources: Resources) -> Peaks:
     """Return the peaks of the reference run, which runs here unless `resources` hold its peaks."""
-    peaks: Peaks = resources.get_or_create("peaks", lambda: work.observe(workload).peaks)
+    peaks: Peaks = resources.get_or_create("peaks", lambda: reference_run.observe(workload).peaks)
     return peaks
 
 

@@ -21,11 +21,15 @@ import numpy as np
 
 from mjbench.errors import InputError, one_line
 from mjbench.limits import MAX_COUNT, MAX_THREADS
-from mjbench.paths.parallelism import PARALLEL_OPTIONS
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 Options = Mapping[str, Any]
+
+# Options that set how many threads or worker processes share the simulations, as --threads does.
+WORKER_OPTIONS = ("threads", "processes", "actors")
+# All options that set a number of threads or worker processes.
+PARALLEL_OPTIONS = (*WORKER_OPTIONS, "engine_threads")
 
 
 @dataclass(frozen=True)
@@ -335,3 +339,8 @@ def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulat
             mujoco.mj_getState(model, data, final_state[i], spec)
 
     return simulate if returns == Product.FINAL else record
+
+
+def nthread(options: Mapping[str, Any]) -> int:
+    """Return the threads or worker processes that an option set steps with; 1 if it names none."""
+    return max(options.get(name) or 1 for name in PARALLEL_OPTIONS)

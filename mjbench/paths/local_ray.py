@@ -10,6 +10,7 @@ ends what is left of its session.
 import contextlib
 import logging
 import os
+import secrets
 import signal
 import sys
 import threading
@@ -19,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mjbench.errors import MachineError, describe
-from mjbench.host import ray_environment, scratch, session_guard
+from mjbench.host import files, session_guard
 
 # Ray's own minimum for the object store is 75 MiB.
 _LEAST_STORE_BYTES = 128 << 20
@@ -37,6 +38,11 @@ _ENVIRONMENT: Mapping[str, str | None] = {
     "MKL_NUM_THREADS": "1",
 }
 
+# Ray's processes listen on ports. They know each other by a secret; without it, anybody who reaches
+# these ports can run programs here. Ray reads it when it is imported, so it is empty where others
+# did that.
+_secret: dict[str, str] = {}
+
 
 @dataclass
 class _LocalRay:
@@ -52,7 +58,7 @@ def acquire(store_bytes: int) -> None:
 
     A new object store gets room for `store_bytes` at a time. MachineError where Ray does not start.
     """
-    with ray_environment.local():
+    with secret_environment():
         import ray
 
     if _local.users == 0 and not ray.is_initialized():
@@ -71,7 +77,7 @@ def _start(store_bytes: int) -> None:
     import ray
 
     with ExitStack() as closing:
-        folder = closing.enter_context(scratch.folder())
+        folder = closing.enter_context(files.temporary_folder())
         if len(os.fsencode(folder)) + _RAY_ADDS_BYTES > _SOCKET_NAME_BYTES:
             raise MachineError(
                 f"Ray needs a temporary folder with a shorter name than {folder}: set TMPDIR"
@@ -81,7 +87,7 @@ def _start(store_bytes: int) -> None:
         # actors import what this process does
         path = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
         environment = {**_ENVIRONMENT, "PYTHONPATH": path}
-        with ray_environment.local(environment), own_signals():
+        with secret_environment(environment), own_signals():
             try:
                 ray.init(
                     address="local",
@@ -110,3 +116,25 @@ def own_signals() -> Iterator[None]:
         for number, handler in handlers.items():
             if is_main and handler is not None and signal.getsignal(number) != handler:
                 signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def secret_environment(further: Mapping[str, str | None] | None = None) -> Iterator[None]:
+    """Set the secret of this process for the block in which Ray is imported, or started here."""
+    if "ray" not in sys.modules:
+        _secret.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
+    values = {**(further or {}), **_secret}
+    before = {name: os.environ.get(name) for name in values}
+    _set(values)
+    try:
+        yield
+    finally:
+        _set(before)
+
+
+def _set(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value

@@ -33,7 +33,7 @@ from mjbench.paths.warp import CACHE_VARIABLE
 from mjbench.simulation import compat
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.work import Peaks
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import Workload
 
 if TYPE_CHECKING:

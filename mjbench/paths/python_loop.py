@@ -14,8 +14,9 @@ from mjbench.paths.base import (
     make_simulate,
     prepared_arrays,
 )
-from mjbench.simulation import compat, package_timer
-from mjbench.simulation.engine_clock import engine_clock, has_clock
+from mjbench.simulation import compat
+from mjbench.simulation.engine_clock import NAME as TIMER_NAME
+from mjbench.simulation.engine_clock import OFF_SNIPPET, engine_clock, has_clock
 from mjbench.simulation.workload import Product, Workload
 
 _ON_OFF = ("on", "off")
@@ -29,14 +30,14 @@ class PythonLoop(SteppingPath):
     title = "the plain loop"
     closed_loop = True
     products = tuple(Product)
-    options = (Option("clock", f"{package_timer.NAME} (mjData.timer)", ("on",), str, _ON_OFF),)
+    options = (Option("clock", f"{TIMER_NAME} (mjData.timer)", ("on",), str, _ON_OFF),)
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
         return {} if options["clock"] == "on" else options
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         if options.get("clock") == "off" and not has_clock(workload.model):
-            return f"needs {package_timer.NAME}: 3.3.1 or newer installs it"
+            return f"needs {TIMER_NAME}: 3.3.1 or newer installs it"
         return None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
@@ -77,7 +78,7 @@ class PythonLoop(SteppingPath):
         if workload.hold > 1 and workload.returns == Product.FINAL:
             repeat = f"        for _ in range({workload.hold}):\n"
             step = repeat + "            mujoco.mj_step(model, data)\n"
-        off = package_timer.OFF_SNIPPET if options.get("clock") == "off" else ""
+        off = OFF_SNIPPET if options.get("clock") == "off" else ""
         return _after_creating_data(_loop(workload, step), off)
 
 

@@ -24,7 +24,7 @@ from mjbench.paths.base import Options, States
 from mjbench.simulation import compat
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.work import Peaks
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import Workload
 
 # Names a folder in which Warp keeps compiled kernels.

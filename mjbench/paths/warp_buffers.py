@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from mjbench.errors import MachineError
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.work import Peaks
+from mjbench.simulation.reference_run import Peaks
 
 # Buffers hold this many times the contacts and constraints that C needs at most.
 PEAK_FACTOR = 2

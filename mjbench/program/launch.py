@@ -19,7 +19,7 @@ from pathlib import Path
 from types import FrameType
 
 from mjbench.errors import InputError, MachineError, shown
-from mjbench.host import scratch
+from mjbench.host import files
 from mjbench.program import activities, call_times, gil_waits, py_spy, recorded_models, step_times
 from mjbench.program.activities import Place
 from mjbench.program.call_times import ProgramCalls
@@ -107,7 +107,7 @@ def run(
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run.
     """
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         running: list[subprocess.Popen[bytes]] = []
         with _passing_signals_to(running):
             begin = ProcessorClock.now()
@@ -152,7 +152,7 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Pr
 
     if not psutil.pid_exists(pid):
         raise InputError(f"--attach {pid}: no such process")
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         begin_s = time.monotonic()
         profiling = Profiling.begin(pid, folder, sampling, seconds)
         with contextlib.suppress(KeyboardInterrupt):
@@ -215,7 +215,7 @@ def time_steps(
     Args:
       change: that the step clock applies: `step_clock.NO_ENGINE_CLOCK` or `NO_COLLECTION`.
     """
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         process = _start(program, folder, change, source, quiet=True)
         first_ns = None
         try:
@@ -245,7 +245,7 @@ def _start(
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
     if change:
         environment["MJBENCH_CHANGE"] = change
-    runner = [str(_HOOK / "run_source.py"), str(source)] if source is not None else []
+    runner = [str(_HOOK / "sitecustomize.py"), str(source)] if source is not None else []
     stream = subprocess.DEVNULL if quiet else None
     try:
         return subprocess.Popen(

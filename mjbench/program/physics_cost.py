@@ -17,10 +17,10 @@ from mjbench.bounds import Share
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile, step_parts
-from mjbench.loop.engine_stages import OTHER
 from mjbench.loop.loop_starts import LEAST_NSTEP, StartsInTurn
+from mjbench.loop.step_parts import OTHER
 from mjbench.program.recorded_models import RecordedModel, loadable
-from mjbench.simulation import compat, geom_pairs, work
+from mjbench.simulation import compat, geom_pairs, reference_run
 
 # Seconds to time pairs, and sensors; a child that is silent for longer than the limit is killed.
 BUDGET_S, LIMIT_S = 1.0, 30.0
@@ -131,7 +131,7 @@ def measure_model(
 
 
 def _stages(model: mujoco.MjModel, states: np.ndarray) -> Mapping[str, float]:
-    nstep = max(LEAST_NSTEP, int(profile.BLOCK_S / work.step_s(model) / len(states)))
+    nstep = max(LEAST_NSTEP, int(profile.BLOCK_S / reference_run.step_s(model) / len(states)))
     block = profile.Block(len(states), nstep, lambda: StartsInTurn(model, states))
     return profile.stages(model, block)
 

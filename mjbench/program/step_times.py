@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from mjbench.errors import InputError
-from mjbench.loop import engine_stages
+from mjbench.loop import step_parts
 from mjbench.program.hook import step_file
 
 # The longest of the engine's timers, as a share of the time of the same steps. The program may have
@@ -229,7 +229,7 @@ def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) 
     longest_s = max(seconds.values(), default=0.0)
     if not LEAST_TIMER_SHARE * step_s < longest_s < MOST_TIMER_SHARE * step_s:
         return {}
-    return engine_stages.shares(seconds)
+    return step_parts.stage_shares(seconds)
 
 
 def read_engine(folder: Path) -> Engine:

@@ -14,9 +14,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line, writing
-from mjbench.host import scratch
+from mjbench.host import files
 from mjbench.releases.release import Release
-from mjbench.store import files
 
 BRANCH = "releases"
 # Author and committer of every commit; fixed, because they are part of the hash.
@@ -47,7 +46,7 @@ def hashes(bundle: Path) -> dict[str, str]:
 
 def write(bundle: Path, releases: Sequence[Release]) -> None:
     """Write the history of `releases`; a reader sees the file from before, or the whole new one."""
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         repository = folder / "history.git"
         _build(repository, releases)
         complete = folder / "releases.bundle"
@@ -84,7 +83,7 @@ def verify(bundle: Path, indexed: Sequence[Release] | None = None) -> list[str]:
     itself is compared with that of the package index, if it can be asked.
     """
     releases = read(bundle)
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         write(folder / "again.bundle", releases)
         expected = hashes(folder / "again.bundle")
     actual = hashes(bundle)
@@ -140,7 +139,7 @@ def _data(text: str) -> str:
 def _cloned(bundle: Path) -> Iterator[Path]:
     if not bundle.is_file():
         raise InputError(f"no history at {bundle}; `mjbench releases update` creates it")
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         repository = folder / "history.git"
         _git(None, "clone", "--quiet", "--bare", str(bundle), str(repository))
         yield repository

@@ -9,7 +9,7 @@ from packaging.version import Version
 from mjbench.errors import InputError, MachineError
 from mjbench.releases import bundle, install_check, package_index
 from mjbench.releases.release import OLDEST, version_key
-from mjbench.releases.release_spec import ReleaseSpec, parse_release
+from mjbench.releases.release_names import ReleaseSpec, parse_release
 
 
 @dataclass(frozen=True)

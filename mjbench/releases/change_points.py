@@ -30,6 +30,9 @@ _LOCATED = 6.0
 # have a standard error up to the second number (benchmarks/studies/history_simulation.py).
 FALSE_DISCOVERY_RATE, SIMULATED_DEVIATION = 0.05, 0.01
 
+# A change without a test of its own counts if it is as many standard errors.
+MIN_DEVIATIONS = 4.0
+
 
 @dataclass(frozen=True)
 class Segment:

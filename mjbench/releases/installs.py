@@ -20,7 +20,7 @@ import platformdirs
 from mjbench.errors import InputError, MachineError
 from mjbench.host import platforms
 from mjbench.releases import install_check, packages, pip
-from mjbench.releases.release_spec import INSTALLED, ReleaseSpec
+from mjbench.releases.release_names import INSTALLED, ReleaseSpec
 
 _LOG = logging.getLogger(__name__)
 # Written last into an install; a folder without it is not one.

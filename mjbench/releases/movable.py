@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.errors import MachineError
+from mjbench.host import files
 from mjbench.releases import image_reader, installs, moved_install
 from mjbench.releases.moved_install import ImmovableError, MovableImage, MovableInstall
-from mjbench.store import files
 
 # Part of the names of cached files: another when what they hold changes.
 _FORMAT = "v3"

@@ -1,7 +1,6 @@
 """The releases of MuJoCo on the package index that pip installs from."""
 
 import base64
-import bisect
 import contextlib
 import re
 import subprocess
@@ -12,22 +11,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from http.client import HTTPException
-from pathlib import Path
 from typing import Any
 
 from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import MachineError, one_line
-from mjbench.releases.release import OLDEST, Release, version_key
-from mjbench.releases.wheels import wheel_of
+from mjbench.releases.release import Release, version_key
 
 # The history begins one release before the first supported one, 2.3.7: a search such as
 # `asv find v2.3.6..v4.0.0` takes the first commit of its range as the good one.
 FIRST = (2, 3, 6)
 # How long the index may take to answer.
 _TIMEOUT_S = 30.0
-# How many other versions an error names.
-_NEAREST = 4
 
 
 @dataclass(frozen=True)
@@ -53,34 +48,6 @@ def releases() -> list[Release]:
 
 def files() -> dict[str, list[str]]:
     return _files(_uploads())
-
-
-def why_not_there(version: str) -> str:
-    """Return that there is no such version for this Python, with those near it; empty if there is.
-
-    Raises:
-      MachineError: the index cannot be read.
-    """
-    files_of = files()
-    available = sorted(
-        Version(version)
-        for version, names in files_of.items()
-        if any(wheel is not None and wheel.fits for wheel in map(wheel_of, map(Path, names)))
-    )
-    if Version(version) in available:
-        return ""
-    on_index = Version(version) in map(Version, files_of)
-    where = "for this Python" if on_index else "on the package index"
-    return f"there is no MuJoCo {version} {where}{_nearest(version, available)}"
-
-
-def _nearest(version: str, available: Sequence[Version]) -> str:
-    final = [v for v in available if not v.is_prerelease and version_key(str(v)) >= OLDEST]
-    if not final:
-        return ""
-    position = bisect.bisect(final, Version(version)) - _NEAREST // 2
-    first = max(0, min(position, len(final) - _NEAREST))
-    return f"; the nearest are {', '.join(map(str, final[first : first + _NEAREST]))}"
 
 
 def _uploads() -> Mapping[str, Sequence[Upload]]:

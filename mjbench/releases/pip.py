@@ -16,8 +16,8 @@ from importlib import metadata
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line
-from mjbench.host import child, scratch
-from mjbench.releases import package_index, packages
+from mjbench.host import child, files
+from mjbench.releases import packages, release_names
 from mjbench.status import ExitCode
 
 _LOG = logging.getLogger(__name__)
@@ -82,7 +82,7 @@ def run(command: str, *arguments: str, phase: str) -> str:
     """
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     _LOG.info(phase)
-    with scratch.folder() as folder, tempfile.TemporaryFile() as errors:
+    with files.temporary_folder() as folder, tempfile.TemporaryFile() as errors:
         process = child.Child(
             [
                 *(sys.executable, "-m", "pip", command),
@@ -129,7 +129,7 @@ def _reason(stderr: str) -> str:
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
     try:
-        unknown = package_index.why_not_there(version)
+        unknown = release_names.why_not_there(version)
     except MachineError as error:
         return MachineError(f"cannot install MuJoCo {version}: {error}; pip says: {reason}")
     if unknown and not local:

@@ -21,9 +21,9 @@ from mjbench.bounds import (
 )
 from mjbench.measuring import launch_stats
 from mjbench.releases.placement import Placement
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import RunDrift
+from mjbench.simulation.state_drift import RunDrift
 from mjbench.status import FINISHED, Status
 
 # The release that all are compared with.

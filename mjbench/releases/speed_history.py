@@ -11,7 +11,7 @@ from mjbench.releases.change_points import Changes
 from mjbench.releases.release import version_key
 from mjbench.releases.release_ratios import LogEstimate, RatioRecord, StepRatioRecord
 from mjbench.simulation import changed_work
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
 
 

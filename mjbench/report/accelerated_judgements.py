@@ -6,7 +6,7 @@ from mjbench import paths
 from mjbench.releases.release import version_key
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable
-from mjbench.report.results import PathResult
+from mjbench.report.path_speedups import PathResult
 from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     EngineJudgement,

@@ -8,13 +8,13 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.comparison.plan import Variant, describe_options
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.report import formats
-from mjbench.report.results import ModelResults, PathResult
-from mjbench.simulation import package_timer
+from mjbench.report.path_speedups import ModelResults, PathResult
+from mjbench.simulation import engine_clock
 from mjbench.units import count_of
 
 # A number of threads is enough where it reaches this share of the best speed-up.
@@ -93,7 +93,7 @@ class ClockAdvice:
     model: str
     nbatch: int | None
     speedup: Ratio
-    snippet: str = package_timer.OFF_SNIPPET
+    snippet: str = engine_clock.OFF_SNIPPET
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -394,5 +394,5 @@ def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
 
 
 def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> str:
-    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {package_timer.NAME}"
-    return f"{begin} ({package_timer.OFF_CODE}), {_times(clock.speedup, _PLAIN_LOOP)}"
+    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {engine_clock.NAME}"
+    return f"{begin} ({engine_clock.OFF_CODE}), {_times(clock.speedup, _PLAIN_LOOP)}"

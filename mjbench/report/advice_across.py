@@ -13,7 +13,7 @@ from mjbench.paired.race_record import Loop
 from mjbench.report import formats
 from mjbench.report.advice import Advice, advise
 from mjbench.report.comparison import mark
-from mjbench.report.results import derive_all, disturbed
+from mjbench.report.path_speedups import derive_all, disturbed
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
 from mjbench.store.machine_identity import RunSoftware, software_names

@@ -13,7 +13,7 @@ from mjbench.paired.bisect_records import (
 )
 from mjbench.paired.bisect_search import short_name
 from mjbench.paired.outcomes import Verdict
-from mjbench.releases.release_spec import wheel_digest
+from mjbench.releases.release_names import wheel_digest
 from mjbench.report import formats, verdicts
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.status import Status

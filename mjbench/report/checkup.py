@@ -11,7 +11,7 @@ from mjbench.checkups.targets import TargetKind
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.host.machine import Machine
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.program.records import ProgramRow
 from mjbench.report import (
     advice,
@@ -26,9 +26,9 @@ from mjbench.report import (
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.report.checkup_items import combination_gain
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
-from mjbench.report.results import ModelResults, derive_all
+from mjbench.report.path_speedups import ModelResults, derive_all
 from mjbench.report.starts import starts_lines
-from mjbench.simulation import package_timer
+from mjbench.simulation import engine_clock
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
 from mjbench.tuning.records import MIN_EFFECT, Attempt, Effect, TuneRecord
@@ -173,7 +173,7 @@ def _described(combination: Combination) -> str:
     if combination.variant.path != paths.BASE:
         parts.append(advice.described(combination.variant))
     if not combination.has_timer:
-        parts.append(f"without {package_timer.NAME}")
+        parts.append(f"without {engine_clock.NAME}")
     if combination.settings:
         parts.append(label(combination.settings))
     return ", ".join(parts)

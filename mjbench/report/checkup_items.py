@@ -13,26 +13,17 @@ from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.loop.lint import Finding
 from mjbench.loop.profile import ProfileRow
-from mjbench.measuring.ratio import Ratio
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.stats import Estimate, Ratio
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedies.remedy import Basis, Remedy, RemedyKind
-from mjbench.report import (
-    advice,
-    engine_warnings,
-    environment,
-    formats,
-    program,
-    tuning,
-    tuning_notes,
-)
+from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.report.lint import finding_place
-from mjbench.report.results import ModelResults, derive_all
-from mjbench.simulation import package_timer
+from mjbench.report.path_speedups import ModelResults, derive_all
+from mjbench.simulation import engine_clock, engine_warnings
 from mjbench.simulation.starts import Starts
 from mjbench.store.runs import Run
 from mjbench.tuning import knobs
@@ -103,7 +94,7 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
     for window in (each.window for each in started):
         lines += [
             f"{line}; raise iterations in <option> until they do not"
-            for line in (engine_warnings.limited_lines(window) if window else ())
+            for line in (starts.limited_lines(window) if window else ())
         ]
     for line in dict.fromkeys(lines):
         yield CheckupItem(
@@ -139,7 +130,7 @@ def _of_paths(
     clock = advice.advise_clock(model_results)
     if clock is not None and not any(setting.loop.is_clock_off for setting in settings):
         yield CheckupItem(
-            action=f"turn off {package_timer.NAME}: {package_timer.OFF_CODE} after creating MjData",
+            action=f"turn off {engine_clock.NAME}: {engine_clock.OFF_CODE} after creating MjData",
             variant=WITHOUT_TIMER,
             gain=clock.speedup,
             unit=GainUnit.PLAIN_LOOP,

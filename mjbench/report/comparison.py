@@ -28,10 +28,10 @@ from mjbench.report.crossovers import (
     describe_work_crossover,
     work_crossovers,
 )
-from mjbench.report.engine_warnings import warning_lines
-from mjbench.report.results import FORMER, ModelResults, PathResult, derive_all
+from mjbench.report.path_speedups import FORMER, ModelResults, PathResult, derive_all
 from mjbench.report.starts import starts_lines
-from mjbench.simulation import package_timer
+from mjbench.simulation import engine_clock
+from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 from mjbench.store.runs import Run
@@ -409,7 +409,7 @@ def _race_notes(model_results: ModelResults) -> list[str]:
     if model_results.model.status == Status.OK and not _unlike(model_results):
         lines.append("All paths agree with the plain loop.")
     if advise_clock(model_results) is not None:
-        lines.append(package_timer.OFF_NOTE)
+        lines.append(engine_clock.OFF_NOTE)
     race = model_results.race
     if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
         lines.append(f"The race ended early: {race.status}: {race.detail}")

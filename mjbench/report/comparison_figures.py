@@ -7,7 +7,7 @@ from mjbench.paired.race_record import Loop
 from mjbench.report import charts, formats
 from mjbench.report.advice import advise
 from mjbench.report.content import Column, DataTable, Figure
-from mjbench.report.results import ModelResults
+from mjbench.report.path_speedups import ModelResults
 
 # Colours of paths by whether a policy can choose each control.
 _LOOPS = {Loop.OPEN.value: charts.ORANGE, Loop.CLOSED.value: charts.BLUE}

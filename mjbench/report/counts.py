@@ -3,12 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.counts import explain
-from mjbench.counts.function_differences import (
-    MAIN_FUNCTIONS,
-    NetDifference,
-    largest_differences,
-    moved_groups,
-)
+from mjbench.counts.function_differences import NetDifference, largest_differences, moved_groups
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import (
     OTHER_CODE,
@@ -18,12 +13,12 @@ from mjbench.counts.records import (
     FunctionDifference,
     InstructionsRecord,
 )
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.records import VerdictRow
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.starts import starts_lines
+from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.status import Status
 from mjbench.units import count_of, percent_change
 
@@ -31,6 +26,9 @@ from mjbench.units import count_of, percent_change
 _MOST_LISTED, _MOST_DRAWN = 10, 12
 # Ratios of time and of instructions that differ by more have a cause that instructions do not show.
 _DISAGREEMENT = 0.03
+
+# As many functions are named of those that account for a change.
+MAIN_FUNCTIONS = 3
 
 
 def sections(counts: Sequence[InstructionsRecord], top: int = _MOST_LISTED) -> Iterator[Section]:

@@ -15,9 +15,9 @@ import numpy as np
 from mjbench.comparison.plan import Variant
 from mjbench.measuring.stats import CONFIDENCE
 from mjbench.paths import BASE
-from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
+from mjbench.paths.base import WORKER_OPTIONS, nthread
 from mjbench.report import formats
-from mjbench.report.results import PathResult
+from mjbench.report.path_speedups import PathResult
 from mjbench.units import plain
 
 # The speeds of fewer sizes show no scatter about their curve.

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.host.conditions import Condition, Grade
-from mjbench.paired.machine_check import Noise
+from mjbench.paired.detectable_change import Noise
 from mjbench.report.content import Conclusion, Section, Tone
 from mjbench.units import plain
 

@@ -4,16 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 
-from mjbench.comparison.listing import ListedModel
+from mjbench.comparison.model_facts import ListedModel
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
-from mjbench.paired.machine_verdicts import AcrossMachines
 from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.releases import speed_history
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.installs import InstallSize
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
-from mjbench.report.across_machines import SideBySide
 from mjbench.report.advice import (
     Advice,
     ClockAdvice,
@@ -26,8 +24,10 @@ from mjbench.report.advice_across import AdviceAcross
 from mjbench.report.crossovers import Crossover, WorkCrossover, crossovers, work_crossovers
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.listings import PathRow
-from mjbench.report.results import ModelResults, PathResult
+from mjbench.report.machines_side_by_side import SideBySide
+from mjbench.report.path_speedups import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
+from mjbench.report.verdicts_across import AcrossMachines
 from mjbench.status import Status
 from mjbench.store.machine_identity import identify
 from mjbench.store.run_set import Merged

@@ -14,10 +14,10 @@ from mjbench.environment.records import (
     VectorForm,
     VectorSamples,
 )
-from mjbench.host import machine
+from mjbench.host import conditions
 from mjbench.measuring.stats import Estimate
 from mjbench.paths import BASE
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.formats import Form
@@ -262,7 +262,7 @@ def cautions(record: EnvironmentRecord) -> Iterator[str]:
         )
     threads = max((nthread(path.options) for path in record.physics_paths), default=1)
     cores = record.median_cores
-    if cores is not None and threads > 1 and cores < machine.ENOUGH_CORES * threads:
+    if cores is not None and threads > 1 and cores < conditions.ENOUGH_CORES * threads:
         yield f"Threads got {plain(cores, 2)} of {threads} cores: other programs were running."
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.loop import habits
-from mjbench.loop.habit_costs import HabitCost, OverheadRow
+from mjbench.loop.habit_timing import HabitCost, OverheadRow
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.report.starts import starts_lines

@@ -6,13 +6,17 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.host.machine import Machine
 from mjbench.releases import speed_history
-from mjbench.releases.change_points import FALSE_DISCOVERY_RATE, MIN_CHANGE, SIMULATED_DEVIATION
+from mjbench.releases.change_points import (
+    FALSE_DISCOVERY_RATE,
+    MIN_CHANGE,
+    MIN_DEVIATIONS,
+    SIMULATED_DEVIATION,
+)
 from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.report import formats, history_plots
 from mjbench.report import history_tables as tables
 from mjbench.report.content import Conclusion, DataTable, Section
-from mjbench.report.history_plots import DEVIATIONS
 from mjbench.report.speed_history import SpeedHistory, listed_changes
 from mjbench.simulation import models
 from mjbench.units import count_of
@@ -69,7 +73,7 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
         tables.placement(history),
         measure,
         f"Changes of a step that are at least {_percent(tables.MIN_PLACEMENT)} larger or smaller as"
-        f" shipped than with placement averaged out, and by more than {DEVIATIONS:g} standard"
+        f" shipped than with placement averaged out, and by more than {MIN_DEVIATIONS:g} standard"
         " errors. Few launches are as shipped, so only large differences are seen.",
     )
     yield _section(tables.totals(history), measure)
@@ -191,7 +195,7 @@ def conclusions(history: SpeedHistory) -> Iterator[str]:
     certain = [
         total.log_ratio
         for total in compared
-        if abs(total.log_ratio) >= max(MIN_CHANGE, DEVIATIONS * total.deviation)
+        if abs(total.log_ratio) >= max(MIN_CHANGE, MIN_DEVIATIONS * total.deviation)
     ]
     slower = [log_ratio for log_ratio in certain if log_ratio > 0]
     faster = [log_ratio for log_ratio in certain if log_ratio < 0]

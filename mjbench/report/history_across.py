@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import SpeedSeries, order
 from mjbench.report import formats, history
-from mjbench.report.across_machines import by_machine
 from mjbench.report.content import Column, Conclusion, DataTable, Section
+from mjbench.report.machines_side_by_side import by_machine
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes
 
 _NOT_LISTED = "not listed"

@@ -10,6 +10,7 @@ from typing import Any
 
 from mjbench.errors import writing
 from mjbench.releases import release_ratios
+from mjbench.releases.change_points import MIN_DEVIATIONS
 from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries
 from mjbench.report import charts, formats
 from mjbench.report.charts import BLUE, GREEN, GREY, ORANGE, Spec
@@ -22,8 +23,6 @@ _TICK_HEIGHT = 24
 _TICKS = {"labelOverlap": "greedy", "labelSeparation": 4}
 # An error bar reaches as many standard errors to either side.
 _BAR_DEVIATIONS = 2.0
-# A change without a test of its own counts if it is as many standard errors.
-DEVIATIONS = 4.0
 # Smaller drifts are rounding, or none; they are drawn here.
 _LEAST_DRIFT = 1e-17
 # What is plotted of the work of a step; the sizes of the model do not change with releases.
@@ -159,7 +158,7 @@ def _shipped(measured: MeasuredRelease) -> float:
     if shipped is None:
         return measured.ratio.ratio
     deviation = math.hypot(shipped.deviation, measured.ratio.deviation)
-    differs = abs(shipped.log_ratio - measured.ratio.log_ratio) > DEVIATIONS * deviation
+    differs = abs(shipped.log_ratio - measured.ratio.log_ratio) > MIN_DEVIATIONS * deviation
     return shipped.ratio if differs else measured.ratio.ratio
 
 

@@ -5,13 +5,14 @@ import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
+from mjbench.counts.function_differences import largest_differences
 from mjbench.counts.records import ExplainRecord
-from mjbench.releases import release_ratios, speed_history
+from mjbench.releases import change_points, release_ratios, speed_history
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries
-from mjbench.report import formats, history_plots
+from mjbench.report import formats
 from mjbench.report.content import Column, DataTable
+from mjbench.report.counts import MAIN_FUNCTIONS
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes, title
 from mjbench.units import plain
 
@@ -178,7 +179,7 @@ def _shipped_change(
     shipped = new.log_ratio - old.log_ratio
     ratios = (old, new, before.ratio, after.ratio)
     deviation = math.sqrt(sum(ratio.deviation**2 for ratio in ratios))
-    least = max(MIN_PLACEMENT, history_plots.DEVIATIONS * deviation)
+    least = max(MIN_PLACEMENT, change_points.MIN_DEVIATIONS * deviation)
     return shipped if abs(shipped - averaged) >= least else None
 
 

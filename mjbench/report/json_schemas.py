@@ -13,9 +13,9 @@ from typing import Any
 
 import msgspec
 
+from mjbench.command_names import present_name
 from mjbench.report.documents import RunSetDocument
 from mjbench.report.kinds import DOCUMENTS, RECORD_TYPES
-from mjbench.store.command_names import present_name
 from mjbench.store.json_form import json_type
 from mjbench.store.run_set import SectionHeader, SetHeader
 from mjbench.store.runs import RunHeader

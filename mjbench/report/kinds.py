@@ -14,7 +14,7 @@ from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.host.neighbours import Disturbance
-from mjbench.loop.habit_costs import OverheadRow
+from mjbench.loop.habit_timing import OverheadRow
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
@@ -47,7 +47,7 @@ from mjbench.report import (
 )
 from mjbench.report.content import Section, after_disturbances
 from mjbench.report.lint import LintDocument
-from mjbench.report.results import derive_all
+from mjbench.report.path_speedups import derive_all
 from mjbench.store.runs import SCHEMA, Record, Run
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.comparison.listing import ListedModel
+from mjbench.comparison.model_facts import ListedModel
 from mjbench.paths import SteppingPath
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.installs import InstallSize

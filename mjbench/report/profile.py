@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.loop.engine_stages import OTHER
 from mjbench.loop.profile import FRAMES_PER_S, ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
+from mjbench.loop.step_parts import OTHER
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
-from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.starts import starts_lines
-from mjbench.simulation import package_timer
+from mjbench.simulation import engine_clock
+from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.units import duration, plain
 
 # From this share of a step on, what is left is explained.
@@ -59,17 +59,17 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         f" Python {duration(steps.python_ns)}"
     )
     yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
-    not_stages = (OTHER, package_timer.NAME)
+    not_stages = (OTHER, engine_clock.NAME)
     stages = {stage: share for stage, share in steps.stages.items() if stage not in not_stages}
     if any(stages.values()):
         longest = max(stages, key=lambda stage: stages[stage])
         share = formats.short_percent(stages[longest])
         yield Conclusion(f"{model}: the longest stage is {longest}, {share} of the engine's time")
-    if steps.clock_ns and steps.clock_ns >= package_timer.MIN_GAIN * steps.loop_ns:
+    if steps.clock_ns and steps.clock_ns >= engine_clock.MIN_GAIN * steps.loop_ns:
         yield Conclusion(
-            f"{model}: {package_timer.NAME} takes"
+            f"{model}: {engine_clock.NAME} takes"
             f" {100 * steps.clock_ns / steps.loop_ns:.0f} % of it ({duration(steps.clock_ns)});"
-            f" {package_timer.OFF_CODE} turns it off. {package_timer.OFF_NOTE}",
+            f" {engine_clock.OFF_CODE} turns it off. {engine_clock.OFF_NOTE}",
             Tone.UNSURE,
         )
 

@@ -4,7 +4,7 @@ import signal
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.hook.call_clock import COPIES_OF_DATA

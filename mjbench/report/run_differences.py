@@ -10,14 +10,13 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.errors import InputError
 from mjbench.host.machine import Machine
 from mjbench.measuring import stats
-from mjbench.measuring.ratio import Ratio
-from mjbench.measuring.stats import TimedBlocks
+from mjbench.measuring.stats import Ratio, TimedBlocks
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU
 from mjbench.report import formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
-from mjbench.report.results import PathResult, derive_all, steps_per_block
+from mjbench.report.path_speedups import PathResult, derive_all, steps_per_block
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 from mjbench.store.machine_identity import MachineIdentity, identify

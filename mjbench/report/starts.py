@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from mjbench.report.engine_warnings import limited_lines, warning_lines
 from mjbench.report.formats import short_percent
+from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.simulation.starts import SettleLimit, Starts, Window
 from mjbench.units import count_of, plain
 
@@ -12,6 +12,9 @@ _SAME_SLEEP = 0.05
 # Later contacts are mentioned if they differ by more than this share of the larger number, and by
 # more than this number.
 _SAME_CONTACTS, _LEAST_CONTACTS = 0.2, 0.5
+
+# A solver that stops at its limit of iterations in more than this share of the steps is mentioned.
+_MENTIONED_LIMITED = 0.5
 
 
 def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]:
@@ -108,3 +111,14 @@ def _sleep_in_run(asleep: float, in_run: float | None) -> str:
         f", and {short_percent(in_run)} in its own run: states do not hold what sleeps, so"
         " these steps do not show what sleeping saves; `mjbench ab` of the plain loop does"
     )
+
+
+def limited_lines(window: Window) -> list[str]:
+    """Return that the solver mostly stops at its limit of iterations, where it does."""
+    if window.solver_limited <= _MENTIONED_LIMITED:
+        return []
+    limited = short_percent(window.solver_limited)
+    return [
+        f"The solver stopped at its limit of iterations in {limited} of the steps: states and times"
+        " depend on that limit"
+    ]

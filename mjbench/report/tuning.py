@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.report.formats import short_percent
 from mjbench.report.tuning_notes import in_units, notes, percent
-from mjbench.simulation import package_timer
+from mjbench.simulation import engine_clock
 from mjbench.status import Status
 from mjbench.tuning import knobs
 from mjbench.tuning.records import (
@@ -352,7 +352,7 @@ def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
     if mjcf := [*_mjcf(edits)]:
         yield Snippet(f"To apply {name}, in the model, last in <mujoco>", "\n".join(mjcf))
     loop = loop_change(settings)
-    code = [package_timer.OFF_SNIPPET] if loop.is_clock_off else []
+    code = [engine_clock.OFF_SNIPPET] if loop.is_clock_off else []
     if loop.engine_threads:
         code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")
     if sizes := "".join(f", {name}={size}" for name, size in buffer_sizes_of(settings).items()):

@@ -5,21 +5,15 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired import family
 from mjbench.paired.family import Family
-from mjbench.paired.machine_verdicts import (
-    AcrossMachines,
-    MachineComparison,
-    MachinesOutcome,
-    MachineVerdict,
-)
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paths import BASE
 from mjbench.releases import packages
-from mjbench.report import charts, formats, verdict_compiling
+from mjbench.report import charts, compile_times, formats
 from mjbench.report.change_wording import describe_ratio
 from mjbench.report.content import (
     Column,
@@ -30,9 +24,15 @@ from mjbench.report.content import (
     Tone,
     after_disturbances,
 )
-from mjbench.report.engine_warnings import warning_lines
 from mjbench.report.starts import starts_lines
+from mjbench.report.verdicts_across import (
+    AcrossMachines,
+    MachineComparison,
+    MachinesOutcome,
+    MachineVerdict,
+)
 from mjbench.simulation import changed_work
+from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.status import Status
 from mjbench.store.runs import Run
 from mjbench.units import count_of, duration
@@ -74,7 +74,7 @@ def section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],
         figures=[_forest(rows, min_effect)] if any(row.ratio for row in rows) else [],
-        tables=[_table(rows), *verdict_compiling.tables(rows)],
+        tables=[_table(rows), *compile_times.tables(rows)],
         notes=[
             *(f"{_label(row)}: {line}" for row in rows for line in notes(row)),
             *_what_would_decide(rows, min_effect),

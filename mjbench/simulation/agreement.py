@@ -9,7 +9,10 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
+
+from mjbench.simulation import compat
 
 # Differences are relative to the largest magnitude of their field, but never to less than this, in
 # SI units: where a model rests, velocities are rounding themselves.
@@ -140,3 +143,34 @@ def max_relative_error(
             finite = np.nan_to_num(difference, nan=limit, posinf=limit)
             largest = np.maximum(largest, finite.max(axis=1))
     return largest
+
+
+class StateReader:
+    """Reads states of simulations of one model, and compares them."""
+
+    def __init__(self, model: mujoco.MjModel):
+        self.spec = compat.INTEGRATION
+        self.columns = compat.state_columns(model)
+        self.nstate = compat.state_size(model)
+        ctrl = self.columns.get("ctrl", slice(self.nstate, self.nstate))
+        self._before_ctrl, self._after_ctrl = slice(ctrl.start), slice(ctrl.stop, None)
+
+    def read(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+        """Return (nstate,) the state of a simulation now."""
+        state = np.empty(self.nstate)
+        compat.get_state(model, data, state)
+        return state
+
+    def differing(self, state: np.ndarray, other: np.ndarray) -> set[str]:
+        """Return the MjData fields, other than the controls, that differ in any bit."""
+        before, after = self._before_ctrl, self._after_ctrl
+        if (
+            state[before].tobytes() == other[before].tobytes()
+            and state[after].tobytes() == other[after].tobytes()
+        ):
+            return set()
+        return {
+            field
+            for field, place in self.columns.items()
+            if field != "ctrl" and state[place].tobytes() != other[place].tobytes()
+        }

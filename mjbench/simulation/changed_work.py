@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mjbench.simulation.work import Work
+    from mjbench.simulation.reference_run import Work
 
 # Counters that differ by more than this share of the larger one mean that the work differs.
 SAME_WORK = 0.005

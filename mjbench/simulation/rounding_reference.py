@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.simulation import agreement, compat, trajectory
-from mjbench.simulation.trajectory import COMPARED, MAX_SINGLE_STEPS
+from mjbench.simulation import agreement, compat, reference_trajectory
+from mjbench.simulation.reference_trajectory import COMPARED, MAX_SINGLE_STEPS
 from mjbench.simulation.workload import Workload
 
 # Fields of a state that the shadow moves.
@@ -68,11 +68,11 @@ class RoundingReference:
 def trace(workload: Workload, seed: int) -> RoundingReference:
     model, columns = workload.model, compat.state_columns(workload.model)
     move = _ShadowMove(columns, seed)
-    run = trajectory.record_trajectory(workload, workload.nbatch)
+    run = reference_trajectory.record_trajectory(workload, workload.nbatch)
     states = np.ascontiguousarray(run.states.swapaxes(0, 1))
-    moved_run = trajectory.record_trajectory(workload, workload.nbatch, change=move)
-    steps = trajectory.single_steps(workload, run, MAX_SINGLE_STEPS, False, [*columns])
-    moved_steps = trajectory.take_steps(model, move(steps.state), move(steps.control))
+    moved_run = reference_trajectory.record_trajectory(workload, workload.nbatch, change=move)
+    steps = reference_trajectory.single_steps(workload, run, MAX_SINGLE_STEPS, False, [*columns])
+    moved_steps = reference_trajectory.take_steps(model, move(steps.state), move(steps.control))
     is_in_contact = steps.contacts.counts(len(steps.state)) > 0
     return RoundingReference(
         ReferenceRun(

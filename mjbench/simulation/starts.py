@@ -31,9 +31,6 @@ _NPY = b"\x93NUMPY"
 # often in the air: objects that fall and tumble have come to rest by then (docs/method/work.md).
 KEYFRAME_SETTLE_S = 0.1
 DEFAULT_SETTLE_S = 5.0
-# How far a model's run is followed beyond its starts, to see whether it goes on to do other work:
-# to this time in simulated seconds, and for this share of the steps of a settling run at most.
-LATER_S, LATER_SHARE = 10.0, 1 / 8
 # Seconds of computing that the settling run may take, by what a step costs.
 MAX_SETTLING_S = 2.0
 

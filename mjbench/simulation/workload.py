@@ -245,7 +245,7 @@ class PortableWorkload:
       fields: the start states by MjData field, each (nbatch, size).
       final_state: (nbatch, nstate) states to reach, as rows of mjSTATE_INTEGRATION in the release
         that runs them; None where nothing is compared.
-      probe: states along some simulations (see `work_check.probe`); None where none are compared.
+      probe: states along some simulations (see `state_drift.probe`); None where none are compared.
     """
 
     fields: Mapping[str, np.ndarray]

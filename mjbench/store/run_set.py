@@ -23,7 +23,7 @@ from typing import ClassVar, TypeVar
 import msgspec
 
 from mjbench.errors import InputError, one_line, printable, writing
-from mjbench.store.run_file import EARLIER_IS_THERE, lock
+from mjbench.store.run_writer import EARLIER_IS_THERE, lock
 from mjbench.store.runs import SCHEMA, Run, parse, read_lines, split_lines
 
 # The first line of a set or of a section; no line of a run file matches.

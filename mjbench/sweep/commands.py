@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.releases.release_spec import INSTALLED
+from mjbench.releases.release_names import INSTALLED
 from mjbench.sweep.cells import Cell, CellKind
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from mjbench.paired.metrics import METRICS
 from mjbench.paths import BASE
-from mjbench.releases.release_spec import INSTALLED
+from mjbench.releases.release_names import INSTALLED
 from mjbench.sweep import model_files
 from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.commands import COMMANDS, CommandLine

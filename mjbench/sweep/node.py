@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import IO
 
 from mjbench.errors import Failure, MachineError, MjbenchError, one_line
-from mjbench.host import child, machine, scratch
+from mjbench.host import child, files, machine
 from mjbench.host.machine import Machine
 from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
-from mjbench.sweep import calibration, model_files, results, software
-from mjbench.sweep.calibration import NodeRules, NodeState
+from mjbench.sweep import busy_node, model_files, results, software
+from mjbench.sweep.busy_node import NodeRules, NodeState
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import CommandLine
 from mjbench.sweep.model_files import CarriedModel
@@ -99,7 +99,7 @@ def measure(
     *carried: CarriedModel,
     name: str = "",
     label: str = "",
-    calibrate: Callable[[], NodeState] = calibration.calibrate,
+    calibrate: Callable[[], NodeState] = busy_node.calibrate,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[NodeMeasurement]:
     """Measure, and yield the cells of a request in their order, each as soon as it is complete.
@@ -112,7 +112,7 @@ def measure(
         difference = software.difference(request.software, software.installed())
         if difference:
             raise MachineError(difference)
-        with scratch.folder() as folder, child.adoption():
+        with files.temporary_folder() as folder, child.adoption():
             begin = time.perf_counter()
             for result in _run(request, carried, label, folder):
                 now = time.perf_counter()
@@ -129,7 +129,7 @@ def _wait_until_quiet(
     rules: NodeRules | None, calibrate: Callable[[], NodeState], sleep: Callable[[float], None]
 ) -> tuple[float, str]:
     busy_s, first = 0.0, ""
-    while rules and (objection := calibration.objection(calibrate(), rules.limits)):
+    while rules and (objection := busy_node.objection(calibrate(), rules.limits)):
         first = first or objection
         if busy_s + _PAUSE_S > rules.patience_s:
             raise BusyError(objection)

@@ -15,12 +15,12 @@ from mjbench.limits import MAX_SECONDS
 from mjbench.paired import targets
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paths import BASE
-from mjbench.releases import bundle, install_check, installs, package_index, release_spec
+from mjbench.releases import bundle, install_check, installs, package_index, release_names
 from mjbench.releases.release import OLDEST, version_key
-from mjbench.releases.release_spec import INSTALLED, NEWEST, PREVIOUS, ReleaseSpec
+from mjbench.releases.release_names import INSTALLED, NEWEST, PREVIOUS, ReleaseSpec
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
-from mjbench.sweep.calibration import Limits, NodeRules
+from mjbench.sweep.busy_node import Limits, NodeRules
 from mjbench.sweep.cells import CellKind
 from mjbench.sweep.commands import COMMANDS, SWITCHES
 from mjbench.sweep.plan_file import PlanFile
@@ -182,7 +182,7 @@ def _releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[Rel
 
 
 def _release(name: str) -> ReleaseSpec:
-    spec = release_spec.parse_release(name)
+    spec = release_names.parse_release(name)
     if spec.wheels or spec.has_packages:
         raise InputError(f"{shown(name)}: nodes install releases from the package index; give one")
     if spec.name == INSTALLED:

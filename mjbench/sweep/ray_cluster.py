@@ -1,28 +1,34 @@
-"""A sweep's commands as tasks of Ray.
+"""Ray as a sweep uses it: a cluster that is started here, or joined, and commands as its tasks.
 
-Ray places them, and runs them again where their node or their command fails. A task yields the
+Ray places tasks, and runs them again where their node or their command fails. A task yields the
 cells of its command in their order, so that a further attempt goes on after those that came before.
 """
 
 import contextlib
+import logging
 import os
 import socket
 import time
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import psutil
 
-from mjbench.errors import Failure, one_line
-from mjbench.host import child
-from mjbench.host.machine import Machine
+from mjbench import extras
+from mjbench.errors import Failure, InputError, MachineError, one_line, shown
+from mjbench.host import child, files
+from mjbench.host.machine import LABEL_VARIABLE, Machine
+from mjbench.paths import local_ray
 from mjbench.status import Status
-from mjbench.sweep import node, ray_session, software
+from mjbench.sweep import node, software
 from mjbench.sweep.model_files import CarriedModel
 from mjbench.sweep.node import BusyError, NodeMeasurement, NotMeasuredError, Request
-from mjbench.sweep.ray_session import LABEL, LOCAL, RESOURCE
 
+# The custom resource by which a node says that it may be taken, and the label with the name of its
+# machine.
+RESOURCE, LABEL = "mjbench", "mjbench-machine"
 # How long nodes may take to say what they are, how often the list of nodes is read while nothing
 # happens, and how long cancelled tasks may take to end, in seconds.
 _ANSWER_S, _LOOK_S, _END_S = 120.0, 5.0, 5.0
@@ -32,6 +38,15 @@ _UNTIMED: Mapping[str, Any] = {"num_cpus": 1, "resources": {RESOURCE: 0.001}}
 # Ray gives its workers a low priority, and hides accelerators that a task did not ask for.
 _WORKER_ENVIRONMENT = {"RAY_worker_niceness": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 _NODE_ID, _THREADS = "ray.io/node-id", "OMP_NUM_THREADS"
+
+# How often Ray runs a task again whose worker took too much memory; otherwise, it never stops.
+_MEMORY_RETRIES = "2"
+# Addresses of a cluster that is started here, and of the one that this machine belongs to.
+LOCAL, AUTO = "local", "auto"
+# How long the head of a cluster may take to accept a connection, in seconds.
+_CONNECT_S = 10.0
+# The longest folder in which Ray's sockets can be: their whole path has 107 bytes at most.
+_LONGEST_FOLDER, _SHORT_FOLDER = 40, "/tmp/ray"
 
 
 @dataclass(frozen=True)
@@ -86,7 +101,7 @@ class RayCluster:
 
     def __enter__(self) -> "RayCluster":
         with contextlib.ExitStack() as closing:
-            closing.enter_context(ray_session.session(self._address))
+            closing.enter_context(session(self._address))
             closing.callback(self._cancel_all)
             import ray
 
@@ -267,3 +282,91 @@ def _cause(error: Exception) -> str:
         case ray.exceptions.TaskUnschedulableError() | ray.exceptions.NodeDiedError():
             return "its node is gone"
     return one_line(f"{type(error).__name__}: {error}", 160)
+
+
+@contextlib.contextmanager
+def session(address: str) -> Iterator[None]:
+    """Start Ray here, or connect to a cluster, for as long as the block runs."""
+    extras.require("mjbench sweep", "ray", ["ray"])
+    if "://" in address:
+        raise InputError(
+            f"--address {shown(address)}: run mjbench on a machine of the cluster, and"
+            f" give --address {AUTO}"
+        )
+    _check_reachable(address)
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_task_oom_retries", _MEMORY_RETRIES)
+    with contextlib.ExitStack() as closing:
+        # Ray's warnings are about its own next releases
+        closing.enter_context(warnings.catch_warnings(action="ignore"))
+        with local_ray.own_signals():
+            _connect(address, closing)
+        closing.enter_context(_unheard())
+        yield
+
+
+def _connect(address: str, closing: contextlib.ExitStack) -> None:
+    if address != LOCAL:
+        _start(address, closing)
+        return
+    folder = closing.enter_context(files.temporary_folder())
+    is_short = len(str(folder)) <= _LONGEST_FOLDER
+    with local_ray.secret_environment():
+        _start(
+            LOCAL,
+            closing,
+            include_dashboard=False,
+            resources={RESOURCE: 1},
+            labels={LABEL: label} if (label := os.environ.get(LABEL_VARIABLE, "")) else None,
+            _temp_dir=str(folder) if is_short else _SHORT_FOLDER,
+        )
+
+
+def _start(address: str, closing: contextlib.ExitStack, **arguments: Any) -> None:
+    import ray
+
+    closing.callback(ray.shutdown)
+    try:
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **arguments)
+    except Exception as error:  # which ones Ray raises is not documented
+        if address == LOCAL:
+            raise MachineError(f"Ray does not start here: {one_line(error)}") from error
+        raise _no_cluster(address, one_line(error).rstrip(".")) from error
+
+
+def _no_cluster(address: str, reason: str) -> MachineError:
+    return MachineError(
+        f"no cluster of Ray at {shown(address)}: {reason}; start one by `ray start --head`, or"
+        " leave out --address"
+    )
+
+
+def _check_reachable(address: str) -> None:
+    """Refuse an address where nothing listens: Ray would try for minutes."""
+    if address == AUTO:
+        address = os.environ.get("RAY_ADDRESS", AUTO)
+    host, colon, port = address.rpartition(":")
+    if not (colon and port.isdecimal()):
+        return  # which Ray resolves, or refuses
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_CONNECT_S).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise _no_cluster(address, reason) from error
+
+
+@contextlib.contextmanager
+def _unheard() -> Iterator[None]:
+    """Keep Ray's log lines about nodes and workers from standard output, where it prints them."""
+    import ray
+
+    module = ray._private.worker
+    show = getattr(module, "print_to_stdstream", None)
+    if show is None:  # another version of Ray
+        yield
+        return
+    module.print_to_stdstream = lambda *arguments, **options: None
+    try:
+        yield
+    finally:
+        module.print_to_stdstream = show

@@ -21,7 +21,7 @@ from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.status import Status, exit_code
-from mjbench.store import run_file, runs
+from mjbench.store import run_writer, runs
 from mjbench.store.run_set import RunSection
 from mjbench.store.runs import Record, Run, RunHeader
 from mjbench.sweep.cells import Cell, CellKind
@@ -158,7 +158,7 @@ def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
     began = datetime.now(UTC).isoformat(timespec="seconds")
     header = RunHeader(runs.SCHEMA, cell.kind.value, machine, {}, began=began)
     record = _ended_record(cell, failure)
-    lines = tuple(run_file.line_of(item).encode() for item in (header, record))
+    lines = tuple(run_writer.line_of(item).encode() for item in (header, record))
     return CellResult(cell, RunSection(cell.key, Run(header, (record,)), lines))
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench.comparison.accelerated_run import CHILD_MEMORY_SHARE, COMPILER_PATIENCE
+from mjbench.comparison.accelerated_measurement import CHILD_MEMORY_SHARE, COMPILER_PATIENCE
 from mjbench.errors import MachineError, UnavailableError, describe
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
@@ -27,12 +27,12 @@ from mjbench.paired.records import LaunchRow
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, Compiled, accelerated_path, start_fields
 from mjbench.paths.warp_buffers import OverflowedError
-from mjbench.simulation import model_options, models, work, workload
+from mjbench.simulation import model_options, models, reference_run, workload
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.work import Peaks
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import accuracy, knob_values, reference, trajectories
+from mjbench.tuning import accuracy, knob_values, measurements, reference, trajectories
 from mjbench.tuning.accuracy import Distance, Motion
 from mjbench.tuning.records import Attempt, BatchFacts, TunedProgram, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
@@ -84,7 +84,7 @@ class EngineMeasurements:
 
     def baseline(self, plan: TrialPlan) -> BatchFacts:
         """Draw trials and run C; launches use them from then on."""
-        limit_s = max(reference.RUNS_SILENCE_S, self._case.limit_s)
+        limit_s = max(measurements.RUNS_SILENCE_S, self._case.limit_s)
         facts: BatchFacts = isolate.call(
             run_baseline, self._case, plan, limit_s=limit_s, **self._child()
         )
@@ -144,7 +144,11 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
     sizes = path.default_buffer_sizes(model)
     baseline = EngineBaseline(
-        trials, runs, accuracy.motion(model, starts_qpos, runs), work.observe(repeated).peaks, sizes
+        trials,
+        runs,
+        accuracy.motion(model, starts_qpos, runs),
+        reference_run.observe(repeated).peaks,
+        sizes,
     )
     case.file.write_bytes(pickle.dumps(baseline))
     return BatchFacts(

@@ -13,7 +13,7 @@ import numpy as np
 
 from mjbench.measuring import stats
 from mjbench.tuning.accelerated_attempts import EngineMeasurements
-from mjbench.tuning.fronts import error_of, time_ratio_of
+from mjbench.tuning.pareto_front import error_of, time_ratio_of
 from mjbench.tuning.records import (
     CONFIDENCE,
     Attempt,

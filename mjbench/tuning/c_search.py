@@ -20,10 +20,9 @@ from dataclasses import replace
 from mjbench.errors import InputError, MachineError
 from mjbench.paired import launches
 from mjbench.status import Status
-from mjbench.tuning import fronts, knobs
-from mjbench.tuning.fronts import FRONT, effect_of, error_of, is_allowed
+from mjbench.tuning import knobs, pareto_front
 from mjbench.tuning.measurements import CMeasurements, SettingRule, SettingTargets
-from mjbench.tuning.observed import MAX_COMPUTING_S
+from mjbench.tuning.pareto_front import FRONT, effect_of, error_of, is_allowed
 from mjbench.tuning.records import (
     Attempt,
     Effect,
@@ -36,6 +35,7 @@ from mjbench.tuning.reference import Present
 from mjbench.tuning.search_base import LEAST_GAIN, Search, too_far
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Setting, Settings, label
+from mjbench.tuning.usual_regime import MAX_COMPUTING_S
 from mjbench.units import plain
 
 # A setting that costs more than this share, by its first launch, is not in the second one.
@@ -169,7 +169,7 @@ class CSearch(Search):
         allowed = [each for each in late if self._may_be(each)]
         self._leave_untried(len(late) - len(allowed))
         allowed += [each for each in judged if self._may_be(each)]
-        return sorted(allowed, key=fronts.rank_of)
+        return sorted(allowed, key=pareto_front.rank_of)
 
     def _may_change_so_much(self, attempt: Attempt) -> bool:
         """Return whether settings change no more than the user allows, whatever their error is."""
@@ -190,14 +190,16 @@ class CSearch(Search):
     # -- together -----------------------------------------------------------------------------
 
     def _together(self, faster: Sequence[Attempt]) -> list[Attempt]:
-        chosen = fronts.combinations(faster, COMBINATIONS, self._rng)
+        chosen = pareto_front.combinations(faster, COMBINATIONS, self._rng)
         nrun = RUNG_NRUN
         while len(chosen) > LAST_RUNG and self._has_time(TOGETHER_END):
             tried = self._tried(chosen, nrun)
-            exact, others = fronts.by_exactness(tried, faster)
+            exact, others = pareto_front.by_exactness(tried, faster)
             # what changes less is recommended beside what is faster, so the two do not compete
             chosen = [
-                each.settings for group in (exact, others) for each in fronts.better_half(group)
+                each.settings
+                for group in (exact, others)
+                for each in pareto_front.better_half(group)
             ]
             nrun *= 2
         self._leave_combinations(len(chosen) - LAST_RUNG)
@@ -224,7 +226,7 @@ class CSearch(Search):
         Where settings are withdrawn, those that come next are looked at, while there is time.
         """
         first_error = self._present.tolerated_error
-        front = fronts.pareto_front(attempts, self._plan.max_error, first_error)
+        front = pareto_front.pareto_front(attempts, self._plan.max_error, first_error)
         if not front:
             return
         error = self._present_again(attempts)
@@ -233,7 +235,7 @@ class CSearch(Search):
                 reason = f"no reference from new starts: {self._record.no_reference}"
                 self._withdraw(each.settings, reason)
             attempts = [each for each in attempts if not self._needs_error(each)]
-            front = fronts.pareto_front(attempts, self._plan.max_error, first_error)
+            front = pareto_front.pareto_front(attempts, self._plan.max_error, first_error)
         confirmed: list[tuple[Attempt, Attempt]] = []
         looked: set[str] = set()
         while new := [each for each in front if label(each.settings) not in looked]:
@@ -244,7 +246,7 @@ class CSearch(Search):
                 break
             withdrawn = {label(each.settings) for each in self._record.withdrawn}
             left = [each for each in attempts if label(each.settings) not in withdrawn]
-            front = fronts.pareto_front(left, self._plan.max_error, first_error)
+            front = pareto_front.pareto_front(left, self._plan.max_error, first_error)
         self._time_again(confirmed, first_error)
 
     def _present_again(self, attempts: Sequence[Attempt]) -> float:
@@ -395,7 +397,7 @@ class CSearch(Search):
 
 def _fastest(attempts: Sequence[Attempt], exact: bool) -> list[Attempt]:
     of_kind = [each for each in attempts if (effect_of(each) != Effect.APPROXIMATE) == exact]
-    return sorted(of_kind, key=fronts.time_ratio_of)[:MOST_ALONE]
+    return sorted(of_kind, key=pareto_front.time_ratio_of)[:MOST_ALONE]
 
 
 def _is_hopeful(attempts: Sequence[Attempt]) -> bool:

@@ -13,12 +13,11 @@ from typing import Any
 import mujoco
 
 from mjbench.errors import InputError, one_line, shown, writing
-from mjbench.host import isolate
+from mjbench.host import files, isolate
 from mjbench.host.isolate import Channel
 from mjbench.simulation import compat, model_options, models
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
-from mjbench.store import files
 from mjbench.tuning import mjcf_edit, mjcf_sections
 from mjbench.tuning.settings import Edit, Part
 

@@ -17,11 +17,11 @@ from mjbench.host import topology
 from mjbench.paths.warp_buffers import PEAK_FACTOR
 from mjbench.simulation import compat, model_options
 from mjbench.simulation.engine_clock import has_clock
-from mjbench.simulation.work import Peaks
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import start_data
 from mjbench.tuning import model_features as features
-from mjbench.tuning.observed import ObservedModel, Usage
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
+from mjbench.tuning.usual_regime import ObservedModel, Usage
 from mjbench.units import count_of
 
 Values = Callable[[ObservedModel], list[Setting]]

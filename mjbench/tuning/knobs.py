@@ -8,12 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.loop.engine_stages import OTHER
-from mjbench.loop.step_parts import SENSORS
+from mjbench.loop.step_parts import OTHER, SENSORS
 from mjbench.tuning import knob_values as values
 from mjbench.tuning import model_features as features
-from mjbench.tuning.observed import ObservedModel
 from mjbench.tuning.settings import Setting
+from mjbench.tuning.usual_regime import ObservedModel
 
 _COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
 _CONSTRAINTS = ("constraint making", "constraint projection", "constraint solver")

@@ -16,7 +16,7 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import edited_model, knobs, mesh_notes, observed, reference
+from mjbench.tuning import edited_model, knobs, mesh_notes, reference, usual_regime
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
@@ -34,6 +34,9 @@ SILENCE_S = 120.0
 # A launch of a few settings takes at least this share of the time of one of all: it starts a
 # process.
 SHARE_OF_START = 0.25
+
+# Seconds that the present runs and the reference may take at least: they have many steps.
+RUNS_SILENCE_S = 600.0
 
 
 class CMeasurements:
@@ -53,7 +56,7 @@ class CMeasurements:
     ):
         self._source = ModelSource(source.name, source.path.resolve())
         self._starts, self._hold = starts, hold
-        self._limit_s, self._long_s = limit_s, max(reference.RUNS_SILENCE_S, limit_s)
+        self._limit_s, self._long_s = limit_s, max(RUNS_SILENCE_S, limit_s)
         model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
         self._files = SearchFiles(model, baseline, pool.new_folder())
 
@@ -183,8 +186,8 @@ def look(
     channel: Channel,
 ) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
     channel.doing(f"stepping {source.name}")
-    seen = observed.observe_model(
-        models.load(source), observed.is_mjcf(source.path), seed, starts, hold, computing_s
+    seen = usual_regime.observe_model(
+        models.load(source), usual_regime.is_mjcf(source.path), seed, starts, hold, computing_s
     )
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
     return settings, mesh_notes.mesh_notes(seen.model)

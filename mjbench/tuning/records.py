@@ -10,14 +10,14 @@ import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.measuring import launch_stats, stats
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning.accuracy import Distance
+from mjbench.tuning.contact_and_energy import Physics
 from mjbench.tuning.mesh_notes import MeshNote
-from mjbench.tuning.physics import Physics
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import Setting
 

@@ -12,7 +12,6 @@ Errors are compared over a *horizon*: as long as the present settings are still 
 and rounding has not grown into the errors. Beyond it, contact and chaos make any two runs differ.
 """
 
-import copy
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -20,11 +19,12 @@ import numpy as np
 
 from mjbench.errors import InputError
 from mjbench.host import machine
-from mjbench.simulation import compat, model_options, sampling, starts, work, workload
+from mjbench.simulation import compat, reference_run, starts, workload, workload_sampling
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.tuning import accuracy, trajectories
 from mjbench.tuning.accuracy import Distance, Motion
-from mjbench.tuning.physics import Physics, physics
+from mjbench.tuning.contact_and_energy import Physics, physics
+from mjbench.tuning.solver_convergence import converged, mostly_converges
 from mjbench.tuning.trajectories import Trajectories, Trials
 
 # The reference's timestep is the model's, divided by this.
@@ -44,12 +44,6 @@ _SEEDS_APART = 10_007
 LONGEST_S, LEAST_NCONTROL = 1.0, 4
 # Seconds of computing for the reference, which limit the length of runs.
 REFERENCE_S = 8.0
-# Seconds that the present runs and the reference may take at least: they have many steps.
-RUNS_SILENCE_S = 600.0
-# The solver is said not to converge if it stops at its limit in more than this share of the steps.
-MOST_LIMITED = 0.05
-# The converged solver: its tolerance, and its least numbers of iterations.
-TOLERANCE, ITERATIONS, LS_ITERATIONS = 1e-15, 200, 100
 # The horizon ends where half of the runs with present settings are off by this share of the motion,
 MOST_SHARE = 0.1
 # or where rounding has grown to this share of that error, or of the motion if that is more.
@@ -137,7 +131,7 @@ class Present:
     def is_converged(self) -> bool:
         """Whether the solver converges in nearly all steps, or as far as makes no difference."""
         is_near = self.solver is not None and self.solver.share <= SAME_SHARE
-        return is_near or self.solver_limited <= MOST_LIMITED
+        return is_near or mostly_converges(self.solver_limited)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +242,7 @@ def seconds(model: mujoco.MjModel, trials: Trials) -> float:
     """Return about how long `with_reference` takes at least: its steps, as long as present ones."""
     nstep = trials.ncontrol * trajectories.steps_per_control(model, trials.control_s)
     total = trials.nrun * nstep * (REFINEMENT + 1)  # with a converged solver at both timesteps
-    step_s = work.step_s(model, trials.initial_state[0])
+    step_s = reference_run.step_s(model, trials.initial_state[0])
     return total * step_s / min(trials.nrun, machine.usable_cores())
 
 
@@ -273,7 +267,7 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     Starts of one settling run are alike, so they come from several; those of a file from one draw.
     """
     control_s = plan.hold * float(model.opt.timestep)
-    step_s = sampling.settled_step_s(model)
+    step_s = workload_sampling.settled_step_s(model)
     affordable = plan.reference_s / (NRUN * REFINEMENT * plan.hold * step_s)
     nrun = int(np.clip(NRUN * affordable / LEAST_NCONTROL, SLOW_NRUN, NRUN))
     ncontrol = plan.ncontrol or int(max(LEAST_NCONTROL, min(LONGEST_S / control_s, affordable)))
@@ -283,7 +277,7 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
         scale = plan.reference_s / REFERENCE_S
         most = max(LEAST_DRAWS, round(scale * DRAWS))
         count = int(np.clip(scale * DRAWS_S / settling_s, LEAST_DRAWS, most))
-    request = sampling.SampleRequest(
+    request = workload_sampling.SampleRequest(
         -(-nrun // count),
         ncontrol * plan.hold,
         plan.hold,
@@ -293,7 +287,7 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
         may_shorten=True,
     )
     seeds = [plan.seed + number * _SEEDS_APART for number in range(count)]
-    samples = [sampling.draw(model, replace(request, seed=seed)) for seed in seeds]
+    samples = [workload_sampling.draw(model, replace(request, seed=seed)) for seed in seeds]
     drawn = [sample.workload for sample in samples]
     shortest = min(each.ncontrol for each in drawn)
     trials = Trials(
@@ -306,23 +300,6 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     nstep = shortest * plan.hold
     window = replace(first.window, nstart=len(trials.initial_state), nstep=nstep)
     return trials, replace(first, window=window)
-
-
-def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
-    tight = copy.copy(model)
-    opt = tight.opt
-    opt.timestep = float(opt.timestep) / refinement
-    opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    opt.tolerance = TOLERANCE
-    opt.iterations = max(int(opt.iterations), ITERATIONS)
-    for name, least in (("ls_iterations", LS_ITERATIONS), ("ccd_iterations", ITERATIONS)):
-        if hasattr(opt, name):
-            setattr(opt, name, max(int(getattr(opt, name)), least))
-    if opt.noslip_iterations:
-        opt.noslip_iterations, opt.noslip_tolerance = ITERATIONS, TOLERANCE
-    if compat.flag_enabled(tight, "sleep"):
-        model_options.set_flag(opt, "sleep", "disable")
-    return tight
 
 
 def perturbed(model: mujoco.MjModel, trials: Trials) -> Trials:

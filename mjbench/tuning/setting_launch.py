@@ -28,12 +28,12 @@ from mjbench.loop import profile
 from mjbench.loop.loop_starts import StartsInTurn
 from mjbench.measuring import timing
 from mjbench.paired.records import LaunchRow
-from mjbench.simulation import models, work
+from mjbench.simulation import models, reference_run
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.tuning import accuracy, edited_model, trajectories
-from mjbench.tuning.physics import physics
+from mjbench.tuning.contact_and_energy import physics
 from mjbench.tuning.records import Accuracy, Attempt, Effect, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
 from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, label, loop_change
@@ -187,7 +187,7 @@ class _Launch:
 
     @functools.cached_property
     def _step_s(self) -> float:
-        return work.step_s(self.model, self.baseline.trials.initial_state[0])
+        return reference_run.step_s(self.model, self.baseline.trials.initial_state[0])
 
     def _accuracy(self, settings: Settings, changed: mujoco.MjModel, loop: LoopChange) -> Accuracy:
         trials = self.baseline.trials
@@ -217,7 +217,7 @@ class _Launch:
 
 def stage_shares(model: mujoco.MjModel, trials: Trials) -> dict[str, float]:
     hold = trajectories.steps_per_control(model, trials.control_s)
-    run_s = hold * work.step_s(model, trials.initial_state[0])
+    run_s = hold * reference_run.step_s(model, trials.initial_state[0])
     nrun = max(1, int(BLOCK_S / run_s))
     block = profile.Block(nrun, hold, lambda: StartsInTurn(model, trials.initial_state))
     return profile.stages(model, block)

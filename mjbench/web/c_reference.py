@@ -19,14 +19,14 @@ from mjbench.paired import cores
 from mjbench.paired.run_sizes import RunSize, Sizes
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import starts
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.rounding_reference import ReferenceRun, RoundingReference
-from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
 from mjbench.simulation.workload import PortableWorkload, whole_holds
+from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.web.records import C_PATH
 
 # Simulations that are compared, and steps of each, unless the user says otherwise.

@@ -15,12 +15,12 @@ from typing import Any
 
 from mjbench.comparison.plan import Variant
 from mjbench.errors import Failure, MjbenchError, failure_of
-from mjbench.host import child, machine, scratch
+from mjbench.host import child, files, machine
 from mjbench.paired import cores
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.web import c_reference, rounding_check
@@ -60,7 +60,7 @@ def measure(pool: WorkerPool, source: ModelSource, plan: WebPlan) -> WebRecord:
     """
     measurement = _Measurement(pool, source, plan)
     try:
-        with scratch.folder() as folder, contextlib.ExitStack() as closing:
+        with files.temporary_folder() as folder, contextlib.ExitStack() as closing:
             measurement.run(folder, closing)
     except ENDING_ERRORS as error:
         return measurement.record(ending_of(error))

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import InputError, MachineError, one_line, shown
-from mjbench.releases import installs, release_spec
+from mjbench.releases import installs, release_names
 from mjbench.releases.release import version_key
 
 # Its name on the registry of npm.
@@ -65,7 +65,7 @@ def install_command(version: str) -> str:
 
 def installed_versions() -> list[str]:
     names = [file.parents[3].name for file in cache_folder().glob(f"*/{_MANIFEST.as_posix()}")]
-    return sorted((name for name in names if release_spec.is_release(name)), key=version_key)
+    return sorted((name for name in names if release_names.is_release(name)), key=version_key)
 
 
 def find(version: str | None = None, folder: Path | None = None) -> NpmPackage:
@@ -112,7 +112,7 @@ def _in_folder(folder: Path) -> NpmPackage:
 def _read(manifest: Path) -> NpmPackage:
     version = _manifest(manifest).get("version")
     package = NpmPackage(manifest.parent.resolve(), str(version))
-    if not release_spec.is_release(package.version):
+    if not release_names.is_release(package.version):
         raise MachineError(f"{manifest} names no version; install the package anew")
     for build in Build:
         for file in (package.script(build), package.script(build).with_suffix(".wasm")):

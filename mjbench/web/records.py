@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, Version
 from mjbench.measuring import stats
 from mjbench.measuring.stats import Estimate
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
 from mjbench.status import Status
 from mjbench.store.json_form import in_json
 from mjbench.web.rounding_check import RoundingCheck

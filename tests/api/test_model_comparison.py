@@ -27,7 +27,7 @@ from mjbench.paired.race import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report.content import Section
-from mjbench.report.results import PathResult, derive
+from mjbench.report.path_speedups import PathResult, derive
 from mjbench.simulation import models
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.workload import Product

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from mjbench.api.session import Observer, input_files, of_each_model
-from mjbench.loop.habit_costs import OverheadRow
+from mjbench.loop.habit_timing import OverheadRow
 from mjbench.paired.targets import Target
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS

@@ -12,7 +12,7 @@ from mjbench.api import verdict_measurements
 from mjbench.api.session import Observer
 from mjbench.api.verdict_measurements import between_releases, completed_share
 from mjbench.errors import InputError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.function_sides import FunctionName, FunctionTarget, FunctionTargets
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
@@ -20,8 +20,8 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import CodeOrigin, FunctionSource
 from mjbench.paired.verdict import Judgement, VerdictPlan
-from mjbench.releases import release_spec
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases import release_names
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Revision
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import models
@@ -105,7 +105,7 @@ def test_progress_is_of_this_run_where_other_runs_are_of_the_family_too(
 
 @pytest.mark.parametrize("package", ["jax", "jaxlib", "mujoco-mjx", "warp-lang", "own-tool"])
 def test_packages_that_the_plain_loop_does_not_use_need_a_path_or_a_function(package: str) -> None:
-    specs = [release_spec.parse_release(f"{package}=={version}") for version in ("0.7.0", "0.7.1")]
+    specs = [release_names.parse_release(f"{package}=={version}") for version in ("0.7.0", "0.7.1")]
     with pytest.raises(InputError, match=rf"does not use {package}: name a path"):
         between_releases(specs, SOURCES, None, VerdictPlan())
     arguments = between_releases(specs, SOURCES, ["python_loop"], VerdictPlan()).arguments
@@ -113,19 +113,19 @@ def test_packages_that_the_plain_loop_does_not_use_need_a_path_or_a_function(pac
 
 
 def test_numpy_is_of_the_plain_loop() -> None:
-    specs = [release_spec.parse_release(f"numpy=={version}") for version in ("2.3.5", "2.4.0")]
+    specs = [release_names.parse_release(f"numpy=={version}") for version in ("2.3.5", "2.4.0")]
     arguments = between_releases(specs, SOURCES, None, VerdictPlan()).arguments
     assert [target.path for target in arguments["targets"]] == ["python_loop", "python_loop"]
 
 
 def test_compiled_paths_are_compared_in_each_pair_of_environments() -> None:
-    specs = [release_spec.parse_release(f"jax==0.7.{patch}") for patch in range(3)]
+    specs = [release_names.parse_release(f"jax==0.7.{patch}") for patch in range(3)]
     arguments = between_releases(specs, SOURCES, ["mjx", "mjx64"], VerdictPlan()).arguments
     assert (arguments["paths"], arguments["family"]) == (["mjx", "mjx64"], 4)
 
 
 def test_paths_that_compile_are_compared_by_their_time_or_by_compiling() -> None:
-    specs = [release_spec.parse_release(f"jax==0.7.{patch}") for patch in range(2)]
+    specs = [release_names.parse_release(f"jax==0.7.{patch}") for patch in range(2)]
     compiling = VerdictPlan(sizes=Sizes(metric=Metric.COMPILE))
     arguments = between_releases(specs, SOURCES, ["mjx"], compiling).arguments
     assert arguments["sizes"]["metric"] == Metric.COMPILE

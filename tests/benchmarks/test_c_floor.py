@@ -17,9 +17,9 @@ from benchmarks.studies import c_floor_page
 from benchmarks.studies.c_floor_tally import FloorRow, LaunchTimes, Spread
 from benchmarks.studies.page_part import of_lines
 from mjbench import paths
-from mjbench.comparison.block_sizes import choose_sizes
+from mjbench.comparison.plan import choose_sizes
 from mjbench.errors import MachineError
-from mjbench.simulation import models, work, workload
+from mjbench.simulation import models, reference_run, workload
 
 needs_compiler = pytest.mark.skipif(
     not shutil.which("cc"), reason="no C compiler (cc) on this machine"
@@ -55,7 +55,7 @@ def test_the_c_program_reaches_the_same_states(
         for _ in range(2):
             assert c_program.block_ns(has_timer) > 0
         final_states = c_program.final_states()
-    np.testing.assert_array_equal(final_states, work.observe(random_workload).final_state)
+    np.testing.assert_array_equal(final_states, reference_run.observe(random_workload).final_state)
 
 
 @needs_compiler
@@ -64,7 +64,7 @@ def test_a_path_that_reaches_other_states_is_refused(
 ) -> None:
     c_program, random_workload = running
     c_program.block_ns(has_timer=False)
-    states = work.observe(random_workload).final_state
+    states = reference_run.observe(random_workload).final_state
     c_floor.check(paths.States(states), c_program.final_states(), model)
     states[2, 1] = np.nextafter(states[2, 1], 1.0)
     with pytest.raises(MachineError, match="the path disagrees with the C program"):
@@ -86,7 +86,7 @@ def test_a_program_that_ends_by_itself_is_an_error(tmp_path: Path, model: mujoco
 def test_every_model_has_sizes_for_every_case(name: str) -> None:
     model = models.load(models.resolve(name))
     for hold in {case.hold for case in c_floor.CASES}:
-        sizes = choose_sizes(work.step_s(model), hold=hold)
+        sizes = choose_sizes(reference_run.step_s(model), hold=hold)
         assert sizes.nbatch >= 1
         assert sizes.nstep >= hold
         assert sizes.nstep % hold == 0

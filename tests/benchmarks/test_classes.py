@@ -33,7 +33,7 @@ from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.errors import MachineError
 from mjbench.host import isolate
 from mjbench.paired.moved_check import Averaging
-from mjbench.releases import installs, release_spec
+from mjbench.releases import installs, release_names
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -185,7 +185,7 @@ def index_has_mujoco() -> bool:
 def reference_release() -> None:
     """Install the reference release; skip only where that fails because pip reaches no index."""
     try:
-        with installs.use(release_spec.parse_release(reference.REFERENCE)):
+        with installs.use(release_names.parse_release(reference.REFERENCE)):
             pass
     except MachineError as error:
         if index_has_mujoco():
@@ -275,7 +275,7 @@ def test_every_model_is_counted_in_one_of_two_processes(monkeypatch: pytest.Monk
 
     def count(
         counter: InstructionCounter,
-        release: release_spec.ReleaseSpec,
+        release: release_names.ReleaseSpec,
         sources: Sequence[ModelSource],
     ) -> Iterator[ModelCount]:
         processes.append([source.name for source in sources])

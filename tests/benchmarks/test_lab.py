@@ -10,7 +10,7 @@ from benchmarks import lab
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.report.kinds import WEB
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 from mjbench.store.json_form import json_form
 from mjbench.web import npm_package
 from mjbench.web.records import WebPathRecord, WebRecord

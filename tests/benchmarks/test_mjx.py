@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks import mjx, stored
 from benchmarks.settings import Cached
 from mjbench.paths.base import States
-from mjbench.simulation import work
+from mjbench.simulation import reference_run
 from mjbench.status import Status
 
 NBATCH, NSTEP = 3, 4
@@ -24,7 +24,7 @@ class StubPath:
         return self.reason
 
     def prepare(self, simulations: Any, *_: object) -> Any:
-        ends = work.observe(simulations).final_state + self.error
+        ends = reference_run.observe(simulations).final_state + self.error
         return SimpleNamespace(
             run=self.run,
             clear=lambda: None,
@@ -61,7 +61,7 @@ def test_an_mjx_that_fails_before_it_is_compiled_is_not_applicable() -> None:
 
 def test_a_run_that_ends_elsewhere_than_c_s_has_no_time() -> None:
     simulations = stored.stored_workload("cartpole", NBATCH, NSTEP)
-    largest = np.abs(work.observe(simulations).final_state).max()
+    largest = np.abs(reference_run.observe(simulations).final_state).max()
     result = measured(StubPath(error=largest))
     assert (result.status, result.value) == (Status.FAILED, None)
     assert result.detail == "qpos is not that of C after 4 steps"

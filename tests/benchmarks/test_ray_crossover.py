@@ -20,7 +20,7 @@ from benchmarks.studies.ray_tally import (
     load,
 )
 from mjbench.errors import InputError
-from mjbench.report.results import PathResult
+from mjbench.report.path_speedups import PathResult
 from mjbench.status import Status
 from mjbench.store.runs import to_json
 

@@ -10,9 +10,8 @@ from click.testing import CliRunner
 from commands import ROOT, mjbench
 
 from mjbench.cli import cli, show_pages
-from mjbench.cli.command_names import LISTED, with_mode
+from mjbench.command_names import EARLIER, LISTED, present_name, with_mode
 from mjbench.report.kinds import DOCUMENTS
-from mjbench.store.command_names import EARLIER, present_name
 
 MODES = sorted(name for name in cli.commands if " --" in name)
 

@@ -10,13 +10,13 @@ from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.errors import Failure, MachineError
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Disturbance
-from mjbench.loop.habit_costs import OverheadRow
+from mjbench.loop.habit_timing import OverheadRow
 from mjbench.report import kinds
 from mjbench.report.content import Section, Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import runs
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Record, Run
 
 

@@ -18,14 +18,14 @@ from hypothesis import strategies as st
 
 from mjbench.cli import cli
 from mjbench.host import machine
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.placement import Placement, PlacementPair
 from mjbench.simulation.accelerated_judgement import Precision
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
 from mjbench.store import runs
 

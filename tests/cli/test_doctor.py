@@ -14,8 +14,8 @@ from mjbench.host import conditions
 from mjbench.host.conditions import Condition, Grade
 from mjbench.loop import rendering
 from mjbench.loop.rendering import FrameTime
-from mjbench.paired import machine_check
-from mjbench.paired.machine_check import Noise
+from mjbench.paired import detectable_change
+from mjbench.paired.detectable_change import Noise
 from mjbench.paired.worker_pool import WorkerPool
 
 
@@ -28,7 +28,7 @@ def _briefly(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_machine_is_described_and_checked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(machine_check, "MIN_LAUNCHES", 2)
+    monkeypatch.setattr(detectable_change, "MIN_LAUNCHES", 2)
     done = mjbench("doctor", "--budget", "4s", "--json", "out.json", cwd=tmp_path)
     assert done.returncode in (0, 1), done.stderr  # what it can decide depends on its noise
     document = json.loads((tmp_path / "out.json").read_text())
@@ -44,7 +44,7 @@ def test_a_machine_is_described_and_checked(
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
-    monkeypatch.setattr(machine_check, "clock_share", lambda: 0.3)
+    monkeypatch.setattr(detectable_change, "clock_share", lambda: 0.3)
     monkeypatch.setattr(conditions, "all_conditions", lambda others: [])
     monkeypatch.setattr(
         rendering, "measure", lambda model, backend, limit_s: FrameTime(backend, 0.004)
@@ -57,7 +57,7 @@ def test_noise_decides_the_exit_code(
     quick: pytest.MonkeyPatch, deviation: float, code: int
 ) -> None:
     noise = Noise(launches=20, deviation=deviation, launch_s=0.6, ratio=1.0)
-    quick.setattr(machine_check, "noise", lambda pool, seconds: noise)
+    quick.setattr(detectable_change, "noise", lambda pool, seconds: noise)
     result = CliRunner().invoke(cli, ["doctor"])
     assert result.exit_code == code, result.output
     assert ("cannot decide changes of 1 %" in result.output) == bool(code)
@@ -67,7 +67,7 @@ def test_noise_decides_the_exit_code(
 
 def test_what_is_bad_fails_and_is_named_at_the_end(quick: pytest.MonkeyPatch) -> None:
     noise = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
-    quick.setattr(machine_check, "noise", lambda pool, seconds: noise)
+    quick.setattr(detectable_change, "noise", lambda pool, seconds: noise)
     busy = Condition("load", Grade.BAD, "is 3.0 on 2 cores", "end other programs")
     quick.setattr(conditions, "all_conditions", lambda others: [busy])
     result = CliRunner().invoke(cli, ["doctor"])
@@ -79,7 +79,7 @@ def test_interrupted_it_says_so_in_one_line(quick: pytest.MonkeyPatch) -> None:
     def interrupt(pool: WorkerPool, seconds: float) -> Noise:
         raise KeyboardInterrupt
 
-    quick.setattr(machine_check, "noise", interrupt)
+    quick.setattr(detectable_change, "noise", interrupt)
     result = CliRunner().invoke(cli, ["doctor"])
     assert result.exit_code == 130
     assert result.stderr.endswith("mjbench: interrupted\n")
@@ -87,7 +87,7 @@ def test_interrupted_it_says_so_in_one_line(quick: pytest.MonkeyPatch) -> None:
 
 def test_backends_that_render_nothing_are_named(quick: pytest.MonkeyPatch) -> None:
     noise = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
-    quick.setattr(machine_check, "noise", lambda pool, seconds: noise)
+    quick.setattr(detectable_change, "noise", lambda pool, seconds: noise)
     assert "egl 4.0 ms a frame" in CliRunner().invoke(cli, ["doctor"]).output
     quick.setattr(
         rendering, "measure", lambda model, backend, limit_s: FrameTime(backend, None, "no library")
@@ -101,7 +101,7 @@ def test_a_check_that_fails_is_the_machines_fault(quick: pytest.MonkeyPatch) -> 
     def fail(pool: WorkerPool, seconds: float) -> Noise:
         raise MachineError("no processes")
 
-    quick.setattr(machine_check, "noise", fail)
+    quick.setattr(detectable_change, "noise", fail)
     result = CliRunner().invoke(cli, ["doctor"])
     assert result.exit_code == 3
     assert "Not measured: no processes" in result.output

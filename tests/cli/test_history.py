@@ -14,20 +14,20 @@ from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import FunctionCount
 from mjbench.errors import Failure
-from mjbench.paired import operations, release_ratio
+from mjbench.paired import history_measurement, operations
+from mjbench.paired.history_tasks import ReleaseTask
 from mjbench.paired.operations import registry
-from mjbench.paired.release_tasks import ReleaseTask
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import Placement
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.release_ratios import (
     REFERENCE,
     LaunchRatio,
     RatioRecord,
     StepRatioRecord,
 )
-from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
 
 LAUNCHES = [
@@ -84,7 +84,7 @@ def measured(
             records.append(record)
         return records
 
-    monkeypatch.setattr(release_ratio, "measure_each", measure_each)
+    monkeypatch.setattr(history_measurement, "measure_each", measure_each)
     return measured
 
 

@@ -12,8 +12,8 @@ from click.testing import CliRunner, Result
 from commands import ROOT, mjbench
 
 from mjbench.cli import cli
+from mjbench.host import files
 from mjbench.loop.lint_rules import RULES
-from mjbench.store import files
 
 LOOP = """
 import mujoco

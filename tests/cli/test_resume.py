@@ -24,7 +24,7 @@ from mjbench.paired import verdict
 from mjbench.paired.targets import Target
 from mjbench.releases import catalogue
 from mjbench.releases.catalogue import ReleaseRange
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 

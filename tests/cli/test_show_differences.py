@@ -17,7 +17,7 @@ from mjbench.cli import cli
 from mjbench.host import machine
 from mjbench.host.machine import Machine
 from mjbench.store import runs
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_writer import RunFile
 
 RUNS = ROOT / "results/runs"
 

@@ -7,8 +7,8 @@ from commands import mjbench
 
 from mjbench.comparison import planning_run
 from mjbench.comparison.plan import Variant
-from mjbench.comparison.planner import Algorithm, PlannerSettings
 from mjbench.comparison.planning_run import PlanningRequest
+from mjbench.comparison.sampling_planners import Algorithm, PlannerSettings
 from mjbench.simulation import models
 from mjbench.status import Status
 

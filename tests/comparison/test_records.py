@@ -10,7 +10,7 @@ from mjbench.comparison.records import RECORD_TYPES, MeasurementRecord
 from mjbench.host import machine
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
-from mjbench.store import run_file, runs
+from mjbench.store import run_writer, runs
 
 RECORD = MeasurementRecord(
     model="m",
@@ -24,7 +24,7 @@ RECORD = MeasurementRecord(
 
 
 def stored(folder: Path) -> Path:
-    file = run_file.RunFile.create(
+    file = run_writer.RunFile.create(
         folder, runs.RunHeader(runs.SCHEMA, "compare", machine.describe(), {})
     )
     file.append(RECORD)

@@ -10,7 +10,7 @@ from mjbench import paths
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.reference_case import ReferenceCase
 from mjbench.comparison.verification import FurtherCases, verify
-from mjbench.simulation import models, work, workload
+from mjbench.simulation import models, reference_run, workload
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
@@ -19,13 +19,17 @@ NOTHING_FURTHER = FurtherCases(None, {})
 
 @pytest.fixture(scope="module")
 def case(model: Any) -> ReferenceCase:
-    return ReferenceCase.create(*work.observe_healthy(workload.make(model, nbatch=6, nstep=40)))
+    return ReferenceCase.create(
+        *reference_run.observe_healthy(workload.make(model, nbatch=6, nstep=40))
+    )
 
 
 @pytest.fixture(scope="module")
 def humanoid() -> ReferenceCase:
     model = models.load(models.resolve("humanoid"))
-    return ReferenceCase.create(*work.observe_healthy(workload.make(model, nbatch=4, nstep=8)))
+    return ReferenceCase.create(
+        *reference_run.observe_healthy(workload.make(model, nbatch=4, nstep=8))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +57,7 @@ def test_a_right_path_agrees_and_may_be_timed(case: ReferenceCase) -> None:
 
 def test_a_lost_warm_start_shows_on_the_case_in_contact_alone() -> None:
     cartpole = models.load(models.resolve("cartpole"))
-    no_contact = ReferenceCase.create(*work.observe_healthy(workload.make(cartpole, 3, 5)))
+    no_contact = ReferenceCase.create(*reference_run.observe_healthy(workload.make(cartpole, 3, 5)))
     in_contact = ReferenceCase.in_contact(hold=1, seed=0)
     variant = Variant("wrong_paths:ColdWarmStart", {})
     assert verify(0, variant, no_contact, NOTHING_FURTHER)[0].agrees is True
@@ -104,7 +108,9 @@ def test_a_path_that_replays_its_first_result_differs_once_simulations_are_reord
 
 def test_a_replay_is_caught_where_the_user_asks_for_one_simulation() -> None:
     model = models.load(models.resolve("cartpole"))
-    own = ReferenceCase.create(*work.observe_healthy(workload.make(model, nbatch=1, nstep=8)))
+    own = ReferenceCase.create(
+        *reference_run.observe_healthy(workload.make(model, nbatch=1, nstep=8))
+    )
     variant = Variant("wrong_paths:Memo", {})
     assert verify(0, variant, own, NOTHING_FURTHER)[0].agrees is True
     report, _ = verify(0, variant, own, FurtherCases.create(own, step_s=1e-6))
@@ -141,7 +147,9 @@ def test_user_data_that_is_dropped_is_noticed() -> None:
         "</mujoco>"
     )
     model = mujoco.MjModel.from_xml_string(xml)
-    own = ReferenceCase.create(*work.observe_healthy(workload.make(model, nbatch=3, nstep=4)))
+    own = ReferenceCase.create(
+        *reference_run.observe_healthy(workload.make(model, nbatch=3, nstep=4))
+    )
     further = FurtherCases.create(own, step_s=1e-6)
     report, _ = verify(0, Variant("wrong_paths:DropsUserdata", {}), own, further)
     assert report.agreement.startswith("userdata[0] of simulation 0 differs after step 1")
@@ -150,7 +158,7 @@ def test_user_data_that_is_dropped_is_noticed() -> None:
 def test_the_step_of_a_wrong_state_in_the_middle_is_named() -> None:
     model = models.load(models.resolve("cartpole"))
     own = workload.make(model, nbatch=3, nstep=10).returning(Product.TRAJECTORY)
-    trajectories = ReferenceCase.create(*work.observe_healthy(own))
+    trajectories = ReferenceCase.create(*reference_run.observe_healthy(own))
     variant = Variant("wrong_paths:WrongMiddle", {})
     report, _ = verify(0, variant, trajectories, NOTHING_FURTHER)
     assert "of simulation 1 differs after step 3:" in report.agreement
@@ -161,7 +169,7 @@ def test_a_path_that_returns_less_than_it_says_fails(
     humanoid: ReferenceCase, product: Product
 ) -> None:
     own = humanoid.workload.returning(product)
-    outputs = ReferenceCase.create(*work.observe_healthy(own))
+    outputs = ReferenceCase.create(*reference_run.observe_healthy(own))
     variant = Variant("wrong_paths:ClaimsTrajectories", {})
     report, _ = verify(0, variant, outputs, NOTHING_FURTHER)
     assert report.status == Status.FAILED
@@ -170,7 +178,7 @@ def test_a_path_that_returns_less_than_it_says_fails(
 
 def test_a_path_that_cannot_return_the_product_is_unavailable(humanoid: ReferenceCase) -> None:
     own = humanoid.workload.returning(Product.SENSORS)
-    outputs = ReferenceCase.create(*work.observe_healthy(own))
+    outputs = ReferenceCase.create(*reference_run.observe_healthy(own))
     report, _ = verify(0, Variant("wrong_paths:FinalOnly", {}), outputs, NOTHING_FURTHER)
     assert (report.status, report.agrees) == (Status.UNAVAILABLE, None)
     assert report.detail == "returns final, not sensors: --returns final compares it"
@@ -225,7 +233,7 @@ def every_input_cases() -> dict[str, FurtherCases]:
     loaded = {name: models.load(models.resolve(name)) for name in ("gripper", "muscle_arm")}
     return {
         name: FurtherCases.create(
-            ReferenceCase.create(*work.observe_healthy(workload.make(model, 4, 8))), 1e-5
+            ReferenceCase.create(*reference_run.observe_healthy(workload.make(model, 4, 8))), 1e-5
         )
         for name, model in {**loaded, "mocap": mocap}.items()
     }

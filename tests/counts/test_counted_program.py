@@ -20,13 +20,13 @@ from mjbench.counts.counted_program import (
 )
 from mjbench.errors import Failure
 from mjbench.paired import operations
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models, workload
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
-INSTALLED = release_spec.parse_release(release_spec.INSTALLED)
+INSTALLED = release_names.parse_release(release_names.INSTALLED)
 
 
 @pytest.fixture

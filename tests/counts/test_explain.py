@@ -20,15 +20,15 @@ from mjbench.counts.records import (
     FunctionCount,
     FunctionDifference,
 )
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report import counts
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import Followed
+from mjbench.simulation.reference_run import Work
+from mjbench.simulation.state_drift import Followed
 from mjbench.status import Status
 
 

@@ -17,11 +17,11 @@ from mjbench.counts import instructions
 from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.host import child
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models
 from mjbench.status import Status
 
-INSTALLED = release_spec.parse_release(release_spec.INSTALLED)
+INSTALLED = release_names.parse_release(release_names.INSTALLED)
 REPEATED = ("cartpole", "cube_table")
 OPERATIONS = (
     OperationRequest("load cartpole", models.resolve("cartpole")),

@@ -9,10 +9,10 @@ from commands import PYTHONPATH, TESTS
 from example_environment_records import record as invented_record
 
 from mjbench.environment import measurement
+from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.layers import Layer
 from mjbench.environment.recording import Moment
 from mjbench.environment.records import EnvironmentRecord
-from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import resolve
 from mjbench.status import Status
 

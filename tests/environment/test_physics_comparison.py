@@ -21,7 +21,7 @@ from mjbench.environment.physics_comparison import (
     physics_of,
 )
 from mjbench.environment.recording import EngineWatch
-from mjbench.simulation import work
+from mjbench.simulation import reference_run
 from mjbench.status import Status
 
 
@@ -112,7 +112,7 @@ def test_a_plain_loop_reaches_the_states_of_the_environment(
     assert (result.run, result.holds) == (5, hold == 4)
     assert result.workload.nstep == result.run * 4
     assert result.numbers.tolist() == list(range(40))
-    reached = work.observe(result.workload).final_state
+    reached = reference_run.observe(result.workload).final_state
     assert reached.tobytes() == result.final_state.tobytes()
     assert difference_from(result) == ""
 

@@ -12,8 +12,8 @@ from commands import PYTHONPATH
 from example_environment_records import record
 
 from mjbench.environment import vectors
+from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.records import EnvironmentRecord, VectorForm
-from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import resolve
 from mjbench.environment.vectors import VectorLaunch
 from mjbench.errors import Failure

@@ -18,7 +18,7 @@ import pytest
 
 import mjbench
 from mjbench.errors import InputError, MachineError
-from mjbench.loop import engine_functions, step_recorder
+from mjbench.loop import captured_steps, engine_functions
 from mjbench.loop.capture import Capture, Captured
 from mjbench.simulation import compat, models, state_file
 from mjbench.simulation.model_digest import model_digest
@@ -295,7 +295,7 @@ def test_a_simulation_that_the_program_drops_is_dropped(tmp_path: Path) -> None:
 def test_a_window_ends_when_its_simulation_is_no_longer_stepped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(step_recorder, "_PATIENCE_NSTEP", 20)
+    monkeypatch.setattr(captured_steps, "_PATIENCE_NSTEP", 20)
     first, second = mujoco.MjData(CARTPOLE), mujoco.MjData(CARTPOLE)
     with mjbench.capture(tmp_path / "states.npz", nstep=10) as capture:
         mujoco.mj_step(CARTPOLE, first)
@@ -307,7 +307,7 @@ def test_a_window_ends_when_its_simulation_is_no_longer_stepped(
 
 def test_states_that_are_large_are_fewer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nstate = compat.state_size(HUMANOID, SPEC)
-    monkeypatch.setattr(step_recorder, "MAX_BYTES", 30 * 8 * nstate)
+    monkeypatch.setattr(captured_steps, "MAX_BYTES", 30 * 8 * nstate)
     with mjbench.capture(tmp_path / "states.npz", nstep=9) as capture:
         list(program(HUMANOID, one_by_one, 200))
     assert 10 <= captured_states(capture, HUMANOID).nrow <= 30
@@ -507,7 +507,7 @@ def test_a_model_that_cannot_be_saved_is_reported_when_the_block_ends_and_states
 
 
 def test_compiled_models_wait_in_files_and_not_in_the_memory_of_the_program() -> None:
-    recorder = step_recorder.StepRecorder(10, 1, with_mjb=True)
+    recorder = captured_steps.StepRecorder(10, 1, with_mjb=True)
     recorder.wrappers()["mj_step"](mujoco.mj_step)(CARTPOLE, mujoco.MjData(CARTPOLE))
     (recorded,) = recorder.models()
     assert recorded.mjb is not None

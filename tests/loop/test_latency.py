@@ -13,7 +13,7 @@ from mjbench.errors import InputError
 from mjbench.loop import latency
 from mjbench.loop.latency import RUN_NSTEP, WARM_UP_NSTEP, Pace, StepSamples
 from mjbench.simulation import models, workload
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 

@@ -248,7 +248,7 @@ def test_what_cannot_be_read_or_written_is_said(
         raise OSError(28, "No space left on device")
         yield
 
-    monkeypatch.setattr("mjbench.store.files.replacing", full)
+    monkeypatch.setattr("mjbench.host.files.replacing", full)
     assert isinstance(results[0], lint_fixes.LintedFile)
     with pytest.raises(MachineError, match=r"cannot write .*script\.py: No space left"):
         results[0].write()

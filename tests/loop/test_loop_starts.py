@@ -8,11 +8,11 @@ import pytest
 
 import mjbench
 from mjbench.errors import InputError
-from mjbench.loop import habit_costs, profile, rendering
+from mjbench.loop import habit_timing, profile, rendering
 from mjbench.loop.loop_starts import NSTART, LoopStarts
-from mjbench.simulation import compat, models, sampling, work
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation import compat, models, reference_run, workload_sampling
 from mjbench.simulation.starts import StartPlan
+from mjbench.simulation.workload_sampling import SampleRequest
 
 CARTPOLE = models.load(models.resolve("cartpole"))
 
@@ -63,13 +63,13 @@ def test_a_profile_of_captured_states_says_so(captured: Path, brief: None) -> No
 
 def test_habits_cost_something_from_captured_states(captured: Path, brief: None) -> None:
     source, starts = models.resolve("cartpole"), StartPlan(file=captured)
-    table = habit_costs.measure(source, launches=1, starts=starts, budget_s=0.05)
+    table = habit_timing.measure(source, launches=1, starts=starts, budget_s=0.05)
     assert table.starts is not None and table.starts.file == "states.npz"
     assert table.bare_ns > 0
 
 
 def test_a_file_that_does_not_fit_is_bad_input(captured: Path, brief: None) -> None:
-    for measure in (profile.measure, habit_costs.measure):
+    for measure in (profile.measure, habit_timing.measure):
         with pytest.raises(InputError, match="holds states of another model, cartpole"):
             measure(models.resolve("humanoid"), starts=StartPlan(file=captured))
 
@@ -88,7 +88,7 @@ def test_states_without_controls_get_random_ones(tmp_path: Path) -> None:
 
 def test_without_a_file_starts_are_those_of_every_other_command() -> None:
     drawn = LoopStarts(CARTPOLE, StartPlan(), nstep=5)
-    expected = sampling.draw(CARTPOLE, SampleRequest(NSTART, 5, 5)).workload
+    expected = workload_sampling.draw(CARTPOLE, SampleRequest(NSTART, 5, 5)).workload
     start, data = drawn.in_turn(), mujoco.MjData(CARTPOLE)
     for row, control in zip(expected.initial_state[:3], expected.control[:3, 0], strict=True):
         start(CARTPOLE, data)
@@ -100,6 +100,6 @@ def test_without_a_file_starts_are_those_of_every_other_command() -> None:
 
 
 def test_a_model_of_slow_steps_has_fewer_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(work, "step_s", lambda model, state=None: 0.01)
+    monkeypatch.setattr(reference_run, "step_s", lambda model, state=None: 0.01)
     drawn = LoopStarts(CARTPOLE, StartPlan())
     assert (drawn.nstep, drawn.starts.window.nstart) == (5, 20)  # type: ignore[union-attr]

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mjbench.loop import step_parts
-from mjbench.loop.engine_stages import OTHER
-from mjbench.loop.step_parts import SensorStage, StepPart
+from mjbench.loop.step_parts import OTHER, SensorStage, StepPart
 from mjbench.simulation import workload
 
 XML = """

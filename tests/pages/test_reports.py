@@ -32,7 +32,7 @@ from mjbench.report.content import Column, DataTable, Report, Section, Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import runs
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Record, RunHeader
 
 COMMITTED = sorted((ROOT / "results/runs").glob("reference-*.jsonl"))

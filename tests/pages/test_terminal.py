@@ -17,8 +17,9 @@ from rich.console import Console, Group
 from mjbench.cli.progress import progress
 from mjbench.errors import one_line, printable
 from mjbench.pages import terminal
-from mjbench.report import engine_warnings, formats
+from mjbench.report import formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
+from mjbench.simulation import engine_warnings
 from mjbench.units import plain
 
 # It writes the clipboard of many terminals.

@@ -19,7 +19,7 @@ from mjbench.host import child, platforms
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import fork_server, release_python
 from mjbench.paired.fork_server_process import ForkedWorker, ForkServerProcess
-from mjbench.paired.launch_seeds import LaunchSeeds
+from mjbench.paired.memory_layout import LaunchSeeds
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 

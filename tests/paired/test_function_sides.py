@@ -16,7 +16,7 @@ from mjbench.paired.function_sides import (
 )
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import WORKTREE, Repository
 
 

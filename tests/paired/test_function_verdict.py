@@ -28,7 +28,7 @@ from mjbench.paired.timed_function import CodeOrigin, FunctionFacts, FunctionSou
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.pip import BuildError
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Revision
 from mjbench.status import ExitCode, Status
 

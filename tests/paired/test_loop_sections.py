@@ -14,7 +14,7 @@ from mjbench.errors import MachineError
 from mjbench.paired import loop_sections
 from mjbench.paired.loop_sections import TimedSteps
 from mjbench.paths import Resources
-from mjbench.simulation import compat, models, work, workload
+from mjbench.simulation import compat, models, reference_run, workload
 from mjbench.simulation.workload import Workload
 
 FULL = compat.INTEGRATION
@@ -150,7 +150,7 @@ def cubes() -> Workload:
 def test_steps_end_in_the_states_of_the_plain_loop(cubes: Workload) -> None:
     steps = TimedSteps(cubes)
     steps.run()
-    np.testing.assert_array_equal(steps.final_state, work.observe(cubes).final_state)
+    np.testing.assert_array_equal(steps.final_state, reference_run.observe(cubes).final_state)
 
 
 def test_99_of_100_steps_take_no_longer(cubes: Workload, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import movable
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.status import Status
 
 STATES = np.arange(6.0).reshape(2, 3)

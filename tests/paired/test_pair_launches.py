@@ -14,7 +14,7 @@ from paired_examples import CARTPOLE, InventedPair
 from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, platforms
 from mjbench.host.child_connection import ChildError
-from mjbench.paired import cores, launch_seeds, pair_launches, time_limit
+from mjbench.paired import cores, memory_layout, pair_launches, time_limit
 from mjbench.paired.pair_launches import ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.target_pair import TargetPair
@@ -22,7 +22,7 @@ from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.placement import AS_SHIPPED
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.status import Status
 
 needs_affinity = pytest.mark.skipif(
@@ -153,8 +153,8 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
 def test_programs_of_other_seeds_start_with_the_last_launch_of_those_before(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    launches = launch_seeds.launches_of_a_program()
-    seeds = launch_seeds.schedule(random.Random(), launches)
+    launches = memory_layout.launches_of_a_program()
+    seeds = memory_layout.schedule(random.Random(), launches)
     early, started, start = list[tuple[int, int]](), list[WorkerProcess](), pool.start
 
     def spying(*arguments: Any) -> WorkerProcess:

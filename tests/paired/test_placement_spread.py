@@ -150,8 +150,8 @@ def test_every_residue_gets_its_launches(launched: Launched) -> None:
 
 def test_time_runs_out_with_what_was_measured(launched: Launched) -> None:
     expected = 40, "time ran out after 40 of 56 launches"
-    assert launched(SpreadPlan(time_limit_s=40.0)) == expected
-    count, detail = launched(SpreadPlan(time_limit_s=10.0))
+    assert launched(SpreadPlan(launches=14, time_limit_s=40.0)) == expected
+    count, detail = launched(SpreadPlan(launches=14, time_limit_s=10.0))
     assert count == 10
     assert detail == (
         "a launch takes about 1 s, and a spread needs at least 36 launches:"
@@ -178,7 +178,7 @@ def test_a_release_that_cannot_be_measured_says_why(
 ) -> None:
     monkeypatch.setattr(moved_check, "check", raising(error))
     pool: Any = None
-    record = placement_spread.measure(pool, CARTPOLE, SpreadPlan())
+    record = placement_spread.measure(pool, CARTPOLE, SpreadPlan(launches=14, time_limit_s=180.0))
     assert (record.status, record.launches, record.spread) == (status, 0, None)
     assert record.detail.startswith(detail)
     assert placement_spread.finished([record]) == []

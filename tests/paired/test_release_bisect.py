@@ -19,8 +19,8 @@ from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases import installs
 from mjbench.releases.catalogue import ReleaseRange
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.release_ratios import StepRatioRecord
-from mjbench.releases.release_spec import ReleaseSpec
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import models
 from mjbench.store import runs

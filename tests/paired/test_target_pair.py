@@ -91,7 +91,7 @@ def test_runs_with_other_stopwatch_readings_do_identical_work(
     first, second = runs
     assert next(readings_s) == 1e-4  # measured once
     assert first.work_check == second.work_check
-    assert first.nsim == second.nsim == run_sizes.DRAWN_PER_RUN * first.work_check.nbatch
+    assert first.nsim == second.nsim == target_pair.DRAWN_PER_RUN * first.work_check.nbatch
     for one, other in zip(first.workloads, second.workloads, strict=True):
         assert one.read_bytes() == other.read_bytes()
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mjbench.measuring.stats import Ratio
 from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.errors import MachineError
-from mjbench.measuring.ratio import Ratio
 from mjbench.paired import pair_launches, target_pair, verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import Averaging
@@ -25,12 +25,12 @@ from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.verdict import Judgement, PairedResult, judge
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report import verdicts
 from mjbench.simulation import models
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import StateDrift
+from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 from mjbench.store import runs
 

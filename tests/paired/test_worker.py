@@ -23,9 +23,9 @@ from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import Placement
-from mjbench.simulation import models, work, workload
+from mjbench.simulation import models, reference_run, workload
 from mjbench.simulation.engine_clock import engine_clock, has_clock
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.workload_sampling import SampleRequest
 
 
 def test_a_worker_imports_neither_mujoco_nor_numpy_before_it_has_mapped_other_memory() -> None:
@@ -77,7 +77,7 @@ def test_a_run_can_be_prepared_without_the_timer_of_the_python_package() -> None
     if not has_clock(worker.model):
         pytest.skip("this release of MuJoCo installs no timer")
     worker.workload = workload.make(worker.model, nbatch=1, nstep=3)
-    worker.final_state = work.observe(worker.workload).final_state
+    worker.final_state = reference_run.observe(worker.workload).final_state
     try:
         worker.prepare("python_loop", {}, cores=(), simulations=(0,))
         assert has_clock(worker.model)

@@ -15,7 +15,7 @@ from mjbench.comparison import selection
 from mjbench.errors import MachineError
 from mjbench.paths import warp
 from mjbench.paths.warp_buffers import check_overflow
-from mjbench.simulation import trajectory, workload
+from mjbench.simulation import reference_trajectory, workload
 
 BALL_ASLEEP = """
 <mujoco>
@@ -56,7 +56,7 @@ def test_the_snippet_computes_what_c_computes(
         "np.save('out.npy', np.hstack(rows))\n"
     )
     subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True)
-    want = trajectory.record_trajectory(work, NBATCH).states[:, work.nstep]
+    want = reference_trajectory.record_trajectory(work, NBATCH).states[:, work.nstep]
     fields = workload.fields(work.model, want)
     got = np.load(tmp_path / "out.npy")
     assert np.abs(got - np.hstack([fields["time"], fields["qpos"]])).max() < within

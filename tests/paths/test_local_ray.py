@@ -1,5 +1,6 @@
 """Ray runs on this machine alone while somebody uses it, and no process of it lives on."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -14,9 +15,12 @@ from isolated_tasks import Process, Text, step_with_ray
 from mjbench import paths
 from mjbench.errors import MachineError
 from mjbench.host import isolate
+from mjbench.paths import local_ray
 from mjbench.paths.ray_actors import Ray
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
+from mjbench.sweep import ray_cluster
+from mjbench.sweep.ray_cluster import LOCAL
 
 pytestmark = pytest.mark.skipif(Ray().unavailable() is not None, reason=str(Ray().unavailable()))
 
@@ -87,3 +91,40 @@ def test_ray_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     parent.stdout.close()
     assert len(descriptors) > 4
     assert all(map(process_tree.ends, descriptors))
+
+
+@pytest.fixture
+def no_ray(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray was not imported yet, and there is no secret."""
+    monkeypatch.setattr(local_ray, "_secret", {})
+    monkeypatch.delitem(sys.modules, "ray", raising=False)
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+    monkeypatch.delenv("RAY_AUTH_TOKEN", raising=False)
+
+
+@pytest.mark.usefixtures("no_ray")
+def test_the_secret_is_in_the_environment_for_the_block_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("RAY_ADDRESS", "a cluster")
+    with local_ray.secret_environment({"RAY_ADDRESS": None}):
+        first = os.environ["RAY_AUTH_TOKEN"]
+        assert len(first) == 64
+        assert os.environ["RAY_AUTH_MODE"] == "token"
+        assert "RAY_ADDRESS" not in os.environ
+    assert "RAY_AUTH_TOKEN" not in os.environ
+    assert os.environ["RAY_ADDRESS"] == "a cluster"
+
+
+@pytest.mark.usefixtures("no_ray")
+@pytest.mark.parametrize(("address", "mode"), [(LOCAL, "token"), ("10.0.0.1:6379", None)])
+def test_a_sweep_starts_ray_with_the_secret_and_joins_other_clusters_without(
+    monkeypatch: pytest.MonkeyPatch, address: str, mode: str | None
+) -> None:
+    modes = []
+    monkeypatch.setattr(
+        ray_cluster, "_start", lambda *_, **__: modes.append(os.environ.get("RAY_AUTH_MODE"))
+    )
+    with contextlib.ExitStack() as closing:
+        ray_cluster._connect(address, closing)
+    assert modes == [mode]

@@ -16,9 +16,9 @@ from example_models import CONTACT_XML
 
 from mjbench import paths
 from mjbench.errors import InputError
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.base import nthread
 from mjbench.paths.threads import shares
-from mjbench.simulation import agreement, compat, inputs, work, workload
+from mjbench.simulation import agreement, compat, input_probe, reference_run, workload
 from mjbench.simulation.workload import Product, StepOutputs
 
 SWEEP: dict[str, list[Any]] = {
@@ -31,7 +31,7 @@ SWEEP: dict[str, list[Any]] = {
     "data": ["shared", "persistent"],
     "engine_threads": [None, 2],
 }
-# paths that compile are held to tolerances: tests/comparison/test_accelerated_run.py
+# paths that compile are held to tolerances: tests/comparison/test_accelerated_measurement.py
 C_PATHS = {name: path for name, path in paths.registry().items() if not path.compiles}
 VARIANTS = [
     pytest.param(path, options, id=" ".join([name, *(f"{k}={v}" for k, v in options.items())]))
@@ -49,13 +49,15 @@ class Case:
     """A workload, its reference run, and what its paths share."""
 
     workload: workload.Workload
-    reference: work.Observation
+    reference: reference_run.Observation
     outputs: StepOutputs
     resources: paths.Resources
 
     @classmethod
     def of(cls, own: workload.Workload) -> "Case":
-        return cls(own, work.observe(own), work.step_outputs(own), paths.Resources(own))
+        return cls(
+            own, reference_run.observe(own), reference_run.step_outputs(own), paths.Resources(own)
+        )
 
     def reorder(self, order: np.ndarray) -> None:
         self.resources.reorder(order)
@@ -207,7 +209,7 @@ def test_snippets_of_ray_do_what_its_path_does(
     case: Case, cases: Mapping[Product, Case], tmp_path: Path
 ) -> None:
     """Also with inputs that a rollout resets."""
-    own = inputs.with_every_input(workload.make(case.workload.model, 3, 4, seed=2), seed=1)
+    own = input_probe.with_every_input(workload.make(case.workload.model, 3, 4, seed=2), seed=1)
     with_inputs = Case.of(own)
     products = (cases[Product.TRAJECTORY], cases[Product.SENSORS])
     snippets_of_ray_do_the_work_of((case, *products, with_inputs), tmp_path)

@@ -14,7 +14,7 @@ from mjbench import paths
 from mjbench.errors import MachineError
 from mjbench.paths import local_ray
 from mjbench.paths.ray_actors import Ray
-from mjbench.simulation import compat, work
+from mjbench.simulation import compat, reference_run
 from mjbench.simulation.workload import Product, Workload
 
 
@@ -58,9 +58,9 @@ def test_without_rollout_actors_run_a_loop_that_returns_the_same(
         states = prepared.final_states()
         assert states.mask is not None
         assert states.mask.all()
-        np.testing.assert_array_equal(states.values, work.observe(own).final_state)
+        np.testing.assert_array_equal(states.values, reference_run.observe(own).final_state)
         returned = prepared.step_outputs().arrays if prepared.step_outputs else []
-        for values, expected in zip(returned, work.step_outputs(own).arrays, strict=True):
+        for values, expected in zip(returned, reference_run.step_outputs(own).arrays, strict=True):
             np.testing.assert_array_equal(values, expected)
     resources.close()
 
@@ -72,7 +72,7 @@ def test_an_input_that_one_simulation_has_reaches_each_actor(ray: Any, small: Wo
     prepared = Ray().prepare(own, {"actors": 2}, resources)
     for order in (np.arange(5), np.array([3, 1, 4, 2, 0])):
         resources.reorder(order)
-        expected = work.observe(own).final_state
+        expected = reference_run.observe(own).final_state
         np.testing.assert_array_equal(prepared.verified_states().values, expected)
     resources.close()
 

@@ -6,7 +6,7 @@ import pytest
 from mjbench.errors import InputError, MachineError
 from mjbench.releases import bundle, catalogue, install_check, package_index
 from mjbench.releases.release import Release, version_key
-from mjbench.releases.release_spec import ReleaseSpec
+from mjbench.releases.release_names import ReleaseSpec
 
 START = datetime(2024, 1, 1, tzinfo=UTC)
 RELEASES = [Release(f"3.0.{n}", START + timedelta(days=n)) for n in range(3)]

@@ -8,18 +8,14 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from mjbench.errors import InputError, MachineError
 from mjbench.host import platforms
-from mjbench.releases import install_check, installs, package_index, release_spec
-from mjbench.releases.release import Release
+from mjbench.releases import install_check, installs, release_names
 
 
 @pytest.fixture(autouse=True)
@@ -57,31 +53,8 @@ def write_package(target: Path, version: str) -> None:
         (target / name).write_bytes(text)
 
 
-@pytest.mark.parametrize(
-    ("text", "release"),
-    [
-        ("3.5.0", True),
-        ("v3.5.0", True),
-        ("4.1.0rc1", True),
-        ("2.3.1.post1", True),
-        ("4.1.0.dev20260101", True),
-        ("4.1.0+g1a2b3c", True),
-        ("installed", True),
-        ("dist/mujoco-4.1.0-cp311-cp311-linux_x86_64.whl", True),
-        ("3.5", True),
-        ("cartpole", False),
-        ("robot.xml", False),
-        ("3", False),
-        ("v3", False),
-        ("3.x", False),
-    ],
-)
-def test_releases_are_distinguished_from_models(text: str, release: bool) -> None:
-    assert release_spec.is_release(text) is release
-
-
 def test_a_release_is_installed_once(pip: list[str]) -> None:
-    release = release_spec.parse_release("v3.5.0")
+    release = release_names.parse_release("v3.5.0")
     for _ in range(2):
         with installs.use(release) as folder:
             assert folder is not None
@@ -90,79 +63,8 @@ def test_a_release_is_installed_once(pip: list[str]) -> None:
     assert [n.partition("-")[0] for n in installs.install_names()] == ["3.5.0"]
 
 
-@pytest.mark.parametrize(
-    ("text", "version"),
-    [
-        ("3.5.0", "3.5.0"),
-        ("v3.5.0", "3.5.0"),
-        ("3.5", "3.5.0"),
-        ("v3.5", "3.5.0"),
-        ("3.5rc1", "3.5.0rc1"),
-        ("4.1.0rc1", "4.1.0rc1"),
-        ("4.1.0.dev3", "4.1.0.dev3"),
-        ("4.1.0dev3", "4.1.0.dev3"),
-        ("2.3.7.post1", "2.3.7.post1"),
-        ("4.1.0+g1a2b3c", "4.1.0+g1a2b3c"),
-    ],
-)
-def test_a_version_is_read_as_packaging_reads_it_and_a_short_one_is_the_first_of_its_minor(
-    text: str, version: str
-) -> None:
-    release = release_spec.parse_release(text)
-    assert release.version == version
-    assert release.key.startswith(f"{version}-cpython-")
-
-
-@pytest.mark.parametrize(
-    "text", ["3", "cartpole", "", " ", "1." + "9" * 5000, "a\0b", "no/such/mujoco-3.5.0.whl"]
-)
-def test_what_names_no_release_is_refused_with_what_was_given(text: str) -> None:
-    with pytest.raises(
-        InputError, match=r"is not a release: give a version|no such wheel"
-    ) as raised:
-        release_spec.parse_release(text)
-    assert text[:20] in str(raised.value).replace(r"\x00", "\0")
-    assert len(str(raised.value)) < 250
-
-
-def test_a_misspelt_word_is_corrected() -> None:
-    with pytest.raises(
-        InputError, match=r"'instaled' is not a release \(did you mean installed\?\)"
-    ):
-        release_spec.parse_release("instaled")
-
-
-@pytest.mark.parametrize("text", ["2.3.6", "2.3.1.post1", "v2.2", "2.3.5"])
-def test_a_release_that_is_too_old_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"is too old: 2\.3\.7 is the oldest that can be measured"):
-        release_spec.parse_release(text)
-
-
-@settings(deadline=None)
-@given(
-    st.text()
-    | st.text("0123456789.vrc+!-_ ab", max_size=12)
-    | st.from_regex(r"mujoco-[0-9.]{0,6}(-[a-z0-9_.]{0,9}){0,3}\.whl", fullmatch=True)
-    | st.text(st.sampled_from("ab./~*[]\0\n"), max_size=9).map("{}.whl".format)
-)
-def test_any_text_is_a_release_or_an_input_error(text: str) -> None:
-    named = release_spec.is_release(text)
-    try:
-        release = release_spec.parse_release(text)
-    except InputError as error:
-        assert str(error).isprintable()
-    else:
-        assert named
-        assert release_spec.parse_release(release.version).version == release.version
-
-
-def test_the_environments_own_release_is_not_the_same_one_of_the_index() -> None:
-    here = release_spec.parse_release("installed")
-    assert here.key != release_spec.parse_release(here.version).key
-
-
 def test_the_environments_own_release_needs_no_install(pip: list[str]) -> None:
-    with installs.use(release_spec.parse_release("installed")) as folder:
+    with installs.use(release_names.parse_release("installed")) as folder:
         assert folder is None
     assert pip == []
 
@@ -170,7 +72,7 @@ def test_the_environments_own_release_needs_no_install(pip: list[str]) -> None:
 def test_an_interrupted_install_is_not_used_and_is_repeated(
     pip: list[str], monkeypatch: pytest.MonkeyPatch, cache: Path
 ) -> None:
-    release = release_spec.parse_release("3.5.0")
+    release = release_names.parse_release("3.5.0")
     complete = installs.pip.install
 
     def interrupted(
@@ -206,7 +108,7 @@ def _install(text: str, cache: str, count: Any) -> None:
             (target / "file").write_text(str(number))
 
     installs.pip.install = slow
-    installs.install(release_spec.parse_release(text))
+    installs.install(release_names.parse_release(text))
 
 
 def test_two_processes_install_the_same_release_once(cache: Path) -> None:
@@ -225,7 +127,7 @@ def test_two_processes_install_the_same_release_once(cache: Path) -> None:
 
 
 def test_an_install_in_use_is_not_removed(pip: list[str]) -> None:
-    release = release_spec.parse_release("3.5.0")
+    release = release_names.parse_release("3.5.0")
     with installs.use(release), pytest.raises(MachineError, match="in use"):
         installs.remove(release.key)
     installs.remove(release.key)
@@ -234,13 +136,13 @@ def test_an_install_in_use_is_not_removed(pip: list[str]) -> None:
 
 def _hold(cache: str, pipe: Any) -> None:
     os.environ["MJBENCH_CACHE"] = cache
-    with installs.use(release_spec.parse_release("3.5.0")):
+    with installs.use(release_names.parse_release("3.5.0")):
         pipe.send("in use")
         pipe.recv()  # nothing comes: this process is killed
 
 
 def test_an_install_in_use_needs_no_second_one(pip: list[str]) -> None:
-    release = release_spec.parse_release("3.5.0")
+    release = release_names.parse_release("3.5.0")
     with installs.use(release) as folder:
         assert installs.install(release) == folder  # does not wait for the other
     assert pip == ["3.5.0"]
@@ -248,12 +150,12 @@ def test_an_install_in_use_needs_no_second_one(pip: list[str]) -> None:
 
 def test_the_environments_own_release_is_not_installed_again(pip: list[str]) -> None:
     with pytest.raises(InputError, match="the MuJoCo of this environment"):
-        installs.install(release_spec.parse_release("installed"))
+        installs.install(release_names.parse_release("installed"))
     assert pip == []
 
 
 def test_a_killed_user_of_an_install_does_not_keep_it_locked(pip: list[str], cache: Path) -> None:
-    release = release_spec.parse_release("3.5.0")
+    release = release_names.parse_release("3.5.0")
     installs.install(release)
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
@@ -269,7 +171,7 @@ def test_a_killed_user_of_an_install_does_not_keep_it_locked(pip: list[str], cac
 
 
 def test_removing_an_unknown_install_names_the_known_ones(pip: list[str]) -> None:
-    installs.install(release_spec.parse_release("3.5.0"))
+    installs.install(release_names.parse_release("3.5.0"))
     with pytest.raises(InputError, match=r"no install '3\.6\.0'; there are 3\.5\.0-"):
         installs.remove("3.6.0")
 
@@ -292,7 +194,7 @@ def test_a_cache_folder_that_cannot_be_written_is_reported(
     file.write_text("")
     monkeypatch.setenv("MJBENCH_CACHE", str(file / "below"))
     with pytest.raises(MachineError, match="MJBENCH_CACHE"):
-        installs.install(release_spec.parse_release("3.5.0"))
+        installs.install(release_names.parse_release("3.5.0"))
 
 
 def test_a_missing_home_folder_is_reported_and_no_folder_is_called_tilde(
@@ -303,7 +205,7 @@ def test_a_missing_home_folder_is_reported_and_no_folder_is_called_tilde(
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MachineError, match=r"no home folder is known.* MJBENCH_CACHE"):
-        installs.install(release_spec.parse_release("3.5.0"))
+        installs.install(release_names.parse_release("3.5.0"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -315,7 +217,7 @@ def test_a_full_disk_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(installs.pip, "install", full)
     with pytest.raises(MachineError, match=r"^cannot install into \S+: No space left on device$"):
-        installs.install(release_spec.parse_release("3.5.0"))
+        installs.install(release_names.parse_release("3.5.0"))
     assert installs.install_names() == []
 
 
@@ -327,11 +229,11 @@ def test_a_file_system_without_locks_is_reported(
 
     monkeypatch.setattr(platforms, "lock_file", refuse)
     with pytest.raises(MachineError, match=r"cannot lock .*: No locks available"):
-        installs.install(release_spec.parse_release("3.5.0"))
+        installs.install(release_names.parse_release("3.5.0"))
 
 
 def test_a_removal_that_was_killed_does_not_prevent_the_next(pip: list[str], cache: Path) -> None:
-    release = release_spec.parse_release("3.5.0")
+    release = release_names.parse_release("3.5.0")
     installs.install(release)
     (cache / f".{release.key}.removed" / "mujoco").mkdir(parents=True)
     installs.remove(release.key)
@@ -340,7 +242,7 @@ def test_a_removal_that_was_killed_does_not_prevent_the_next(pip: list[str], cac
 
 
 def test_a_damaged_install_is_refused_until_it_is_removed(pip: list[str]) -> None:
-    release = release_spec.parse_release("3.5.0")
+    release = release_names.parse_release("3.5.0")
     file = installs.install(release) / "mujoco" / "__init__.py"
     file.write_bytes(file.read_bytes().replace(b"3.5.0", b"3.5.1"))
     message = f"is damaged: mujoco/__init__.py has been changed; remove it by .* {release.key}"
@@ -357,7 +259,7 @@ def test_a_damaged_install_is_refused_until_it_is_removed(pip: list[str]) -> Non
 def test_a_changed_file_of_the_environments_own_release_is_said(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    release = release_spec.parse_release("installed")
+    release = release_names.parse_release("installed")
     with installs.use(release):
         assert caplog.messages == []
     monkeypatch.setattr(
@@ -367,16 +269,3 @@ def test_a_changed_file_of_the_environments_own_release_is_said(
         pass
     said = f"mujoco/libmujoco.so has been changed since MuJoCo {release.version} was installed here"
     assert caplog.messages == [f"mjbench: {said}"]
-
-
-def test_the_newest_release_and_the_one_before_are_those_of_the_index(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    releases = [Release(version, datetime(2026, 1, 1)) for version in ("3.10.0", "3.9.0")]
-    monkeypatch.setattr(package_index, "releases", lambda: releases)
-    assert release_spec.parse_release("newest").version == "3.10.0"
-    assert release_spec.parse_release("previous").version == "3.9.0"
-    for known, name in (([], "newest"), (releases[:1], "previous")):
-        monkeypatch.setattr(package_index, "releases", lambda known=known: known)
-        with pytest.raises(MachineError, match=f"the package index has no {name} release of muj"):
-            release_spec.parse_release(name)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.releases import install_check, packages, release_spec
+from mjbench.releases import install_check, packages, release_names
 from mjbench.releases.packages import NamedPackages
 
 
@@ -40,33 +40,33 @@ def test_packages_are_distinguished_from_releases_and_models(text: str, expected
 
 
 def test_packages_stand_beside_the_release_of_this_environment() -> None:
-    release = release_spec.parse_release("jax==0.7.0, jaxlib==0.7.0")
+    release = release_names.parse_release("jax==0.7.0, jaxlib==0.7.0")
     assert (release.version, release.label) == ("4.0.0", "jax==0.7.0, jaxlib==0.7.0")
     assert release.beside == ("jax==0.7.0", "jaxlib==0.7.0")
     assert release.has_packages
     assert "-numpy" in release.key
-    other = release_spec.parse_release("jax==0.7.1,jaxlib==0.7.0")
+    other = release_names.parse_release("jax==0.7.1,jaxlib==0.7.0")
     assert other.key != release.key
 
 
 def test_a_comma_at_the_end_changes_nothing() -> None:
-    assert release_spec.parse_release("jax==0.7.0,").beside == ("jax==0.7.0",)
+    assert release_names.parse_release("jax==0.7.0,").beside == ("jax==0.7.0",)
 
 
 def test_mujoco_may_be_among_them() -> None:
-    release = release_spec.parse_release("mujoco==3.5.0,numpy==2.3.0")
+    release = release_names.parse_release("mujoco==3.5.0,numpy==2.3.0")
     assert (release.version, release.beside) == ("3.5.0", ("numpy==2.3.0",))
     assert "-numpy" not in release.key
 
 
 def test_mujoco_alone_is_a_release() -> None:
-    assert release_spec.parse_release("mujoco==3.5.0") == release_spec.parse_release("3.5.0")
+    assert release_names.parse_release("mujoco==3.5.0") == release_names.parse_release("3.5.0")
 
 
 def test_wheels_may_be_among_them(wheel: Path) -> None:
     named = packages.parse(f"{wheel},jax==0.7.0")
     assert named == NamedPackages("", ("jax==0.7.0",), (wheel.resolve(),))
-    release = release_spec.parse_release(str(wheel))
+    release = release_names.parse_release(str(wheel))
     assert packages.names_of(release.beside) == {"own-tool"}
     assert release.files == (wheel.resolve(),)
 
@@ -85,7 +85,7 @@ def test_wheels_may_be_among_them(wheel: Path) -> None:
 )
 def test_what_names_no_packages_is_refused_in_a_line(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as raised:
-        release_spec.parse_release(text)
+        release_names.parse_release(text)
     assert "\n" not in str(raised.value)
 
 

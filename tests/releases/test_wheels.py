@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from packaging import tags
 
 from mjbench.errors import InputError
-from mjbench.releases import release_spec, wheels
+from mjbench.releases import release_names, wheels
 
 HERE = str(next(tags.sys_tags()))
 
@@ -26,7 +26,7 @@ def write_wheel(folder: Path, name: str, content: str = "") -> Path:
 def test_local_wheels_are_distinguished_by_content(tmp_path: Path) -> None:
     keys = []
     for content in ("one", "two"):
-        release = release_spec.parse_release(str(write_wheel(tmp_path, "mujoco-4.1.0", content)))
+        release = release_names.parse_release(str(write_wheel(tmp_path, "mujoco-4.1.0", content)))
         assert release.version == "4.1.0"
         keys.append(release.key)
     assert keys[0] != keys[1]
@@ -35,7 +35,7 @@ def test_local_wheels_are_distinguished_by_content(tmp_path: Path) -> None:
 def test_a_wheel_with_a_local_version_is_a_release(tmp_path: Path) -> None:
     for name in ("mujoco-4.1.0+g1a2b3c", "mujoco_core-4.1.0+g1a2b3c", "mujoco_core-4.1.0"):
         write_wheel(tmp_path, name)
-    release = release_spec.parse_release(str(tmp_path))
+    release = release_names.parse_release(str(tmp_path))
     assert release.version == "4.1.0+g1a2b3c"
     assert [wheel.name.split("-")[0] for wheel in release.wheels] == ["mujoco", "mujoco_core"]
 
@@ -45,8 +45,8 @@ def test_a_folder_of_wheels_is_one_release(tmp_path: Path) -> None:
         write_wheel(tmp_path, f"{name}-4.1.0")
     one = str(tmp_path / "mujoco-4.1.0-py3-none-any.whl")
     for text in (str(tmp_path), one):
-        assert release_spec.is_release(text)
-        release = release_spec.parse_release(text)
+        assert release_names.is_release(text)
+        release = release_names.parse_release(text)
         assert release.version == "4.1.0"
         projects = [wheel.name.split("-")[0] for wheel in release.wheels]
         assert projects == ["mujoco", "mujoco_core", "mujoco_studio"]
@@ -57,16 +57,16 @@ def test_the_current_folder_of_wheels_is_a_release(
 ) -> None:
     write_wheel(tmp_path, "mujoco-4.1.0")
     monkeypatch.chdir(tmp_path)
-    assert release_spec.is_release(".")
-    assert release_spec.parse_release(".").version == "4.1.0"
-    assert not release_spec.is_release("")
+    assert release_names.is_release(".")
+    assert release_names.parse_release(".").version == "4.1.0"
+    assert not release_names.is_release("")
 
 
 def test_of_a_build_for_several_pythons_the_wheels_for_this_one_are_taken(tmp_path: Path) -> None:
     for project in ("mujoco", "mujoco_core"):
         for tag in ("cp27-cp27m-win32", HERE, "cp32-cp32m-win32"):
             write_wheel(tmp_path, f"{project}-4.1.0-{tag}")
-    names = [wheel.name for wheel in release_spec.parse_release(str(tmp_path)).wheels]
+    names = [wheel.name for wheel in release_names.parse_release(str(tmp_path)).wheels]
     assert names == [f"mujoco-4.1.0-{HERE}.whl", f"mujoco_core-4.1.0-{HERE}.whl"]
 
 
@@ -84,9 +84,9 @@ def test_a_folder_without_the_one_wheel_is_refused(
 ) -> None:
     for name in names:
         write_wheel(tmp_path, name)
-    assert release_spec.is_release(str(tmp_path)) == bool(names)
+    assert release_names.is_release(str(tmp_path)) == bool(names)
     with pytest.raises(InputError, match=message):
-        release_spec.parse_release(str(tmp_path))
+        release_names.parse_release(str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_a_wheel_that_is_no_mujoco_for_this_python_is_refused(
     tmp_path: Path, name: str, message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        release_spec.parse_release(str(write_wheel(tmp_path, name)))
+        release_names.parse_release(str(write_wheel(tmp_path, name)))
 
 
 @pytest.mark.parametrize("project", ["mujoco", "mujoco_core"])
@@ -114,19 +114,19 @@ def test_a_broken_wheel_is_refused(tmp_path: Path, project: str) -> None:
     for content in (b"", b"no zip", whole[: len(whole) // 2], whole[:-1]):
         broken.write_bytes(content)
         with pytest.raises(InputError, match=f"{broken.name} is broken: .*; copy it again"):
-            release_spec.parse_release(str(tmp_path))
+            release_names.parse_release(str(tmp_path))
     with zipfile.ZipFile(broken, "w") as archive:
         archive.writestr("notes.txt", "no package")
     with pytest.raises(InputError, match="holds no package"):
-        release_spec.parse_release(str(tmp_path))
+        release_names.parse_release(str(tmp_path))
 
 
 def test_a_source_archive_is_refused(tmp_path: Path) -> None:
     archive = tmp_path / "mujoco-4.1.0.tar.gz"
     archive.write_bytes(b"archive")
-    assert release_spec.is_release(str(archive))
+    assert release_names.is_release(str(archive))
     with pytest.raises(InputError, match="is a source archive: name a wheel"):
-        release_spec.parse_release(str(archive))
+        release_names.parse_release(str(archive))
 
 
 def test_a_wheel_that_may_not_be_read_is_refused(
@@ -138,11 +138,11 @@ def test_a_wheel_that_may_not_be_read_is_refused(
         raise PermissionError(13, "Permission denied")
 
     file = write_wheel(tmp_path, "mujoco-4.1.0")
-    release = release_spec.parse_release(str(file))
+    release = release_names.parse_release(str(file))
     with monkeypatch.context() as patch:
         patch.setattr(zipfile, "ZipFile", refuse)
         with pytest.raises(InputError, match=r"^cannot read \S+.whl: Permission denied$"):
-            release_spec.parse_release(str(file))
+            release_names.parse_release(str(file))
     file.unlink()  # after it was named
     with pytest.raises(InputError, match=r"^cannot read \S+.whl: No such file or directory$"):
         _ = release.key

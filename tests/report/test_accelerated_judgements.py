@@ -12,7 +12,7 @@ from mjbench.report.accelerated_judgements import (
 )
 from mjbench.report.comparison import model_section
 from mjbench.report.content import Section
-from mjbench.report.results import ModelResults, PathResult, derive
+from mjbench.report.path_speedups import ModelResults, PathResult, derive
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 
 VERSIONS = {"mujoco": "4.0.0", "mujoco-mjx": "3.17.0", "mujoco-warp": "4.0.0"}

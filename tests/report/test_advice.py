@@ -12,7 +12,7 @@ from example_records import JUDGED, measurement
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
-from mjbench.report import results
+from mjbench.report import path_speedups
 from mjbench.report.advice import (
     Reason,
     ThreadAdvice,
@@ -22,7 +22,7 @@ from mjbench.report.advice import (
     conclusion,
     thread_conclusion,
 )
-from mjbench.report.results import ModelResults, derive
+from mjbench.report.path_speedups import ModelResults, derive
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 
@@ -275,7 +275,7 @@ def test_the_timer_is_advised_on_where_turning_it_off_certainly_gains() -> None:
 
 def test_a_run_of_an_earlier_version_has_speed_ups_without_an_interval_and_no_advice() -> None:
     records = [measurement(samples_s=[1.0] * 7), measurement(path="rollout", samples_s=[0.5] * 7)]
-    former = results.derive(derived(raced()).model, records, None)
+    former = path_speedups.derive(derived(raced()).model, records, None)
     assert former.is_former
     assert all(result.is_former for result in former.results)
     speedup = former.results[1].speedup

@@ -15,7 +15,7 @@ from mjbench.checkups.records import CheckedPart, CheckupPart, Combination
 from mjbench.checkups.targets import TargetKind
 from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.loop.lint import Finding
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.program.activities import Activity, Place
@@ -24,7 +24,7 @@ from mjbench.program.remedies.remedy import Confirmed, Remedy, RemedyKind
 from mjbench.report import advice, checkup, checkup_items, tuning
 from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
-from mjbench.report.results import derive_all
+from mjbench.report.path_speedups import derive_all
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Record, Run, RunHeader
 from mjbench.tuning.records import Accuracy, Attempt, Effect, Recommendation, TuneRecord, Withdrawal

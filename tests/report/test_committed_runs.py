@@ -24,7 +24,7 @@ from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import history, history_files
 from mjbench.report.advice import advise
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.report.results import derive_all
+from mjbench.report.path_speedups import derive_all
 from mjbench.simulation import models
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import ExitCode, Status

@@ -15,7 +15,7 @@ from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.pages import terminal
 from mjbench.paired.race_record import MAX_LAUNCHES, UnableVariant
 from mjbench.report import comparison
-from mjbench.report.results import ModelResults
+from mjbench.report.path_speedups import ModelResults
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 

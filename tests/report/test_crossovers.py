@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from example_records import JUDGED
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.report.crossovers import (
     crossovers,
     curve_crossing,
     describe_work_crossover,
     work_crossovers,
 )
-from mjbench.report.results import PathResult
+from mjbench.report.path_speedups import PathResult
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.report import formats
 

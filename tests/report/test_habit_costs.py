@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from drawn_charts import drawn
 
-from mjbench.loop.habit_costs import HabitCost, OverheadRow
+from mjbench.loop.habit_timing import HabitCost, OverheadRow
 from mjbench.report import habit_costs
 from mjbench.status import Status
 

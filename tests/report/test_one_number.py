@@ -21,10 +21,10 @@ from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.pages import exports, html, markdown, reports, site, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
-from mjbench.report import across_machines, advice_across, formats
+from mjbench.report import advice_across, formats, machines_side_by_side
 from mjbench.report.content import Report, Tone
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.report.results import PathResult, derive_all
+from mjbench.report.path_speedups import PathResult, derive_all
 from mjbench.store import run_set, runs
 from mjbench.store.run_set import RunSet
 from mjbench.store.runs import Run
@@ -167,8 +167,8 @@ def test_other_tools_get_the_time_of_the_plain_loop_over_the_speed_up(tmp_path: 
 
 
 def of_set(file: Path) -> str:
-    results = across_machines.side_by_side([read(file)])
-    section = across_machines.section(results)
+    results = machines_side_by_side.side_by_side([read(file)])
+    section = machines_side_by_side.section(results)
     assert section is not None
     return "\n".join([*advice_across.cautions(results.advice), terminal.text_of([section])])
 

@@ -1,7 +1,7 @@
 """What planning by several paths comes to."""
 
-from mjbench.comparison.planner import Algorithm
 from mjbench.comparison.planning_run import PlanningRow
+from mjbench.comparison.sampling_planners import Algorithm
 from mjbench.report import planning
 from mjbench.report.content import Tone
 from mjbench.status import Status

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.pages import terminal
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
@@ -21,9 +21,9 @@ from mjbench.paired.records import (
     VerdictRow,
 )
 from mjbench.report import verdicts
+from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import SettleLimit, Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.work_check import RunDrift
+from mjbench.simulation.state_drift import RunDrift
 from mjbench.status import Status
 
 OLD = TargetRow("3.3.0", "humanoid", "python_loop", {}, {})

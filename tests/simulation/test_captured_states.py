@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.simulation import capture_header, compat, models, sampling, state_file
+from mjbench.simulation import capture_header, compat, models, state_file, workload_sampling
 from mjbench.simulation.capture_header import ARRAY, SEGMENT_ARRAY, CaptureHeader, ModelLayout
 from mjbench.simulation.model_digest import model_digest
-from mjbench.simulation.sampling import Sample, SampleRequest
 from mjbench.simulation.starts import StartPlan
+from mjbench.simulation.workload_sampling import Sample, SampleRequest
 
 CARTPOLE = models.load(models.resolve("cartpole"))
 SPEC = compat.INTEGRATION
@@ -52,7 +52,7 @@ def save(folder: Path, lengths: list[int], **changes: Any) -> Path:
 
 def draw(file: Path, nbatch: int = 6, nstep: int = 4, **request: Any) -> Sample:
     plan = StartPlan(file=file)
-    return sampling.draw(CARTPOLE, SampleRequest(nbatch, nstep, starts=plan, **request))
+    return workload_sampling.draw(CARTPOLE, SampleRequest(nbatch, nstep, starts=plan, **request))
 
 
 def edit(file: Path, **arrays: Any) -> None:
@@ -102,9 +102,9 @@ def test_a_model_that_differs_a_little_is_noted(tmp_path: Path) -> None:
     heavier = models.load(models.resolve("cartpole"))
     heavier.body_mass[1] *= 2
     request = SampleRequest(2, 2, starts=StartPlan(file=file))
-    assert sampling.draw(heavier, request).starts.is_other_model
+    assert workload_sampling.draw(heavier, request).starts.is_other_model
     file = save(tmp_path, [9], digests=(model_digest(CARTPOLE), model_digest(heavier)))
-    assert not sampling.draw(heavier, request).starts.is_other_model
+    assert not workload_sampling.draw(heavier, request).starts.is_other_model
 
 
 def test_inputs_that_the_program_set_are_noted(tmp_path: Path) -> None:

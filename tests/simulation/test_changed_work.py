@@ -1,5 +1,5 @@
 from mjbench.simulation import changed_work
-from mjbench.simulation.work import Work
+from mjbench.simulation.reference_run import Work
 
 
 def test_changed_work_is_listed_counter_by_counter() -> None:

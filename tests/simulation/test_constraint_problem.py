@@ -5,7 +5,7 @@ import copy
 import numpy as np
 import pytest
 
-from mjbench.simulation import models, trajectory, workload
+from mjbench.simulation import models, reference_trajectory, workload
 from mjbench.simulation.constraint_problem import ConstraintProblem, converging
 from mjbench.simulation.contacts import Contacts
 
@@ -15,7 +15,7 @@ def touching_state(name: str) -> tuple[ConstraintProblem, workload.Workload]:
     model = models.load(models.resolve(name))
     sample = workload.make(model, 2, 30)
     problem = ConstraintProblem(model)
-    run = trajectory.record_trajectory(sample, 2)
+    run = reference_trajectory.record_trajectory(sample, 2)
     for state, control in zip(run.states[0], sample.control[0], strict=False):
         problem.load(state, control)
         if len(problem.contacts.simulation) >= 4:

@@ -11,7 +11,7 @@ import pytest
 from example_models import CONTACT_XML
 
 import mjbench
-from mjbench.simulation import package_timer
+from mjbench.simulation import engine_clock
 from mjbench.simulation.engine_clock import has_clock
 
 
@@ -125,7 +125,7 @@ def test_mujocos_own_call_turns_it_off_without_mjbench() -> None:
         "import mujoco\n"
         "model = mujoco.MjModel.from_xml_string('<mujoco/>')\n"
         "data = mujoco.MjData(model)\n"
-        f"{package_timer.OFF_SNIPPET}\n"
+        f"{engine_clock.OFF_SNIPPET}\n"
         "mujoco.mj_step(model, data)\n"
         "print(data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration)\n"
     )

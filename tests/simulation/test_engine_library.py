@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.simulation import engine_library, models, work, workload
+from mjbench.simulation import engine_library, models, reference_run, workload
 
 
 @pytest.fixture(autouse=True)
@@ -41,9 +41,9 @@ def test_a_step_calls_the_function(humanoid: mujoco.MjModel) -> None:
 def test_no_declared_function_changes_where_a_run_ends(name: str, function: str) -> None:
     model = models.load(models.resolve(name))
     sample = workload.make(model, nbatch=1, nstep=20)
-    expected = work.observe(sample).final_state
+    expected = reference_run.observe(sample).final_state
     engine_library.install_callback(model, function)
-    assert np.array_equal(work.observe(sample).final_state, expected)
+    assert np.array_equal(reference_run.observe(sample).final_state, expected)
 
 
 def test_a_function_that_this_release_does_not_have_is_bad_input(humanoid: mujoco.MjModel) -> None:

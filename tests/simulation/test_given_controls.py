@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.simulation import given_controls, models, sampling
-from mjbench.simulation.sampling import Sample, SampleRequest
+from mjbench.simulation import given_controls, models, workload_sampling
 from mjbench.simulation.starts import KEYFRAME_STARTS, StartPlan
+from mjbench.simulation.workload_sampling import Sample, SampleRequest
 
 CARTPOLE = models.load(models.resolve("cartpole"))
 # Three sequences of four controls: 0.00, 0.01, … and 0.10, 0.11, … and 0.20, ….
@@ -34,7 +34,7 @@ def draw(
 ) -> Sample:
     plan = StartPlan(None if states else settle_s, states, file)
     request = SampleRequest(nbatch, nstep, hold, starts=plan, may_shorten=may_shorten)
-    return sampling.draw(CARTPOLE, request)
+    return workload_sampling.draw(CARTPOLE, request)
 
 
 def test_every_simulation_takes_one_sequence_from_its_first_control(tmp_path: Path) -> None:
@@ -64,7 +64,9 @@ def test_an_npy_file_holds_controls_too(tmp_path: Path) -> None:
 
 
 def test_starts_are_those_of_ordinary_controls(tmp_path: Path) -> None:
-    ordinary = sampling.draw(CARTPOLE, SampleRequest(5, 4, starts=KEYFRAME_STARTS)).workload
+    ordinary = workload_sampling.draw(
+        CARTPOLE, SampleRequest(5, 4, starts=KEYFRAME_STARTS)
+    ).workload
     own = draw(save(tmp_path, ctrl=SEQUENCES)).workload
     np.testing.assert_array_equal(own.initial_state, ordinary.initial_state)
 

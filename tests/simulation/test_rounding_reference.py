@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjbench.simulation import compat, rounding_reference, work
+from mjbench.simulation import compat, reference_run, rounding_reference
 from mjbench.simulation.rounding_reference import RoundingReference
 from mjbench.simulation.workload import Workload
 
@@ -17,7 +17,7 @@ def traced(small: Workload) -> RoundingReference:
 
 def test_the_run_is_that_of_the_plain_loop(small: Workload, traced: RoundingReference) -> None:
     every_step = range(small.nstep + 1)
-    np.testing.assert_array_equal(traced.run.states, work.states_after(small, every_step))
+    np.testing.assert_array_equal(traced.run.states, reference_run.states_after(small, every_step))
     spec = compat.INTEGRATION
     assert dict(traced.run.columns) == compat.state_columns(small.model, spec)
 
@@ -36,7 +36,7 @@ def test_single_steps_lead_where_c_leads_with_every_input_set(
 ) -> None:
     steps = traced.steps
     alone = replace(small, initial_state=steps.state, control=steps.control[:, None], hold=1)
-    np.testing.assert_array_equal(steps.after, work.states_after(alone, [1])[0])
+    np.testing.assert_array_equal(steps.after, reference_run.states_after(alone, [1])[0])
     forces = traced.run.columns["xfrc_applied"]
     has_forces = steps.state[:, forces].any(axis=1)
     assert has_forces.sum() == len(steps.state) // 2

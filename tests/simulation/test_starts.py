@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjbench.simulation import compat, models, sampling, starts, work
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation import compat, models, reference_run, starts, workload_sampling
 from mjbench.simulation.starts import Later, SettleLimit, StartPlan, Starts, Window
+from mjbench.simulation.workload_sampling import SampleRequest
 
 # A ball 0.2 m above the floor, without a keyframe: it lands after 0.2 s.
 BALL = mujoco.MjModel.from_xml_string(
@@ -17,12 +17,12 @@ BALL = mujoco.MjModel.from_xml_string(
 )
 
 
-def draw(model: mujoco.MjModel, **request: object) -> sampling.Sample:
+def draw(model: mujoco.MjModel, **request: object) -> workload_sampling.Sample:
     default = SampleRequest(4, 10, starts=StartPlan())
-    return sampling.draw(model, dataclasses.replace(default, **request))  # type: ignore[arg-type]
+    return workload_sampling.draw(model, dataclasses.replace(default, **request))  # type: ignore[arg-type]
 
 
-def window(sample: sampling.Sample) -> Window:
+def window(sample: workload_sampling.Sample) -> Window:
     assert sample.starts.window is not None
     return sample.starts.window
 
@@ -108,8 +108,8 @@ def test_a_settled_step_costs_what_it_costs_where_the_model_has_landed(
         states.append(state)
         return 1e-5
 
-    monkeypatch.setattr(work, "step_s", step_s)
-    assert sampling.settled_step_s(BALL) == 1e-5
+    monkeypatch.setattr(reference_run, "step_s", step_s)
+    assert workload_sampling.settled_step_s(BALL) == 1e-5
     before, settled = states
     assert before is None
     assert settled is not None
@@ -165,9 +165,9 @@ def test_what_slept_is_awake_at_a_restored_state() -> None:
 
 
 def test_what_slept_sleeps_again_after_a_lead_in() -> None:
-    sample = draw(SLEEPER, lead_in=sampling.LEAD_IN, perturbs=False)
+    sample = draw(SLEEPER, lead_in=workload_sampling.LEAD_IN, perturbs=False)
     assert window(sample).asleep == 1.0
-    assert (window(sample).nstep, sample.workload.nstep) == (10, 10 + sampling.LEAD_IN)
+    assert (window(sample).nstep, sample.workload.nstep) == (10, 10 + workload_sampling.LEAD_IN)
     assert sample.observation.work.contacts == 0
 
 

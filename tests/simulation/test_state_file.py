@@ -9,10 +9,10 @@ import pytest
 
 from mjbench.errors import InputError
 from mjbench.loop.recording import record
-from mjbench.simulation import compat, models, sampling, state_file
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation import compat, models, state_file, workload_sampling
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload_sampling import SampleRequest
 
 CARTPOLE = models.load(models.resolve("cartpole"))
 NSTEP = 50
@@ -33,7 +33,7 @@ def save(folder: Path, **arrays: Any) -> Path:
 
 def draw(file: Path, nbatch: int = 4, nstep: int = 6, hold: int = 1, seed: int = 0) -> Workload:
     request = SampleRequest(nbatch, nstep, hold, seed, StartPlan(file=file))
-    sample = sampling.draw(CARTPOLE, request)
+    sample = workload_sampling.draw(CARTPOLE, request)
     replayed = file.name if "ctrl" in np.load(file).files else None
     assert sample.starts == Starts(0.0, 0.0, file=file.name, controls_file=replayed)
     return sample.workload

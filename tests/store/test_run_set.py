@@ -13,7 +13,7 @@ from set_files import section_of
 
 from mjbench.errors import InputError, MachineError
 from mjbench.host import machine
-from mjbench.store import run_file, run_set, runs
+from mjbench.store import run_set, run_writer, runs
 from mjbench.store.run_set import RunSection, RunSetFile
 
 
@@ -33,7 +33,7 @@ RECORDS = (Note("first", 1), Note("second"), Note("third"))
 
 def written(folder: Path) -> Path:
     """Return a run file with RECORDS."""
-    file = run_file.RunFile.create(folder, HEADER)
+    file = run_writer.RunFile.create(folder, HEADER)
     for record in RECORDS:
         file.append(record)
     file.close()
@@ -42,7 +42,7 @@ def written(folder: Path) -> Path:
 
 def section(folder: Path, *notes: str, cell: str = "") -> RunSection:
     """Return a section with some notes."""
-    file = run_file.RunFile.create(folder / "runs", HEADER)
+    file = run_writer.RunFile.create(folder / "runs", HEADER)
     for note in notes:
         file.append(Note(note))
     file.close()

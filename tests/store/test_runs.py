@@ -9,7 +9,7 @@ import pytest
 
 from mjbench.errors import InputError, MachineError
 from mjbench.host import machine
-from mjbench.store import run_file, runs
+from mjbench.store import run_writer, runs
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ RECORDS = (Sample(1, 0.5), Note("between"), Sample(2))
 
 def written(folder: Path) -> Path:
     """Return a run file with RECORDS."""
-    file = run_file.RunFile.create(folder, HEADER)
+    file = run_writer.RunFile.create(folder, HEADER)
     for record in RECORDS:
         file.append(record)
     file.close()
@@ -84,7 +84,7 @@ def test_the_header_holds_the_machine_and_the_arguments(tmp_path: Path) -> None:
 
 
 def test_every_record_is_on_disk_as_soon_as_it_is_appended(tmp_path: Path) -> None:
-    file = run_file.RunFile.create(tmp_path, HEADER)
+    file = run_writer.RunFile.create(tmp_path, HEADER)
     file.append(Sample(1))
     last_line = file.path.read_text().splitlines()[-1]
     assert json.loads(last_line) == {"type": "sample", "index": 1, "seconds": 0.0}
@@ -166,7 +166,7 @@ def test_a_later_format_is_refused_by_number(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_created_is_reported_with_the_option_to_use(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(MachineError, match="--results"):
-        run_file.RunFile.create(tmp_path / "file", HEADER)
+        run_writer.RunFile.create(tmp_path / "file", HEADER)
 
 
 def test_a_run_without_a_record_is_the_latest_only_where_no_other_has_one(tmp_path: Path) -> None:
@@ -242,14 +242,14 @@ def test_a_file_that_cannot_hold_its_header_is_not_left_behind(
     def fail(*arguments: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(run_file, "_write_line", fail)
+    monkeypatch.setattr(run_writer, "_write_line", fail)
     with pytest.raises(MachineError, match="No space left"):
-        run_file.RunFile.create(tmp_path, HEADER)
+        run_writer.RunFile.create(tmp_path, HEADER)
     assert list(tmp_path.iterdir()) == []
     path = tmp_path / "earlier.jsonl"
     path.write_text("earlier")
     with pytest.raises(MachineError, match="No space left"):
-        run_file.RunFile.rewrite(path, HEADER, RECORDS)
+        run_writer.RunFile.rewrite(path, HEADER, RECORDS)
     assert [p.read_text() for p in tmp_path.iterdir()] == ["earlier"]
 
 
@@ -258,7 +258,7 @@ def test_a_file_that_cannot_hold_its_header_is_not_left_behind(
 
 def test_a_rewritten_file_holds_the_records_given_and_those_appended(tmp_path: Path) -> None:
     path = written(tmp_path)
-    file = run_file.RunFile.rewrite(path, HEADER, RECORDS[:1])
+    file = run_writer.RunFile.rewrite(path, HEADER, RECORDS[:1])
     file.append(Sample(9))
     file.close()
     assert runs.load(path, TYPES) == runs.Run(HEADER, (RECORDS[0], Sample(9)))
@@ -272,7 +272,7 @@ def test_a_torn_last_line_is_noted(tmp_path: Path) -> None:
 
 
 def test_a_number_that_is_not_finite_is_stored_as_nothing(tmp_path: Path) -> None:
-    file = run_file.RunFile.create(tmp_path, HEADER)
+    file = run_writer.RunFile.create(tmp_path, HEADER)
     file.append(Sample(1, float("nan")))
     file.append(Note("\udce9\n"))
     file.close()
@@ -282,14 +282,14 @@ def test_a_number_that_is_not_finite_is_stored_as_nothing(tmp_path: Path) -> Non
 
 
 def test_a_file_that_is_still_written_cannot_be_continued(tmp_path: Path) -> None:
-    file = run_file.RunFile.create(tmp_path, HEADER)
+    file = run_writer.RunFile.create(tmp_path, HEADER)
     with pytest.raises(MachineError, match="another mjbench is writing it"):
-        run_file.RunFile.rewrite(file.path, HEADER, ())
+        run_writer.RunFile.rewrite(file.path, HEADER, ())
     file.append(Sample(1))
     file.close()
-    again = run_file.RunFile.rewrite(file.path, HEADER, (Sample(1),))
+    again = run_writer.RunFile.rewrite(file.path, HEADER, (Sample(1),))
     with pytest.raises(MachineError, match="another mjbench is writing it"):
-        run_file.RunFile.rewrite(file.path, HEADER, ())
+        run_writer.RunFile.rewrite(file.path, HEADER, ())
     again.close()
     assert runs.load(file.path, TYPES).records == (Sample(1),)
     assert list(tmp_path.iterdir()) == [file.path]
@@ -298,9 +298,9 @@ def test_a_file_that_is_still_written_cannot_be_continued(tmp_path: Path) -> Non
 def test_records_that_are_dropped_stay_in_a_file_beside(tmp_path: Path) -> None:
     path = written(tmp_path)
     before = path.read_text()
-    run_file.RunFile.rewrite(path, HEADER, RECORDS).close()
+    run_writer.RunFile.rewrite(path, HEADER, RECORDS).close()
     assert list(tmp_path.iterdir()) == [path]
-    run_file.RunFile.rewrite(path, HEADER, RECORDS[:1]).close()
+    run_writer.RunFile.rewrite(path, HEADER, RECORDS[:1]).close()
     backup = path.with_name(f"{path.name}.bak")
     assert sorted(tmp_path.iterdir()) == [path, backup]
     assert backup.read_text() == before

@@ -12,7 +12,7 @@ from sweep_examples import count_cell, plan, verdict_cell
 from mjbench.cli import cli
 from mjbench.cli.sweep import check_command
 from mjbench.paired.metrics import Metric
-from mjbench.releases.release_spec import INSTALLED, ReleaseSpec
+from mjbench.releases.release_names import INSTALLED, ReleaseSpec
 from mjbench.simulation import models
 from mjbench.sweep import matrix, software
 from mjbench.sweep.cells import Cell, CellKind

@@ -18,7 +18,7 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.sweep import model_files, node, software
-from mjbench.sweep.calibration import NodeRules, NodeState
+from mjbench.sweep.busy_node import NodeRules, NodeState
 from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.commands import CommandLine
 from mjbench.sweep.node import BusyError, NodeMeasurement, NotMeasuredError, Request

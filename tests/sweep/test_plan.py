@@ -15,7 +15,7 @@ from mjbench.errors import InputError
 from mjbench.paired.metrics import Metric
 from mjbench.simulation import models
 from mjbench.sweep import plan as plans
-from mjbench.sweep.calibration import NodeRules
+from mjbench.sweep.busy_node import NodeRules
 from mjbench.sweep.cells import CellKind
 from mjbench.sweep.plan import Plan
 

@@ -20,8 +20,7 @@ from mjbench.store import run_set
 from mjbench.sweep import ray_cluster, software
 from mjbench.sweep.commands import CommandLine
 from mjbench.sweep.node import BusyError, NotMeasuredError, Request
-from mjbench.sweep.ray_cluster import Failed, LeftOut, RayCluster, Refused
-from mjbench.sweep.ray_session import LABEL
+from mjbench.sweep.ray_cluster import LABEL, Failed, LeftOut, RayCluster, Refused
 
 needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
 

@@ -10,7 +10,7 @@ from sweep_examples import MACHINE, FakeCluster, count_cell, delivered, matrix, 
 
 from mjbench.errors import Failure, InputError, MachineError
 from mjbench.status import Status
-from mjbench.sweep.calibration import NodeRules
+from mjbench.sweep.busy_node import NodeRules
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.node import Request

@@ -92,7 +92,7 @@ import sys
 def test_it():
     heavy = {"numpy", "mujoco", "rich", "scipy", "msgspec", "mjbench.testing.fixture"}
     assert not heavy & set(sys.modules)
-    assert "mjbench.testing.plugin" in sys.modules
+    assert "mjbench.testing" in sys.modules
 """
     done = run_pytest(tmp_path, content, plugins=(PLUGIN,))
     assert done.returncode == 0, done.stdout

@@ -10,10 +10,10 @@ from mjbench.errors import MachineError, UnavailableError
 from mjbench.host import isolate
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.starts import StartPlan
-from mjbench.simulation.work import Peaks
 from mjbench.status import Status
-from mjbench.tuning import knob_values, reference
+from mjbench.tuning import knob_values, measurements
 from mjbench.tuning.accelerated_attempts import EngineMeasurements
 from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.settings import Setting, label, option
@@ -101,7 +101,7 @@ def test_the_many_steps_of_c_have_more_time_than_a_child_that_reports_nothing(on
     monkeypatch.setattr(isolate, "call", lambda *_, limit_s, **__: limits.append(limit_s))
     for limit_s in (60.0, 900.0):
         on("pretender:Pretender", limit_s=limit_s).baseline(PLAN)
-    assert limits == [reference.RUNS_SILENCE_S, 900.0]
+    assert limits == [measurements.RUNS_SILENCE_S, 900.0]
 
 
 def test_a_setting_that_crashes_or_is_rejected_is_one_row_and_the_others_go_on(on):

@@ -8,10 +8,10 @@ import pytest
 from tuning_values import NOTHING, PRESENT_ERROR, apart, blocks, present
 
 from mjbench.errors import MachineError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Ratio
 from mjbench.report import tuning, tuning_notes
 from mjbench.status import Status
-from mjbench.tuning import fronts
+from mjbench.tuning import pareto_front
 from mjbench.tuning.c_search import RUNG_NRUN, SCREENS, CSearch
 from mjbench.tuning.knobs import KNOBS
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord, log_ratio
@@ -481,7 +481,7 @@ def test_combinations_have_one_setting_of_each_knob():
         faster("timestep=4", APPROXIMATE, 0.25),
         faster("cone=pyramidal", APPROXIMATE, 0.9),
     ]
-    drawn = fronts.combinations(of_knobs, 100, random.Random(0))
+    drawn = pareto_front.combinations(of_knobs, 100, random.Random(0))
     for combination in drawn:
         knobs = [each.knob for each in combination]
         assert len(knobs) == len(set(knobs)) > 1
@@ -496,7 +496,7 @@ def test_settings_of_the_loop_exclude_each_other():
         faster("clock off", FREE, 0.9, loop=LoopChange(is_clock_off=True)),
         faster("engine threads", FREE, 0.8, loop=LoopChange(engine_threads=2)),
     ]
-    assert fronts.combinations(of_loop, 10, random.Random(0)) == []
+    assert pareto_front.combinations(of_loop, 10, random.Random(0)) == []
 
 
 def test_half_of_the_combinations_go_on_from_the_front():
@@ -509,4 +509,4 @@ def test_half_of_the_combinations_go_on_from_the_front():
     planted.seed, planted.has_reference = 0, True
     request = SettingLaunchRequest([(setting(label),) for label in planted.effects], 0.1, None)
     done = planted.launch(request)
-    assert [each.settings[0].label for each in fronts.better_half(done)] == ["a=1", "c=1"]
+    assert [each.settings[0].label for each in pareto_front.better_half(done)] == ["a=1", "c=1"]

@@ -8,13 +8,12 @@ import mujoco
 import pytest
 
 from benchmarks.tuning_planted import rods
-from mjbench.loop.engine_stages import OTHER, STAGES
-from mjbench.loop.step_parts import SENSORS
+from mjbench.loop.step_parts import OTHER, SENSORS, STAGES
 from mjbench.simulation import compat, model_options, models
-from mjbench.tuning import knob_values, knobs, observed
-from mjbench.tuning.observed import ObservedModel, Usage, observe_model
+from mjbench.tuning import knob_values, knobs, usual_regime
 from mjbench.tuning.pair_watch import IdlePair
 from mjbench.tuning.settings import NO_CHANGE, Edit, LoopChange, Part, Setting
+from mjbench.tuning.usual_regime import ObservedModel, Usage, observe_model
 
 ARM = "<body><joint damping='.1' range='-1 1' limited='true'/><geom size='.1'/></body>"
 
@@ -86,10 +85,10 @@ def test_knobs_have_names_of_their_own_and_stages_that_exist() -> None:
 def test_every_setting_of_a_shipped_model_applies(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(observed, "OBSERVED_S", 0.5)
-    monkeypatch.setattr(observed, "NPOSE", 100)
+    monkeypatch.setattr(usual_regime, "OBSERVED_S", 0.5)
+    monkeypatch.setattr(usual_regime, "NPOSE", 100)
     source = models.resolve(name)
-    settings = knobs.settings(observed.observe_model(models.load(source), is_mjcf=True))
+    settings = knobs.settings(usual_regime.observe_model(models.load(source), is_mjcf=True))
     assert {"timestep", "integrator", "autoreset", "engine clock"} <= settings.keys()
     for knob, values in settings.items():
         assert len({value.label for value in values}) == len(values)

@@ -14,7 +14,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import measurements, reference, setting_launch, trajectories
+from mjbench.tuning import measurements, reference, setting_launch, solver_convergence, trajectories
 from mjbench.tuning.measurements import CMeasurements, SettingRule
 from mjbench.tuning.records import Attempt, Effect
 from mjbench.tuning.reference import TrialPlan
@@ -80,7 +80,7 @@ def test_a_loop_that_reaches_other_states_is_refused():
     baseline = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=4))
     pool = LoopChange(engine_threads=1)
     setting_launch.check_loop(model, pool, baseline.trials, baseline.present)
-    other = trajectories.run(reference.converged(model, 2), baseline.trials)
+    other = trajectories.run(solver_convergence.converged(model, 2), baseline.trials)
     with pytest.raises(InputError, match="other final states"):
         setting_launch.check_loop(model, pool, baseline.trials, other)
 

@@ -9,7 +9,7 @@ import pytest
 from mjbench.errors import InputError
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
-from mjbench.tuning import accuracy, reference, trajectories
+from mjbench.tuning import accuracy, reference, solver_convergence, trajectories
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
 
 PENDULUM = """<mujoco><option timestep="{timestep}" integrator="{integrator}"/><worldbody>
@@ -54,12 +54,12 @@ def test_a_model_that_moves_without_error_has_none(tmp_path):
 
 def test_a_converged_model_is_the_users_but_for_time_and_solver(tmp_path):
     model = model_of(tmp_path, PENDULUM.format(timestep=0.004, integrator="RK4"))
-    tight = reference.converged(model, 8)
+    tight = solver_convergence.converged(model, 8)
     assert tight.opt.timestep == pytest.approx(0.0005)
     assert model.opt.timestep == pytest.approx(0.004), "the user's stays as it is"
     assert tight.opt.integrator == model.opt.integrator
     assert tight.opt.cone == model.opt.cone
-    assert tight.opt.iterations >= reference.ITERATIONS
+    assert tight.opt.iterations >= solver_convergence.ITERATIONS
 
 
 def test_a_model_that_diverges_is_refused(tmp_path):

@@ -12,7 +12,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
-from mjbench.releases import release_spec
+from mjbench.releases import release_names
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_STARTS
 from mjbench.status import Status
@@ -35,7 +35,7 @@ def measured(pool: WorkerPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     """Return a function that measures a model with a build that misbehaves."""
     package = npm_package.find(folder=pretending_node.package(tmp_path / "app", mujoco.__version__))
     command = node_process.find_node(str(pretending_node.program(tmp_path)))
-    release = release_spec.parse_release(release_spec.INSTALLED)
+    release = release_names.parse_release(release_names.INSTALLED)
 
     def run(
         how: str = "",

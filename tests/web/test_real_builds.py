@@ -9,7 +9,7 @@ import pytest
 from mjbench.errors import MjbenchError
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs, release_spec
+from mjbench.releases import installs, release_names
 from mjbench.simulation import models
 from mjbench.status import Status
 from mjbench.web import measure, node_process, npm_package
@@ -28,7 +28,7 @@ def engine() -> Engine:
 
 @pytest.fixture(scope="module")
 def plan(engine: Engine) -> WebPlan:
-    release = release_spec.parse_release(engine.package.version)
+    release = release_names.parse_release(engine.package.version)
     try:
         installs.install(release)
     except MjbenchError as error:

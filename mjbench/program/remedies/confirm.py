@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError, MjbenchError
-from mjbench.host import machine, scratch
+from mjbench.host import files, machine
 from mjbench.loop import lint_fixes
 from mjbench.measuring import stats
 from mjbench.program import launch
@@ -55,7 +55,7 @@ def confirm(
       advance: called before each run with the number of runs done, and what runs.
     """
     run = run or functools.partial(launch.time_steps, program, RUN_S)
-    with scratch.folder() as folder:
+    with files.temporary_folder() as folder:
         original, fixed = _sources(program, folder)
         reruns = [_rerun(remedy, program, original, fixed) for remedy in remedies]
         unchanged = Rerun(source=original)

@@ -18,7 +18,7 @@ from mjbench.program.remedies.call_savings import (
 )
 from mjbench.program.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.remedies.trials import MeasuredRatios, Trial, Way
-from mjbench.simulation import package_timer
+from mjbench.simulation import engine_clock
 
 # What to do about an activity, where nothing more is known; others have remedies of their calls, or
 # are no cost by themselves. Modules are imported once, wherever that is.
@@ -43,7 +43,7 @@ _BUILDING_ADVICE = (
     "build and compile the model once before the loop: change the compiled model, or keep a pool"
     " of bodies"
 )
-_CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
+_CLOCK_ADVICE = f"turn off {engine_clock.NAME}: {engine_clock.OFF_CODE}, after creating MjData"
 _BEFORE_CALLBACKS = " and before setting callbacks of your own, which it removes"
 
 
@@ -130,7 +130,7 @@ def of_timer(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
     share = share_with_python(loop, steps_of(loop.calls))
     ratio = measured.ratios.get(_timer_trial(loop)) if share else None
     gain = loop.engine_clock if ratio is None else ratio.saved * share
-    if gain >= package_timer.MIN_GAIN:
+    if gain >= engine_clock.MIN_GAIN:
         yield Remedy(
             RemedyKind.CLOCK,
             Activity.PHYSICS,

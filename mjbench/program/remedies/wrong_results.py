@@ -9,10 +9,10 @@ from mjbench.program.call_times import ProgramCalls
 from mjbench.program.hook import call_clock
 from mjbench.program.remedies.remedy import Remedy, RemedyKind
 from mjbench.program.source_loops import lines_reading
+from mjbench.simulation import engine_warnings
 
 # Fields of MjData that a step computes only for sensors that need them.
 _FORCES = ("cfrc_ext", "cfrc_int", "cacc")
-_DIVERGED = "the simulation diverged, and MuJoCo reset it, unless autoreset is disabled"
 # What else only a run shows, and what to do about it.
 _FACTS: Mapping[str, str] = {
     call_clock.SHARED_DATA: "two threads step one MjData at the same time: give each thread its"
@@ -22,16 +22,6 @@ _FACTS: Mapping[str, str] = {
     call_clock.COPIED_ENVIRONMENT: "a copy of an environment of Gymnasium begins anew, not in the"
     " state of its original: copy that state with mj_getState and mj_setState"
     " (mjSTATE_INTEGRATION), and what wrappers hold",
-}
-# What the engine's warnings mean, by name.
-_WARNINGS: Mapping[str, str] = {
-    "BADQPOS": _DIVERGED,
-    "BADQVEL": _DIVERGED,
-    "BADQACC": _DIVERGED,
-    "BADCTRL": "a control was no number, or too large, and MuJoCo took all controls as zero",
-    "CONTACTFULL": "contacts were dropped for want of memory: raise <size memory>",
-    "CNSTRFULL": "constraints were dropped for want of memory: raise <size memory>",
-    "INERTIA": "the inertia matrix is almost singular",
 }
 
 
@@ -44,7 +34,7 @@ def wrong_results(
     """Return what makes results wrong; `computes_forces` is whether a step computes `_FORCES`."""
     listed = list(_unfilled(calls, files) if computes_forces is False else ())
     for incident in filter(lambda each: each.is_wrong, calls.incidents):
-        meaning = _WARNINGS.get(incident.name, "the engine warned")
+        meaning = engine_warnings.MEANINGS.get(incident.name, "the engine warned")
         times = "once" if incident.count == 1 else f"{incident.count:,} times"
         warning = f"{meaning} ({times}, warning {incident.name})"
         listed.append(_wrong(incident.place, _FACTS.get(incident.name, warning)))

@@ -1,0 +1,96 @@
+"""Which change this machine can detect in a minute, from what it measures in a few seconds.
+
+The cart-pole is compared with itself, as `mjbench versions` compares releases. What its launches
+differ by is noise; from it follows how small a change a verdict of a minute can decide.
+"""
+
+import math
+import statistics
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import mujoco
+
+from mjbench.errors import MachineError
+from mjbench.measuring import launch_stats, timing
+from mjbench.paired import outcomes, verdict
+from mjbench.paired.targets import Target
+from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import release_names
+from mjbench.simulation import models
+from mjbench.simulation.engine_clock import engine_clock, has_clock
+from mjbench.status import Status
+
+MODEL = "cartpole"
+# Verdicts that are larger are not asked for.
+_MAX_LAUNCHES = 200
+# Rounds with and without MuJoCo's timer, and steps of each of their blocks.
+_CLOCK_ROUNDS, _CLOCK_STEPS = 80, 500
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What launches of identical targets showed."""
+
+    launches: int
+    deviation: float
+    launch_s: float
+    ratio: float
+
+    def decidable(self, seconds: float = VerdictPlan.time_limit_s) -> float:
+        """Return the smallest change that a verdict of so many seconds decides, as a share.
+
+        It is twice the half-width of the interval that as many launches as fit would have, if their
+        log ratios had this deviation and a normal distribution. Simulated, 99 % of such changes are
+        decided where `--min-effect` is not larger (tests/paired/test_detectable_change.py).
+        """
+        count = min(_MAX_LAUNCHES, max(MIN_LAUNCHES, int(seconds / self.launch_s)))
+        normal = NormalDist(0.0, max(self.deviation, 1e-6))
+        launches = [normal.inv_cdf((i + 0.5) / count) for i in range(count)]
+        interval = launch_stats.evidence(launches, outcomes.CONFIDENCE).interval
+        return math.exp(interval.high - interval.low) - 1
+
+
+def noise(pool: WorkerPool, seconds: float) -> Noise:
+    """Compare the cart-pole with itself for some seconds."""
+    target = Target(release_names.parse_release(release_names.INSTALLED), models.resolve(MODEL))
+    # so small an effect that no verdict ends it early
+    plan = VerdictPlan(min_effect=1e-6, precision=1e-6, time_limit_s=seconds, as_shipped=True)
+    result = verdict.decide(pool, target, target, plan)
+    ratios = [launch.log_ratio for launch in result.launches]
+    if result.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if result.status != Status.OK:
+        raise MachineError(result.detail)
+    if len(ratios) < MIN_LAUNCHES:
+        raise MachineError(
+            f"{len(ratios)} launches in {seconds:g} s are too few: give a longer --budget"
+        )
+    return Noise(
+        launches=len(ratios),
+        deviation=statistics.stdev(ratios),
+        launch_s=result.seconds / len(ratios),
+        ratio=math.exp(statistics.fmean(ratios)),
+    )
+
+
+def clock_share() -> float | None:
+    """Return the share of MuJoCo's timer in a cart-pole's step; None in releases without one."""
+    model = models.load(models.resolve(MODEL))
+    if not has_clock(model):
+        return None
+    data = mujoco.MjData(model)
+
+    def step() -> None:
+        mujoco.mj_step(model, data, _CLOCK_STEPS)
+
+    def switch(on: bool) -> None:
+        engine_clock(on)
+
+    contenders = (
+        timing.Contender(step),
+        timing.Contender(step, lambda: switch(False), lambda: switch(True)),
+    )
+    rounds = timing.rounds(contenders, 0.0, _CLOCK_ROUNDS, _CLOCK_ROUNDS)
+    return 1 - statistics.median(without_s / with_s for with_s, without_s in rounds)

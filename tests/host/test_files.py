@@ -1,0 +1,40 @@
+"""Temporary folders, and those of processes that were killed."""
+
+import ast
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from mjbench.host import files
+
+
+def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with files.temporary_folder() as folder:
+        prefix, own_pid, _ = folder.name.rpartition(f"{os.getpid()}-")
+    assert own_pid
+    dead, alive = (tmp_path / f"{prefix}{pid}-x" for pid in (2**22 + 1, os.getpid()))
+    dead.mkdir()
+    alive.mkdir()
+    with files.temporary_folder():
+        pass
+    assert not dead.exists()
+    assert alive.exists()
+
+
+def test_only_this_module_creates_temporary_folders() -> None:
+    """What others create would stay after kill -9; a folder below the current one is below this."""
+    package = Path(files.__file__).parent.parent
+    creating = {
+        file.relative_to(package).as_posix()
+        for file in package.rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func).endswith(("TemporaryDirectory", "mkdtemp"))
+        and "dir=Path.cwd()" not in ast.unparse(node)
+    }
+    assert creating == {"host/files.py"}

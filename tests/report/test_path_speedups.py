@@ -1,0 +1,166 @@
+"""Results are derived from records; here the records are invented and the truth is known."""
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+from example_races import BATCH_STEP, ROLLOUT, THREADS, compared, derived, raced
+from example_records import FACTS, measurement, model_record
+
+from mjbench.comparison.plan import Variant
+from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.host import conditions
+from mjbench.measuring.stats import Ratio
+from mjbench.pages import terminal
+from mjbench.report import comparison, formats, path_speedups
+from mjbench.report.path_speedups import Cores, ModelResults
+from mjbench.simulation.accelerated_judgement import Precision
+from mjbench.simulation.reference_run import Work
+from mjbench.status import Status
+from mjbench.sweep.busy_node import Limits
+
+
+def former(**rows: dict[str, Any]) -> ModelResults:
+    """Return the results of a file of an earlier version, which has no race."""
+    return path_speedups.derive(
+        model_record(), [measurement(path=path, **row) for path, row in rows.items()], None
+    )
+
+
+def printed(model_results: ModelResults) -> str:
+    return terminal.text_of([comparison.model_section([model_results])])
+
+
+def test_speeds_are_those_of_the_plain_loop_times_the_speed_up() -> None:
+    model_results = derived(raced())
+    base, *others = model_results.results
+    assert base.step_ns == pytest.approx(1000, rel=0.01)
+    assert base.realtime_factor == pytest.approx(2000, rel=0.01)
+    for result in others:
+        assert base.step_ns is not None
+        assert result.speedup is not None
+        assert result.step_ns == pytest.approx(base.step_ns / result.speedup.estimate)
+        assert result.rate_over(base) == pytest.approx(result.speedup.estimate)
+
+
+def test_what_won_has_its_speed_up_from_the_launches_after_the_race() -> None:
+    record = raced()
+    launches = {str(result.variant): result.launches for result in derived(record).results}
+    final = sum(launch.is_final for launch in record.launches)
+    assert launches[str(ROLLOUT)] == launches[str(BATCH_STEP)] == final
+    assert launches[str(THREADS)] == len(record.launches) - final
+
+
+def test_a_former_file_has_the_speed_of_its_blocks() -> None:
+    (base,) = former(python_loop={"samples_s": [0.003, 0.001, 0.002]}).results
+    assert base.step_ns == pytest.approx(2000)
+    assert base.steps_per_s == pytest.approx(5e5)
+    assert base.realtime_factor == pytest.approx(1000)
+    assert base.speedup == Ratio(1.0, None, None)
+
+
+@pytest.mark.parametrize("timestep", [0.0, -0.002, math.nan, math.inf])
+def test_a_stored_timestep_by_which_no_time_passes_gives_no_real_time_factor(
+    timestep: float,
+) -> None:
+    model_results = derived(raced(), facts=dataclasses.replace(FACTS, timestep=timestep))
+    assert {result.realtime_factor for result in model_results.results} == {None}
+    assert "✓  rollout threads=2 pool=kept" in printed(model_results)
+
+
+@pytest.mark.parametrize(
+    "row", [{"agrees": False, "status": Status.DISAGREES}, {"status": Status.CRASHED}]
+)
+def test_a_path_that_disagrees_or_failed_has_no_speed(row: dict[str, Any]) -> None:
+    record = raced()
+    model, base, rollout, *_ = compared(record)
+    assert isinstance(model, ModelRecord)
+    assert isinstance(base, MeasurementRecord)
+    assert isinstance(rollout, MeasurementRecord)
+    rows = [base, dataclasses.replace(rollout, **row)]
+    result = path_speedups.derive(model, rows, record).results[1]
+    assert result.step_ns is result.speedup is result.steps_per_s is None
+
+
+@pytest.mark.parametrize(
+    ("can_fall", "contacts", "is_warned"),
+    [(True, 0.0, True), (True, 2.0, False), (False, 0.0, False), (None, 0.0, False)],
+)
+def test_a_model_in_free_fall_gets_a_warning(
+    can_fall: bool | None, contacts: float, is_warned: bool
+) -> None:
+    facts = dataclasses.replace(FACTS, can_fall=can_fall)
+    work = Work(contacts, 0.0, 0.0)
+    text = printed(derived(raced(), facts=facts, work=work))
+    assert text.startswith("Warning: a free body falls") == is_warned
+
+
+def test_a_summary_names_models_by_their_files_where_that_is_clear() -> None:
+    names = ["a/ant.xml", "b/ant.xml", "b/dog.xml", "cartpole"]
+    assert list(formats.short_names(names).values()) == [*names[:2], "dog.xml", "cartpole"]
+
+
+def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
+    compiled = {"precision": Precision.FLOAT32, "trace_s": 1.0, "compile_s": 3.0}
+    base, fast, slow = former(
+        python_loop={"samples_s": [0.2] * 7},
+        mjx={"samples_s": [0.1] * 7, **compiled},
+        warp={"samples_s": [0.3] * 7, **compiled},
+    ).results
+    # a block of 1000 steps saves 0.1 s; 4 s are 40 blocks
+    assert fast.overtakes_after_steps == pytest.approx(40_000)
+    assert slow.overtakes_after_steps is None
+    assert base.overtakes_after_steps is None
+
+
+def test_the_cores_a_run_had_are_the_median_of_its_calibrations() -> None:
+    assert derived(raced(cores=1.9)).cores == Cores(1.9, 2)
+    of_former = path_speedups.derive(model_record(cores_had=[1.5, 1.9]), [], None).cores
+    assert of_former is not None
+    assert of_former.had == pytest.approx(1.7)
+    assert path_speedups.derive(model_record(), [], None).cores is None
+
+
+def test_each_launch_is_judged_by_the_threads_of_the_paths_that_it_timed() -> None:
+    many = Variant("rollout", {"threads": 16})
+    record = raced([(BATCH_STEP, 3.0), (many, 1.5)])
+    launches = [
+        dataclasses.replace(launch, cores=15.5 if 2 in launch.variants else 1.9)
+        for launch in record.launches
+    ]
+    record = dataclasses.replace(record, launches=launches)
+    model_results = derived(record, usable_cores=16)
+    assert model_results.cores == Cores(1.9, 2), "most launches are of the winner"
+    assert model_results.disturbances == []
+    assert "Threads had 1.90 of 2 cores (calibration)." in printed(model_results)
+
+
+@pytest.mark.parametrize(("cores", "is_disturbed"), [(1.7, False), (1.6, True)])
+def test_one_threshold_says_that_threads_had_too_few_cores(
+    cores: float, is_disturbed: bool
+) -> None:
+    assert Limits().min_cores == conditions.ENOUGH_CORES
+    expected = ["threads had 1.60 of 2 cores"] if is_disturbed else []
+    assert derived(raced(cores=cores)).disturbances == expected
+    old = model_record(cores_had=[cores], usable_cores=2)
+    row = measurement(path="rollout", options={"threads": 2}, samples_s=[0.1])
+    records = [measurement(samples_s=[0.2]), row]
+    assert path_speedups.derive(old, records, None).disturbances == expected
+
+
+def test_a_run_is_derived_model_by_model_and_size_by_size() -> None:
+    records = [
+        record
+        for name, size in [("a", 1), ("a", 2), ("b", 1)]
+        for record in (
+            model_record(model=name, nbatch_asked=size),
+            measurement(model=name, nbatch_asked=size, samples_s=[1.0]),
+        )
+    ]
+    derived_models = path_speedups.derive_all(records)
+    assert [(m.model.model, m.model.nbatch_asked, len(m.results)) for m in derived_models] == [
+        ("a", 1, 1),
+        ("a", 2, 1),
+        ("b", 1, 1),
+    ]
