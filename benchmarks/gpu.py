@@ -5,12 +5,13 @@
 compares C, MJX and Warp on each model with `mjbench compare`, whose run files go to FOLDER/runs,
 and writes FOLDER/gpu.json, which grows with each figure: the GPU with its clocks before and after;
 what mjwarp-testspeed measures for the same models, sizes and buffers; and the throughput of the
-paths over programs by hand from the same states. It needs an NVIDIA GPU, `nvidia-smi`, and the
-extras `mjx` and `warp`.
+paths over programs by hand from the same states, of Warp also from those of mjwarp-testspeed. It
+needs an NVIDIA GPU, `nvidia-smi`, and the extras `mjx` and `warp`.
 """
 
 import argparse
 import dataclasses
+import enum
 import functools
 import json
 import shutil
@@ -21,8 +22,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks import mjx, stored
 from benchmarks.studies import tally_command, tally_file
+from benchmarks.testspeed import noisy_keyframe
 from mjbench import paths
 from mjbench.errors import InputError, MachineError, MjbenchError
 from mjbench.host import isolate
@@ -44,12 +48,21 @@ _MOVING = ("qpos", "qvel", "act", "qacc_warmstart")
 _QUERY = "name,driver_version,clocks.sm,clocks.mem,clocks.max.sm,power.limit,temperature.gpu"
 
 
+class Starts(enum.StrEnum):
+    """Start states and controls: those of our benchmarks, or those of mjwarp-testspeed."""
+
+    STORED = "stored"
+    TESTSPEED = "testspeed"
+
+
 @dataclass(frozen=True)
 class Testspeed:
     """What mjwarp-testspeed measured: the mean of its steps, from keyframe 0 with noisy controls.
 
     Attributes:
       contacts: of a world, on average; `constraints` are those of the world with most.
+      steps_ns: nanoseconds of each step, divided by the worlds; in the first one, the graph is
+        loaded onto the GPU. Empty where only the mean is known.
     """
 
     model: str
@@ -59,16 +72,24 @@ class Testspeed:
     contacts: float
     constraints: float
     solver_iterations: float
+    steps_ns: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class OverByHand:
-    """Throughput of a path over that of a program by hand, the median of pairs of blocks."""
+    """Throughput of a path over that of a program by hand, the median of pairs of blocks.
+
+    Attributes:
+      starts: whose states and controls both step.
+      path_ns_per_step: of the path's median block; None where only the ratio is known.
+    """
 
     path: str
     model: str
     nbatch: int
     ratio: float
+    starts: Starts = Starts.STORED
+    path_ns_per_step: float | None = None
 
 
 @dataclass(frozen=True)
@@ -134,13 +155,14 @@ def testspeed(name: str, nworld: int) -> Testspeed:
         "nconmax": sizes["naconmax"],
         "njmax": sizes["njmax"],
     }
-    command = [sys.executable, "-m", "mujoco_warp.testspeed", str(models.resolve(name).path)]
+    command = [sys.executable, "-m", "benchmarks.testspeed", str(models.resolve(name).path)]
     command += [f"--{flag}={value}" for flag, value in flags.items()]
     done = subprocess.run([*command, "--format=json"], capture_output=True, text=True, check=False)
-    if done.returncode or "{" not in done.stdout:
+    printed = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    if done.returncode or len(printed) < 2:
         lines = f"{done.stdout}\n{done.stderr}".strip().splitlines() or ["no output"]
         raise MachineError(f"mjwarp-testspeed on {name} failed: {lines[-1]}")
-    metrics = json.loads(done.stdout[done.stdout.index("{") :])
+    metrics, steps = printed
     try:
         return Testspeed(
             name,
@@ -150,30 +172,36 @@ def testspeed(name: str, nworld: int) -> Testspeed:
             metrics["ncon_mean"],
             metrics["nefc_mean"],
             metrics["solver_niter_mean"],
+            tuple(1e9 * step_s / nworld for step_s in steps["steps_s"]),
         )
     except KeyError as missing:
         raise MachineError(f"this mjwarp-testspeed does not print {missing}") from missing
 
 
-def warp_over_by_hand(name: str, nbatch: int) -> OverByHand:
+def warp_over_by_hand(name: str, nbatch: int, starts: Starts) -> OverByHand:
     """Time the path `warp` and the loop of mjwarp-testspeed on the same states, in turns."""
-    ratio = isolate.call(
+    return isolate.call(
         compare_warp_with_handwritten,
         name,
         nbatch,
+        starts,
         limit_s=BY_HAND_LIMIT_S,
         environment=accelerated_path("warp").environment(),
     )
-    return OverByHand("warp", name, nbatch, ratio)
 
 
-def compare_warp_with_handwritten(name: str, nbatch: int, channel: isolate.Channel) -> float:
-    """Return the path's throughput over the other's; runs in a child process."""
-    workload = stored.stored_workload(name, nbatch, NSTEP)
+def compare_warp_with_handwritten(
+    name: str, nbatch: int, starts: Starts, channel: isolate.Channel
+) -> OverByHand:
+    """Time both programs in turns; runs in a child process."""
+    workload_of = stored.stored_workload if starts == Starts.STORED else noisy_keyframe
+    workload = workload_of(name, nbatch, NSTEP)
     prepared = accelerated_path("warp").prepare(workload, {}, paths.Resources(workload))
     assert isinstance(prepared, Compiled)
     by_hand = _handwritten_warp(workload, prepared.buffer_sizes)
-    return mjx.throughput_over(prepared, by_hand, ROUNDS)
+    path_s, by_hand_s = mjx.seconds_of_rounds(prepared, by_hand, ROUNDS).T
+    path_ns = 1e9 * float(np.median(path_s)) / (nbatch * NSTEP)
+    return OverByHand("warp", name, nbatch, float(np.median(by_hand_s / path_s)), starts, path_ns)
 
 
 def _handwritten_warp(workload: Workload, sizes: Mapping[str, int]) -> Callable[[], None]:
@@ -191,7 +219,8 @@ def _handwritten_warp(workload: Workload, sizes: Mapping[str, int]) -> Callable[
     values = {name: wp.array(start[name], dtype=wp.float32) for name in moving}
     controls = [wp.array(step, dtype=wp.float32) for step in workload.control.swapaxes(0, 1)]
 
-    def run() -> None:
+    # the graph reads the model's arrays, and does not keep them alive
+    def run(model: Any = model) -> None:
         for name, array in moving.items():
             wp.copy(array, values[name])
         for k in range(workload.nstep):
@@ -220,7 +249,8 @@ def measurements(
         yield "failures", functools.partial(compare, name, nbatch, path_names, folder)
         for size in sizes:
             yield "testspeed", functools.partial(testspeed, name, size)
-        yield "over_by_hand", functools.partial(warp_over_by_hand, name, max(sizes))
+        for starts in Starts:
+            yield "over_by_hand", functools.partial(warp_over_by_hand, name, max(sizes), starts)
     yield "over_by_hand", mjx_over_by_hand
 
 

@@ -121,20 +121,20 @@ def compare_with_handwritten(
     """
     cartpoles = stored.stored_workload("cartpole", nbatch, nstep)
     prepared = _mjx_path().prepare(cartpoles, {}, paths.Resources(cartpoles))
-    return throughput_over(prepared, _handwritten(cartpoles), rounds)
+    path_s, handwritten_s = seconds_of_rounds(prepared, _handwritten(cartpoles), rounds).T
+    return float(np.median(handwritten_s / path_s))
 
 
-def throughput_over(
+def seconds_of_rounds(
     prepared: paths.Prepared, handwritten: Callable[[], None], rounds: int
-) -> float:
-    """Return the throughput of a path over a handwritten program's, the median of rounds."""
+) -> np.ndarray:
+    """Return (rounds, 2) seconds of a path's blocks, and of a handwritten program's beside them."""
     contenders = [
         timing.Contender(prepared.run, before=prepared.clear),
         timing.Contender(handwritten),
     ]
     count = 1 + rounds  # the first one warms up
-    timed = list(timing.rounds(contenders, 0.0, count, count))[1:]
-    return float(np.median([handwritten_s / path_s for path_s, handwritten_s in timed]))
+    return np.array(list(timing.rounds(contenders, 0.0, count, count))[1:])
 
 
 def _handwritten(cartpoles: workload.Workload) -> Callable[[], None]:

@@ -3,6 +3,7 @@
 import functools
 import json
 import math
+import statistics
 from collections.abc import Callable, Iterator
 
 from commands import ROOT
@@ -189,49 +190,70 @@ def accelerated() -> Iterator[str]:
     slower = {model: of["mjx"] / of["python_loop"] for model, of in times.items()}
     yield f"took {slower['cube_table']:.0f} times as long as the plain loop's on `cube_table`"
     yield f"and {slower['gripper']:.0f} times on `gripper`"
-    for size in (1, 64, 1024, 8192):
-        speeds = [on_gpu_machine(path, size) for path in ("mjx", "warp", None)]
-        row = ["not timed" if each is None else f"{each:,.0f}" for each in speeds]
-        yield " | ".join([f"| {size:,}", *row])
-    mjx, warp = (gpu_compile_s(path) for path in ("mjx", "warp"))
-    yield f"MJX compiled in {mjx[0]:.0f} to {mjx[-1]:.0f} seconds, Warp in {warp[0]:.0f}"
-    cores = sorted(
-        group.cores.had
-        for group in derive_all(runs.load(RUNS / "reference-gpu-h200.jsonl", RECORD_TYPES).records)
-        if group.cores is not None
-    )
-    yield f"threads got {cores[0]:.0f} to {cores[-1]:.0f} of the cores"
-    (speed,) = tally_file.load(gpu.RESULTS / "gpu.json", gpu.GpuTally, "a GPU").testspeed
-    yield f"took {speed.ns_per_step:.0f} ns per step, after compiling for {speed.compile_s:.0f} s"
+    yield from on_gpus()
     yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_agreement.py
     yield "a stiffness off by 2 %"
     yield f"for at most {2 * accelerated_single_steps.JUDGING_S:.0f} seconds"
     yield f"with its {percent(stats.CONFIDENCE)} interval"
 
 
+def on_gpus() -> Iterator[str]:
+    """On an H100, `humanoid`; on an H200, `cartpole`."""
+    tally = tally_file.load(gpu.RESULTS / "gpu.json", gpu.GpuTally, "a GPU")
+    timed = {row.starts: row for row in tally.over_by_hand if row.path_ns_per_step is not None}
+    own, other = timed[gpu.Starts.STORED], timed[gpu.Starts.TESTSPEED]
+    warp_ns, other_ns = own.path_ns_per_step, other.path_ns_per_step
+    assert warp_ns is not None
+    assert other_ns is not None
+    (by_step,) = (speed.steps_ns for speed in tally.testspeed if speed.steps_ns)
+    yield (
+        f"took {other_ns:.0f}, {other_ns * other.ratio:.0f} and {statistics.median(by_step):.0f} ns"
+        f" from testspeed's states, and {warp_ns:.0f} and {warp_ns * own.ratio:.0f} ns"
+    )
+    means = [speed.ns_per_step for speed in tally.testspeed]
+    yield f"prints {min(means):.0f} to {max(means):.0f} ns"
+    yield f"the graph's first launch, of {by_step[0]:.0f} ns"
+    iterations = [speed.solver_iterations for speed in tally.testspeed]
+    run = runs.load(RUNS / "reference-gpu-h100.jsonl", RECORD_TYPES)
+    (group,) = derive_all(run.records)
+    assert group.model.work is not None
+    yield (
+        f"timed {on_gpu_machine('warp', 8192, 'h100'):.0f} ns from its states, with"
+        f" {group.model.work.solver_iterations:.1f} solver iterations instead of"
+        f" {statistics.mean(iterations):.1f}; C on {run.header.machine.usable_cores} threads"
+    )
+    yield f"took {on_gpu_machine(None, 8192, 'h100'):,.0f} ns"
+    for size in (1, 1024, 8192):
+        speeds = [on_gpu_machine(path, size) for path in ("mjx", "warp", None)]
+        row = ["not timed" if each is None else f"{each:,.0f}" for each in speeds]
+        yield " | ".join([f"| {size:,}", *row])
+    mjx, warp = (gpu_compile_s(path) for path in ("mjx", "warp"))
+    yield f"MJX compiled in {mjx[0]:.0f} to {mjx[-1]:.0f} seconds, Warp in {warp[0]:.0f}"
+
+
 @functools.cache
-def gpu_results() -> list[PathResult]:
-    """Return the results on the H200's machine."""
+def gpu_results(machine: str = "h200") -> list[PathResult]:
+    """Return the results on the machine of a GPU."""
     return [
         row
-        for file in sorted(RUNS.glob("reference-gpu-*.jsonl"))
+        for file in sorted(RUNS.glob(f"reference-gpu-{machine}*.jsonl"))
         for group in derive_all(runs.load(file, RECORD_TYPES).records)
         for row in group.results
     ]
 
 
-def on_gpu_machine(path: str | None, nbatch: int) -> float | None:
+def on_gpu_machine(path: str | None, nbatch: int, machine: str = "h200") -> float | None:
     """Return nanoseconds per step of a path there; None for the fastest of C."""
     rows = (
         row
-        for row in gpu_results()
+        for row in gpu_results(machine)
         if row.nbatch == nbatch and path == (row.path if row.compile_s is not None else None)
     )
     return min((row.step_ns for row in rows if row.step_ns), default=None)
 
 
 def gpu_compile_s(path: str) -> list[float]:
-    """Return the seconds that a path compiled there, from the shortest on."""
+    """Return the seconds that a path compiled on the H200's machine, from the shortest on."""
     return sorted(r.compile_s for r in gpu_results() if r.path == path and r.compile_s is not None)
 
 
@@ -240,6 +262,10 @@ def mjx_guide() -> Iterator[str]:
         f"took MJX {on_gpu_machine('mjx', 1024):,.0f} ns with 1,024 simulations"
         f" and {on_gpu_machine('mjx', 8192):,.0f} ns with 8,192;"
         f" C on 16 cores took {on_gpu_machine(None, 1024):,.0f} ns with 1,024"
+    )
+    yield (
+        f"took Warp {on_gpu_machine('warp', 8192, 'h100'):,.0f} ns"
+        f" and C {on_gpu_machine(None, 8192, 'h100'):,.0f} ns with 8,192"
     )
 
 

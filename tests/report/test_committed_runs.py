@@ -80,7 +80,9 @@ def test_what_a_gpu_computed_agrees_and_is_timed_also_where_c_was_not(file: Path
     groups = derive_all(runs.load(file, RECORD_TYPES).records)
     compiled = [r for group in groups for r in group.results if r.compile_s is not None]
     answers = {r.judgement.answer for r in compiled if r.judgement is not None}
-    assert ({r.device for r in compiled}, answers) == ({"NVIDIA H200"}, {EngineAnswer.YES})
+    (device,) = {r.device for r in compiled}
+    assert device in ("NVIDIA H200", "NVIDIA H100 80GB HBM3")
+    assert answers == {EngineAnswer.YES}
     assert all(result.step_ns and result.steps_per_s for result in compiled)
     beside_c = [group.base is not None and group.base.is_timed for group in groups]
     assert [r.speedup is not None for r in compiled] == [
