@@ -44,7 +44,6 @@ def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan])
     files = [source.path for source in sources]
     files += paths.user_module_files(variant.path for variant in plans[0].variants)
     files += plans[0].starts.files
-    nvariant = len(plans[0].variants)
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         count = len(sources) * len(plans)
@@ -58,7 +57,7 @@ def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan])
         arguments,
         files,
         measure,
-        lambda records: finished(records, nvariant),
+        lambda records: finished(records, len(plans[0].variants)),
     )
 
 
@@ -131,9 +130,8 @@ def stored(
 
 def _of_model(model: ModelRecord, records: Sequence[object]) -> ModelComparison:
     measurements = of_model(MeasurementRecord, model, records)
-    return ModelComparison(
-        model, tuple(measurements), next(iter(of_model(RaceRecord, model, records)), None)
-    )
+    races = of_model(RaceRecord, model, records)
+    return ModelComparison(model, tuple(measurements), next(iter(races), None))
 
 
 def finished(records: Sequence[Record], nvariant: int) -> list[Record]:

@@ -1,8 +1,7 @@
 """The child that verifies the paths of one model: does each return what the reference run does?
 
 It loads the model, chooses sizes, does the reference run, then prepares and verifies each variant.
-The workload goes to files, so that what is timed in other processes is what was verified. The
-parent is `api.model_comparison`.
+The workload goes to files, so that what is timed in other processes is what was verified.
 """
 
 import dataclasses

@@ -4,13 +4,15 @@ import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from mjbench.host.neighbours import Disturbance
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.report import formats
 from mjbench.report.formats import Bounded, Form
-from mjbench.store.runs import Run
+
+if TYPE_CHECKING:
+    from mjbench.store.runs import Run
 
 # What a cell can hold: a text, a number, an estimate or interval, or nothing.
 Cell = str | float | int | LogEstimate | Bounded | None
@@ -251,7 +253,7 @@ def filled(*tables: DataTable) -> list[DataTable]:
     return [table for table in tables if table.rows]
 
 
-def after_disturbances(run: Run, sections: Iterable[Section]) -> list[Section]:
+def after_disturbances(run: "Run", sections: Iterable[Section]) -> list[Section]:
     """Return the sections of a run; what disturbed it comes first."""
     cautions = [
         Conclusion(sentence, Tone.CAUTION)
