@@ -232,7 +232,8 @@ def call_or_compile_nothing(
 ) -> Any:
     """Stand in for children that compile the path `mjx`.
 
-    tests/benchmarks/test_mjx.py tests what they time, and tests/paths/ that it compiles.
+    tests/benchmarks/test_mjx.py tests what they time, tests/cli/test_compare_accelerated.py the
+    path.
     """
     if function is mjx.compare_with_handwritten:  # this one still compiles the program by hand
         return call(function, paths.find(paths.BASE), *arguments[1:], **options)
