@@ -104,6 +104,7 @@ class ByHand(Tracked):
         """
         return isolate.call(
             compare_with_handwritten,
+            _mjx_path(),
             NBATCH,
             NSTEP,
             ROUNDS,
@@ -113,14 +114,14 @@ class ByHand(Tracked):
 
 
 def compare_with_handwritten(
-    nbatch: int, nstep: int, rounds: int, channel: isolate.Channel
+    path: paths.SteppingPath, nbatch: int, nstep: int, rounds: int, channel: isolate.Channel
 ) -> float:
     """Time both programs in turns; return the path's throughput over the other's.
 
     Runs in a child process.
     """
     cartpoles = stored.stored_workload("cartpole", nbatch, nstep)
-    prepared = _mjx_path().prepare(cartpoles, {}, paths.Resources(cartpoles))
+    prepared = path.prepare(cartpoles, {}, paths.Resources(cartpoles))
     path_s, handwritten_s = seconds_of_rounds(prepared, _handwritten(cartpoles), rounds).T
     return float(np.median(handwritten_s / path_s))
 

@@ -14,12 +14,12 @@ import math
 import os
 import pkgutil
 import re
-import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from multiprocessing import Pipe
 from typing import Any
 
 import mujoco
@@ -29,13 +29,15 @@ from commands import ROOT
 import benchmarks
 from benchmarks import instructions, mjx, reference, stored
 from benchmarks.settings import Cached
-from mjbench.counts.instructions import InstructionCounter, ModelCount
+from mjbench import paths
+from mjbench.counts import counted_program
+from mjbench.counts.counted_program import CountedWork, ModelRequest
+from mjbench.counts.instructions import ModelCount
 from mjbench.errors import MachineError
 from mjbench.host import isolate
 from mjbench.paired.moved_check import Averaging
 from mjbench.releases import installs, release_names
 from mjbench.simulation import models
-from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
 PREFIXES = ("time_", "timeraw_", "track_", "peakmem_")
@@ -120,8 +122,6 @@ class Case:
     @property
     def has_tools(self) -> bool:
         """Whether what the benchmark needs beside MuJoCo is installed."""
-        if self.name.startswith("instructions."):
-            return shutil.which("valgrind") is not None
         if self.name.startswith("mjx."):
             return all(map(importlib.util.find_spec, ("jax", "mujoco.mjx")))
         return True
@@ -230,7 +230,13 @@ def _interpret(code: str) -> None:
 def call_or_compile_nothing(
     call: Callable[..., Any], function: Callable[..., Any], *arguments: Any, **options: Any
 ) -> Any:
-    """Stand in for a child that compiles MJX, which tests/benchmarks/test_mjx.py tests."""
+    """Stand in for children that compile the path `mjx`.
+
+    tests/benchmarks/test_mjx.py tests what they time, tests/cli/test_compare_accelerated.py the
+    path.
+    """
+    if function is mjx.compare_with_handwritten:  # this one still compiles the program by hand
+        return call(function, paths.find(paths.BASE), *arguments[1:], **options)
     if function is not mjx.compile_and_time:
         return call(function, *arguments, **options)
     path, model, nbatch, nstep = arguments
@@ -239,24 +245,49 @@ def call_or_compile_nothing(
     return Cached(Status.OK, value=mjx.MjxTimes(compile_s=2.0, block_s=[0.5]))
 
 
+@pytest.fixture
+def processes(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """Have no instruction counted; return the models of each process, which does its work here."""
+    processes: list[list[str]] = []
+
+    def count(
+        release: release_names.ReleaseSpec, requests: Sequence[ModelRequest], limit_s: float
+    ) -> Iterator[ModelCount]:
+        names = [request.source.name for request in requests]
+        processes.append(names)
+        ours, theirs = Pipe()
+        with ours, theirs:
+            ours.send((release.version, requests))
+            counted_program.main(os.dup(theirs.fileno()))
+            for name in names:
+                assert isinstance(ours.recv(), CountedWork)
+                yield ModelCount(model=name, release=release.version, instructions_per_step=9.0)
+
+    monkeypatch.setattr("mjbench.counts.instructions._count", count)
+    for module in ("benchmarks.instructions", "mjbench.counts.instructions"):
+        monkeypatch.setattr(f"{module}.unavailable", lambda: None)
+    monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
+    return processes
+
+
 def test_what_is_tracked_is_a_number_that_was_measured(
     exact: Case,
     monkeypatch: pytest.MonkeyPatch,
     request: pytest.FixtureRequest,
+    processes: list[list[str]],
     without_warp: None,
 ) -> None:
     if exact.kind is reference.Reference:
         request.getfixturevalue("reference_release")
     # any number will do, not a precise one
-    monkeypatch.setattr("benchmarks.instructions.NBATCH", 1)
-    monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
     monkeypatch.setattr(isolate, "call", functools.partial(call_or_compile_nothing, isolate.call))
     monkeypatch.setattr("benchmarks.reference.LAUNCHES", 2)
     for kind in (instructions.Instructions, reference.Reference):
         monkeypatch.setattr(kind, "params", [*FEW_MODELS])
     monkeypatch.setattr("benchmarks.mjx.NBATCH", 2)
     monkeypatch.setattr("benchmarks.mjx.NSTEP", 2)
-    monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)
+    for module in ("mjx", "record"):
+        monkeypatch.setattr(f"benchmarks.{module}.ROUNDS", 3)
     as_shipped = Averaging(False)
     monkeypatch.setattr("mjbench.paired.moved_check.averaging", lambda *arguments: as_shipped)
     if exact.kind is mjx.Mjx:
@@ -270,22 +301,7 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     assert value > 0 or (value == 0 and exact.function.unit in ZERO_IS_POSSIBLE)
 
 
-def test_every_model_is_counted_in_one_of_two_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    processes: list[list[str]] = []
-
-    def count(
-        counter: InstructionCounter,
-        release: release_names.ReleaseSpec,
-        sources: Sequence[ModelSource],
-    ) -> Iterator[ModelCount]:
-        processes.append([source.name for source in sources])
-        for source in sources:
-            yield ModelCount(model=source.name, release=release.version, instructions_per_step=9.0)
-
-    monkeypatch.setattr(InstructionCounter, "count", count)
-    for module in ("benchmarks.instructions", "mjbench.counts.instructions"):
-        monkeypatch.setattr(f"{module}.unavailable", lambda: None)
-    monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
+def test_every_model_is_counted_in_one_of_two_processes(processes: list[list[str]]) -> None:
     cache = instructions.Instructions().setup_cache()
     assert {cache[name].get() for name in models.shipped()} == {9.0}
     assert sorted(itertools.chain(*processes)) == sorted(models.shipped())

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from commands import PYTHONPATH, mjbench
+from git_checkout import commit, new_repository
 
 from mjbench.paired import function_verdict, verdict
 
@@ -36,17 +37,10 @@ def new():
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a repository whose HEAD is slower than the tag `old`; benchmarks are not committed."""
     top = tmp_path_factory.mktemp("checkout")
-
-    def git(*arguments: str) -> None:
-        command = ["git", "-c", "user.name=n", "-c", "user.email=e", *arguments]
-        subprocess.run(command, cwd=top, check=True, capture_output=True)
-
-    git("init", "-q", "-b", "main")
+    git = new_repository(top)
     for text, tag in ((OLD, "old"), (NEW, "new")):
         (top / "physics.py").write_text(text)
-        git("add", "-A")
-        git("commit", "-q", "-m", tag)
-        git("tag", tag)
+        commit(git, tag, tag)
     (top / "bench.py").write_text(BENCH)
     (top / "lib").mkdir()
     (top / "lib/mine.py").write_text("def step(): pass\n")

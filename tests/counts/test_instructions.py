@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import mujoco
 import pytest
 from commands import ROOT, mjbench, mjbench_process
 
@@ -27,6 +28,29 @@ OPERATIONS = (
     OperationRequest("load cartpole", models.resolve("cartpole")),
     OperationRequest("copy pile", models.resolve("pile")),
 )
+# Steps from keyframe 0, as the counted program does; a marker follows each number of steps.
+PROGRAM = """
+#include <chrono>
+#include <cstdlib>
+#include <mujoco/mujoco.h>
+
+static const auto begin = std::chrono::steady_clock::now();
+static mjtNum seconds() {
+  return std::chrono::duration<mjtNum>(std::chrono::steady_clock::now() - begin).count();
+}
+
+int main(int argc, char** argv) {
+  mjModel* model = mj_loadXML(argv[1], nullptr, nullptr, 0);
+  mjData* data = mj_makeData(model);
+  mjcb_time = seconds;
+  for (int i = 2; i < argc; i++) {
+    mj_resetDataKeyframe(model, data, 0);
+    for (int step = 0; step < std::atoi(argv[i]); step++) mj_step(model, data);
+    mj_version();
+  }
+}
+"""
+ENVIRONMENT = {**os.environ, "GLIBC_TUNABLES": instructions.TUNABLES}
 needs_valgrind = pytest.mark.skipif(
     instructions.unavailable() is not None, reason=str(instructions.unavailable())
 )
@@ -159,61 +183,60 @@ def _processes(*words: object) -> list[int]:
     return [pid for pid, line in lines.items() if all(str(word) in line for word in words)]
 
 
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build a program that steps as Python does, with the timer of MuJoCo's package."""
+    if shutil.which("c++") is None:
+        pytest.skip("no C++ compiler (c++) on this machine")
+    package = Path(mujoco.__file__).parent
+    (library,) = package.glob("libmujoco.so*")
+    folder = tmp_path_factory.mktemp("program")
+    (folder / "steps.cc").write_text(PROGRAM)
+    command = ["c++", "-O2", f"-I{package / 'include'}", "steps.cc", "-o", "steps", str(library)]
+    subprocess.run([*command, f"-Wl,-rpath,{package}"], cwd=folder, check=True)
+    return folder / "steps"
+
+
 @needs_valgrind
 def test_counts_agree_with_bracketing_by_two_step_counts(
-    counts: dict[str, ModelCount], tmp_path: Path
+    counts: dict[str, ModelCount], program: Path, tmp_path: Path
 ) -> None:
-    """A second method: how much more 40 steps cost than 20, each in one call of the engine."""
-    _, of_20, of_40 = _instructions_in_engine((20, 20, 40), tmp_path)  # the first one warms up
+    """A second method: how much more 40 steps cost than 20, in a program without Python."""
+    _, of_20, of_40 = _instructions_in_engine(program, (20, 20, 40), tmp_path)  # one warms up
     per_step = (of_40 - of_20) / 20
     assert counts["cartpole"].instructions_per_step == pytest.approx(per_step, rel=0.02)
 
 
 @needs_valgrind
 def test_counts_agree_with_those_of_the_processor(
-    counts: dict[str, ModelCount], tmp_path: Path
+    counts: dict[str, ModelCount], program: Path, tmp_path: Path
 ) -> None:
     """An independent instrument, where the machine has one: `perf stat`, bracketed likewise."""
     if shutil.which("perf") is None:
         pytest.skip("perf is not installed")
-    totals = {n: _instructions_retired(n, tmp_path / "perf.csv") for n in (2000, 4000)}
+    totals = {n: _instructions_retired(program, n, tmp_path / "perf.csv") for n in (2000, 4000)}
     per_step = (totals[4000] - totals[2000]) / 2000
     assert counts["cartpole"].instructions_per_step == pytest.approx(per_step, rel=0.05)
 
 
-def _program(*nsteps: int) -> tuple[str, dict[str, str]]:
-    """Return a program that starts at keyframe 0, as the counted one, and its environment."""
-    file = str(models.resolve("cartpole").path)
-    code = (
-        f"import mujoco; m = mujoco.MjModel.from_xml_path({file!r}); d = mujoco.MjData(m)\n"
-        f"for nstep in {nsteps}:\n"
-        "    mujoco.mj_resetDataKeyframe(m, d, 0); mujoco.mj_step(m, d, nstep); mujoco.mj_version()"
-    )
-    environment = {**os.environ, "GLIBC_TUNABLES": instructions.TUNABLES}
-    return code, environment | {"PYTHONHASHSEED": "0"}
+def _command(program: Path, *nsteps: int) -> list[str]:
+    return [str(program), str(models.resolve("cartpole").path), *map(str, nsteps)]
 
 
-def _instructions_retired(nstep: int, out: Path) -> int:
-    code, environment = _program(nstep)
+def _instructions_retired(program: Path, nstep: int, out: Path) -> int:
     perf = ["perf", "stat", "-x,", "-e", "instructions:u", "-o", str(out)]
-    subprocess.run([*perf, sys.executable, "-c", code], env=environment, check=False)
+    subprocess.run([*perf, *_command(program, nstep)], env=ENVIRONMENT, check=False)
     fields = [line.split(",")[0] for line in child.text(out).splitlines() if "instructions" in line]
     if not fields or not fields[0].isdigit():
         pytest.skip(f"this machine counts no instructions: {(fields or ['nothing'])[0]}")
     return int(fields[0])
 
 
-def _instructions_in_engine(nsteps: Sequence[int], folder: Path) -> list[int]:
+def _instructions_in_engine(program: Path, nsteps: Sequence[int], folder: Path) -> list[int]:
     """Return the instructions of `mj_step` for each number of steps, from the same start state."""
-    code, environment = _program(*nsteps)
-    subprocess.run(
-        [
-            *("valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"),
-            *("--toggle-collect=mj_step", "--dump-before=mj_version", sys.executable, "-c", code),
-        ],
-        env=environment,
-        capture_output=True,
-        check=True,
-    )
+    callgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
+    callgrind += ["--toggle-collect=mj_step", "--dump-before=mj_version"]
+    command = [*callgrind, *_command(program, *nsteps)]
+    subprocess.run(command, env=ENVIRONMENT, capture_output=True, check=True)
     dumps = sorted(folder.glob("out.*"), key=lambda file: int(file.suffix[1:]))[-len(nsteps) :]
     return [int(re.findall(r"^(?:totals|summary): (\d+)", d.read_text(), re.M)[0]) for d in dumps]

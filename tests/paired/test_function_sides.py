@@ -1,10 +1,10 @@
 """Functions of the user's code: how they are named, and where each side finds them."""
 
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from git_checkout import commit, new_repository
 
 from mjbench.errors import InputError
 from mjbench.paired import function_sides
@@ -52,22 +52,14 @@ def test_other_names_are_refused(tmp_path: Path, text: str, message: str) -> Non
 @pytest.fixture
 def repository(tmp_path: Path) -> Iterator[Repository]:
     """Yield a repository: tag v1 has no benchmark, HEAD has one, the worktree another."""
-
-    def git(*arguments: str) -> None:
-        command = ["git", "-c", "user.name=n", "-c", "user.email=e", *arguments]
-        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-
-    git("init", "-q", "-b", "main")
+    git = new_repository(tmp_path)
     (tmp_path / "own").mkdir()
     (tmp_path / "own/__init__.py").touch()
-    git("add", "-A")
-    git("commit", "-q", "-m", "first")
-    git("tag", "v1")
+    commit(git, "first", "v1")
     (tmp_path / "speed").mkdir()
     (tmp_path / "speed/bench.py").write_text("committed\n")
     (tmp_path / "top.py").write_text("committed\n")
-    git("add", "-A")
-    git("commit", "-q", "-m", "second")
+    commit(git, "second")
     (tmp_path / "speed/bench.py").write_text("changed\n")
     yield Repository(tmp_path)
 

@@ -1,11 +1,11 @@
 """Searches in a repository: which pairs of commits are compared, by which benchmark."""
 
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from git_checkout import commit, new_repository
 from verdict_records import SAME, SLOWER, launch
 
 from mjbench.errors import InputError
@@ -18,19 +18,12 @@ from mjbench.releases.revisions import Repository
 @pytest.fixture
 def repository(tmp_path: Path) -> Repository:
     """Return a repository of five commits; the third is slow, and the last adds the benchmark."""
-
-    def git(*arguments: str) -> None:
-        command = ["git", "-c", "user.name=n", "-c", "user.email=e", *arguments]
-        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-
-    git("init", "-q", "-b", "main")
+    git = new_repository(tmp_path)
     for number, speed in enumerate(("fast", "fast", "slow", "slow", "slow")):
         (tmp_path / "physics.py").write_text(f"# {number}: {speed}\n")
         if number == 4:
             (tmp_path / "bench.py").write_text("the benchmark\n")
-        git("add", "-A")
-        git("commit", "-q", "-m", f"commit {number}")
-        git("tag", f"v{number}")
+        commit(git, f"commit {number}", f"v{number}")
     return Repository(tmp_path)
 
 

@@ -115,13 +115,13 @@ def test_two_processes_install_the_same_release_once(cache: Path) -> None:
     context = multiprocessing.get_context("spawn")
     count = context.Value("i", 0)
     workers = [
-        context.Process(target=_install, args=("3.5.0", str(cache), count)) for _ in range(3)
+        context.Process(target=_install, args=("3.5.0", str(cache), count)) for _ in range(2)
     ]
     for worker in workers:
         worker.start()
     for worker in workers:
         worker.join()
-    assert [worker.exitcode for worker in workers] == [0, 0, 0]
+    assert [worker.exitcode for worker in workers] == [0, 0]
     assert count.value == 1
     assert len(installs.install_names()) == 1
 

@@ -1,16 +1,13 @@
 """Revisions: what is checked out, and that the user's checkout stays as it is."""
 
 import os
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from git_checkout import Git, commit, new_repository
 
 from mjbench.errors import InputError, MachineError
 from mjbench.releases.revisions import WORKTREE, Repository, Revision
-
-Git = Callable[..., str]
 
 
 @pytest.fixture
@@ -18,21 +15,14 @@ def git(tmp_path: Path) -> Git:
     """Return what runs git in a new repository with two commits."""
     top = tmp_path / "checkout"
     top.mkdir()
-
-    def run(*arguments: str) -> str:
-        command = ["git", "-c", "user.name=n", "-c", "user.email=e", *arguments]
-        return subprocess.run(command, cwd=top, check=True, capture_output=True, text=True).stdout
-
-    run("init", "-q", "-b", "main")
+    git = new_repository(top)
     (top / "step.py").write_text("old\n")
     (top / ".gitattributes").write_text("step.py export-ignore\n")
     (top / ".gitignore").write_text("ignored\n")
-    run("add", "-A")
-    run("commit", "-q", "-m", "first")
-    run("tag", "v1")
+    commit(git, "first", "v1")
     (top / "step.py").write_text("new\n")
-    run("commit", "-q", "-a", "-m", "second")
-    return run
+    commit(git, "second")
+    return git
 
 
 def checked_out(tmp_path: Path, name: str) -> tuple[Path, str]:
@@ -150,8 +140,7 @@ def test_a_history_that_a_shallow_clone_lacks_is_named_as_the_reason(
 ) -> None:
     shallow = tmp_path / "shallow"
     git("clone", "-q", "--depth", "1", f"file://{tmp_path / 'checkout'}", str(shallow))
-    command = ["git", "fetch", "-q", "--depth", "1", "origin", "tag", "v1"]
-    subprocess.run(command, cwd=shallow, check=True)
+    git("-C", str(shallow), "fetch", "-q", "--depth", "1", "origin", "tag", "v1")
     repository = Repository(shallow)
     with pytest.raises(
         InputError, match=r"does not come after v1.*a shallow clone: fetch it first"
