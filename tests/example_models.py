@@ -1,5 +1,18 @@
 """Small models that several tests share."""
 
+# The least that moves: an engine that compiles needs no solver of constraints for it.
+PENDULUM_XML = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="hinge" axis="0 1 0" damping="0.0005"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.6" mass="0.2"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="hinge" ctrlrange="-1 1" ctrllimited="true"/></actuator>
+</mujoco>
+"""
+
 # A box resting on the floor, a motor-driven arm, and a mocap body away from its default pose.
 CONTACT_XML = """
 <mujoco>

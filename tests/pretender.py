@@ -181,21 +181,21 @@ def _steps(
     round_off = reference_trajectory.as_float32 if is_float32 else np.array
     states, found = workload.states(work.model, fields), []
     qacc, forces = (np.zeros((len(states), model.nv)) for _ in range(2))
-    ctrl = control[:, 0]
+    step_control = round_off(np.repeat(control, work.hold, axis=1)[:, : max(nstep, 1)])
+    contactless = _spoilt(model, "contactless")
     for i, state in enumerate(states):
         compat.restart(model, data, round_off(state))
-        contacts: list[mujoco.MjContact] = []
-        for k in range(nstep):
-            ctrl = control[:, k // work.hold]
-            data.ctrl[:] = round_off(ctrl[i])
-            contacts = _step(model, data, fault)
-            compat.get_state(model, data, state)
-            compat.set_state(model, data, round_off(state))
+        for ctrl in step_control[i, :nstep]:
+            data.ctrl[:] = ctrl
+            _step(model, contactless, data, fault)
+            if is_float32:
+                compat.get_state(model, data, state)
+                compat.set_state(model, data, round_off(state))
         compat.get_state(model, data, state)
-        found.append(contacts)
+        found.append([copy.copy(each) for each in data.contact[: data.ncon]])
         qacc[i], forces[i] = data.qacc, data.qfrc_constraint
     after = workload.fields(work.model, states)
-    after["ctrl"] = ctrl
+    after["ctrl"] = step_control[:, -1]
     contacts_in_all = Contacts.of_c(found)
     rounded = (round_off(getattr(contacts_in_all, n)) for n in ("distance", "position", "frame"))
     return StepOutcome(
@@ -206,19 +206,18 @@ def _steps(
     )
 
 
-def _step(model: mujoco.MjModel, data: mujoco.MjData, fault: str) -> list[mujoco.MjContact]:
-    """Take a step; return its contacts."""
+def _step(
+    model: mujoco.MjModel, contactless: mujoco.MjModel, data: mujoco.MjData, fault: str
+) -> None:
+    """Take a step; `contactless` is the model without contacts."""
     if fault not in ("lost contact", "force"):
         mujoco.mj_step(model, data)
-        return [copy.copy(each) for each in data.contact[: data.ncon]]
+        return
     mujoco.mj_forward(model, data)
-    contacts = [copy.copy(each) for each in data.contact[: data.ncon]]
     if fault == "lost contact":
-        contacts = contacts[:-1] if len(contacts) >= 8 else contacts
-        contactless = copy.copy(model)
-        contactless.opt.disableflags |= int(_DISABLE.mjDSBL_CONTACT)
+        contacts = [copy.copy(each) for each in data.contact[: data.ncon]]
         mujoco.mj_fwdPosition(contactless, data)
-        for contact in contacts:
+        for contact in contacts[:-1] if len(contacts) >= 8 else contacts:
             mujoco.mj_addContact(model, data, contact)
         mujoco.mj_makeConstraint(model, data)
         mujoco.mj_projectConstraint(model, data)
@@ -232,4 +231,3 @@ def _step(model: mujoco.MjModel, data: mujoco.MjData, fault: str) -> list[mujoco
         data.qfrc_constraint[:] *= 1.01
         data.qacc[:] += added
     mujoco.mj_Euler(model, data)
-    return contacts

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import PYTHONPATH
-from pretender import NBATCH, available, make_workload
+from example_models import PENDULUM_XML
+from pretender import MODEL, NBATCH, available, make_workload
 from quick_engines import QUICK_WARP
 
 from mjbench import extras, paths
@@ -29,11 +30,15 @@ BALL_ASLEEP = """
 
 
 @pytest.mark.parametrize(
-    ("name", "result", "within"),
-    [("mjx64", "[final.time, final.qpos]", 1e-12), ("warp", "[d.time, d.qpos]", 1e-5)],
+    ("name", "model", "result", "within"),
+    [
+        ("mjx64", "pendulum.xml", "[final.time, final.qpos]", 1e-12),
+        ("warp", MODEL, "[d.time, d.qpos]", 1e-5),
+    ],
 )
 def test_the_snippet_computes_what_c_computes(
     name: str,
+    model: str,
     result: str,
     within: float,
     tmp_path: Path,
@@ -43,22 +48,24 @@ def test_the_snippet_computes_what_c_computes(
     monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
     if name != "warp":
         request.getfixturevalue("without_warp")
-    path, work = available(name), make_workload()
-    np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
-    (tmp_path / "run.py").write_text(
+    monkeypatch.chdir(tmp_path)
+    Path("pendulum.xml").write_text(PENDULUM_XML)
+    path, work = available(name), make_workload(model)
+    np.savez("in.npz", state=work.initial_state, control=work.control)
+    Path("run.py").write_text(
         (QUICK_WARP if name == "warp" else "") + "import numpy as np\n"
         "from mjbench.simulation import models\n"
-        "model = models.load(models.resolve('cartpole'))\n"
+        f"model = models.load(models.resolve({model!r}))\n"
         "given = np.load('in.npz')\n"
         "initial_state, control = given['state'], given['control']\n"
         f"{path.snippet(work, {})}\n"
         f"rows = [np.asarray(x).reshape(len(initial_state), -1) for x in {result}]\n"
         "np.save('out.npy', np.hstack(rows))\n"
     )
-    subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True)
+    subprocess.run([sys.executable, "run.py"], check=True)
     want = reference_trajectory.record_trajectory(work, NBATCH).states[:, work.nstep]
     fields = workload.fields(work.model, want)
-    got = np.load(tmp_path / "out.npy")
+    got = np.load("out.npy")
     assert np.abs(got - np.hstack([fields["time"], fields["qpos"]])).max() < within
 
 

@@ -1,6 +1,7 @@
 """Settings of an engine that compiles, tried in children: errors from C, failures, MJX itself."""
 
 import os
+from types import SimpleNamespace
 
 import pytest
 from commands import PYTHONPATH
@@ -8,7 +9,6 @@ from pretender import available
 
 from mjbench.errors import MachineError, UnavailableError
 from mjbench.host import isolate
-from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
 from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.starts import StartPlan
@@ -18,7 +18,8 @@ from mjbench.tuning.accelerated_attempts import EngineMeasurements
 from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.settings import Setting, label, option
 
-PLAN = TrialPlan(0, StartPlan(), ncontrol=4, horizon_ncontrol=4)
+# With so little time for the reference, few runs from few draws.
+PLAN = TrialPlan(0, StartPlan(), ncontrol=4, horizon_ncontrol=4, reference_s=0.01)
 # C under another name; it crashes, rejects or overflows with some settings.
 ENGINES = """
 import os
@@ -62,17 +63,32 @@ class BrieflyTimed(Mjx):
 """
 
 
-@pytest.fixture
-def on(tmp_path, monkeypatch):
-    (tmp_path / "faulty.py").write_text(ENGINES)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{PYTHONPATH}")
-    with WorkerPool() as pool:
+@pytest.fixture(scope="module")
+def on(tmp_path_factory):
+    """Return measurements of an engine on a model; C's runs of a model are those of all engines."""
+    folder = tmp_path_factory.mktemp("engines")
+    (folder / "faulty.py").write_text(ENGINES)
 
-        def measurements(engine, model="cube_table", nbatch=24, limit_s=60.0):
-            return EngineMeasurements(pool, models.resolve(model), engine, nbatch, limit_s)
+    def measurements(engine, model="cube_table", nbatch=12, limit_s=60.0):
+        pool = SimpleNamespace(new_file=lambda suffix: folder / f"{model}{suffix}")
+        return EngineMeasurements(pool, models.resolve(model), engine, nbatch, limit_s)
 
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(folder))
+        patch.setenv("PYTHONPATH", f"{folder}{os.pathsep}{PYTHONPATH}")
         yield measurements
+
+
+@pytest.fixture(scope="module")
+def cube_table(on):
+    """Return the facts of C's runs of the cube on a table."""
+    return on("faulty:Faulty").baseline(PLAN)
+
+
+@pytest.fixture(scope="module")
+def cartpole(on):
+    """Return the facts of C's runs of the cart-pole."""
+    return on("pretender:Pretender32", model="cartpole").baseline(PLAN)
 
 
 def tried(measurements, *settings, **keywords):
@@ -81,14 +97,17 @@ def tried(measurements, *settings, **keywords):
     return present, {label(each.settings): each for each in attempts}
 
 
-def test_c_itself_transfers_without_error_and_fewer_iterations_do_not(on, inline):
-    engine = on("pretender:Pretender")
-    facts = engine.baseline(PLAN)
-    assert facts.rounding.share == 0.0  # this engine computes in float64
-    assert facts.horizon_ncontrol == 4
-    present, attempts = tried(
-        engine, option("iterations", "1"), option("iterations", "99"), option("solver", "CG")
-    )
+@pytest.fixture(scope="module")
+def launched(on, cube_table):
+    """Return the present program, and the attempts of a launch in which a setting crashes."""
+    numbers = (option("iterations", number) for number in ("4", "2", "99", "1"))
+    return tried(on("faulty:Faulty"), *numbers, option("solver", "CG"))
+
+
+def test_c_itself_transfers_without_error_and_fewer_iterations_do_not(cube_table, launched):
+    assert cube_table.rounding.share == 0.0  # this engine computes in float64
+    assert cube_table.horizon_ncontrol == 4
+    present, attempts = launched
     assert present.error is not None and present.error.share == 0.0
     assert attempts["iterations=99"].error.share == 0.0
     assert attempts["iterations=1"].error.share > 1e-6
@@ -104,12 +123,8 @@ def test_the_many_steps_of_c_have_more_time_than_a_child_that_reports_nothing(on
     assert limits == [measurements.RUNS_SILENCE_S, 900.0]
 
 
-def test_a_setting_that_crashes_or_is_rejected_is_one_row_and_the_others_go_on(on):
-    engine = on("faulty:Faulty")
-    engine.baseline(PLAN)
-    numbers = ("4", "2", "99")
-    present, attempts = tried(engine, *(option("iterations", number) for number in numbers))
-    assert present.error is not None and present.error.share == 0.0
+def test_a_setting_that_crashes_or_is_rejected_is_one_row_and_the_others_go_on(launched):
+    _, attempts = launched
     assert attempts["iterations=2"].status == Status.CRASHED
     assert "while trying iterations=2" in attempts["iterations=2"].detail
     assert attempts["iterations=4"].status == Status.FAILED
@@ -117,48 +132,42 @@ def test_a_setting_that_crashes_or_is_rejected_is_one_row_and_the_others_go_on(o
     assert attempts["iterations=99"].status == Status.OK
 
 
-def test_a_buffer_that_is_too_small_fails_and_the_engine_s_own_is_replaced(on):
+def test_a_buffer_that_is_too_small_fails_and_the_engine_s_own_is_replaced(on, cube_table):
     """The engine's own sizes overflow, so the present settings get room for what C needs."""
-    engine = on("faulty:Faulty")
-    facts = engine.baseline(PLAN)
-    sizes = {each.label: each.buffer_sizes for each in facts.settings if each.buffer_sizes}
+    sizes = {each.label: each.buffer_sizes for each in cube_table.settings if each.buffer_sizes}
     assert sizes == {"njmax=64": {"njmax": 64}}  # not nconmax, of which there are only 4
     small = Setting("nconmax", "nconmax=7", buffer_sizes={"nconmax": 7})
     large = Setting("nconmax", "nconmax=9", buffer_sizes={"nconmax": 9})
-    _, attempts = tried(engine, small, large, has_errors=False)
+    _, attempts = tried(on("faulty:Faulty"), small, large, has_errors=False)
     assert attempts["nconmax=7"].detail == "overflowed"
     assert attempts["nconmax=9"].status == Status.OK
     assert attempts["nconmax=9"].error is None
 
 
-def test_present_settings_that_the_engine_rejects_or_that_diverge_end_the_search(on, inline):
-    picky = on("faulty:Picky", model="cartpole")
-    picky.baseline(PLAN)
+def test_present_settings_that_the_engine_rejects_or_that_diverge_end_the_search(
+    on, cartpole, inline
+):
     with pytest.raises(UnavailableError, match=r"does not take this model: .*no contact"):
-        tried(picky)
+        tried(on("faulty:Picky", model="cartpole"))
     with pytest.raises(UnavailableError, match="a_package_that_nobody_has"):
         on("faulty:Needy", model="cartpole").baseline(PLAN)
-    divergent = on("faulty:Divergent", model="cartpole")
-    divergent.baseline(PLAN)
-    with pytest.raises(MachineError, match="diverges in 3 of 64 runs"):
-        tried(divergent)
+    with pytest.raises(MachineError, match="diverges in 3 of 32 runs"):
+        tried(on("faulty:Divergent", model="cartpole"))
 
 
-def test_nothing_is_begun_after_its_time(on, inline):
+def test_nothing_is_begun_after_its_time(on, cartpole, inline):
     engine = on("pretender:Pretender", model="cartpole")
-    engine.baseline(PLAN)
     _, attempts = tried(engine, option("solver", "CG"), stop_after_s=0.0)
     assert attempts == {}
 
 
-def test_mjx_transfers_within_rounding_on_the_cart_pole(on, without_warp):
+def test_mjx_transfers_within_rounding_on_the_cart_pole(on, cartpole, without_warp):
     available("mjx")
     engine = on("faulty:BrieflyTimed", model="cartpole", nbatch=16)
-    facts = engine.baseline(PLAN)
     present, attempts = tried(engine, option("iterations", "1"))
     (attempt,) = attempts.values()
     for program in (present, attempt.program):
-        assert program.error.share < 100 * facts.rounding.share < 1e-3
+        assert program.error.share < 100 * cartpole.rounding.share < 1e-3
         assert program.compile_s > 0 and program.trace_s > 0
     assert attempt.time_ratio > 0
 
