@@ -104,10 +104,10 @@ def install_releases(names: tuple[str, ...]) -> None:
     Example:
       mjbench releases install 3.17.0 4.0.0
     """
-    from mjbench.releases import installs, release_spec
+    from mjbench.releases import installs
 
     interrupts.enable()
-    for release in [release_spec.parse_release(name) for name in names]:
+    for release in installs.named(names):
         click.echo(installs.install(release))
 
 

@@ -52,7 +52,7 @@ def versions_explain(
     from mjbench.counts.records import ExplainRecord
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.releases import release_spec
+    from mjbench.releases import installs
     from mjbench.report import counts as report
 
     release_names, sources = releases_and_models(names)
@@ -60,7 +60,7 @@ def versions_explain(
         raise InputError(
             "name an OLD and a NEW release, such as `mjbench versions --explain 3.17.0 4.0.0`"
         )
-    specs = [release_spec.parse_release(name) for name in release_names]
+    specs = installs.named(release_names)
     counted: dict[str, tuple[ModelCount, ModelCount]] = {}
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
