@@ -1,4 +1,4 @@
-"""A ratio with its interval: the one type that records, tables, documents and advice share."""
+"""A ratio with its interval or its deviation: types that records, tables and advice share."""
 
 import math
 from dataclasses import dataclass
@@ -32,3 +32,15 @@ class Ratio:
 
     def is_above(self, value: float) -> bool:
         return self.low is not None and self.low > value
+
+
+@dataclass(frozen=True)
+class LogEstimate:
+    """The time of a step or an operation in a release over that in the reference."""
+
+    log_ratio: float
+    deviation: float
+
+    @property
+    def ratio(self) -> float:
+        return math.exp(self.log_ratio)

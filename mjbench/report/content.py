@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, TypeVar
 
-from mjbench.releases.release_ratios import LogEstimate
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.report import formats
 from mjbench.report.formats import Bounded, Form
 
