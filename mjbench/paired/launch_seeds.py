@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from mjbench.host import platforms
 
 # Launches whose workers are forked from the same programs. What these share correlates launches,
-# but little where the kernel does not draw addresses (see `benchmarks/variance_components.py`).
+# but little where the kernel does not draw addresses.
 FIXED_LAUNCHES, RANDOM_LAUNCHES = 8, 2
 
 
