@@ -60,7 +60,8 @@ def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan")
     from mjbench.releases import installs
 
     source = models.resolve(model)
-    return release_bisection(*installs.named([baseline, candidate]), source, plan)
+    old, new = installs.named([baseline, candidate])
+    return release_bisection(old, new, source, plan)
 
 
 def _of_revisions(
