@@ -118,9 +118,10 @@ $(BASE): $(EMPTY)
 	$(INSTALL) -e .
 	@touch $@
 
-$(STAMP): $(EMPTY)
+# After $(BASE), so that `make -j` never runs two pips in one environment.
+$(STAMP): $(BASE)
 	$(INSTALL) -e ".[dev]"
-	@touch $(BASE) $@
+	@touch $@
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache

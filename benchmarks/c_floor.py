@@ -31,16 +31,17 @@ from typing import Any, NoReturn
 import mujoco
 import numpy as np
 
-from benchmarks.studies import c_floor_page, tally_file
+from benchmarks.studies import c_floor_page, tally_command, tally_file
 from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, LaunchTimes
 from mjbench import paths
 from mjbench.comparison.plan import choose_sizes
-from mjbench.errors import MachineError, MjbenchError, one_line
+from mjbench.errors import MachineError, one_line
 from mjbench.host import isolate, machine
 from mjbench.paired import cores
 from mjbench.simulation import agreement, compat, models, workload
 from mjbench.simulation.engine_clock import engine_clock
 from mjbench.simulation.reference_run import step_s
+from mjbench.status import ExitCode
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results/c_floor.json"
@@ -203,25 +204,26 @@ def _no_failure(index: int, error: Exception) -> None:
     raise error
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Print a row per model and path; store them if asked to."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")
     parser.add_argument("--budget", type=float, default=0.5, help="seconds per launch")
     parser.add_argument("--launches", type=int, default=9, help="launches per path")
     parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name} and the page")
     parser.add_argument("--page", action="store_true", help="write the page from what is stored")
     options = parser.parse_args(arguments)
-    try:
+
+    def action() -> ExitCode:
         if not options.page:
             tally = FloorTally(machine.describe(), options.launches, _measure(options))
             if options.write:
-                RESULTS.write_text(tally_file.dumps(tally))
+                tally_file.write(RESULTS, tally)
         if options.page or options.write:
             c_floor_page.PART.write(c_floor_page.lines(stored()))
-    except MjbenchError as error:
-        sys.exit(f"c_floor: {error}")
+        return ExitCode.OK
+
+    return tally_command.run("c_floor", action)
 
 
 def stored() -> FloorTally:
@@ -248,4 +250,4 @@ if __name__ == "__main__":
     # process could import `__main__`.
     from benchmarks import c_floor
 
-    c_floor.main()
+    sys.exit(c_floor.main())

@@ -11,7 +11,6 @@ measured again, unless it is named. `--write` also writes the page, at the end. 
 if an advice is not right. Models are those of wheels that `make foreign` has downloaded.
 """
 
-import argparse
 import dataclasses
 import importlib.util
 import shutil
@@ -177,7 +176,7 @@ def run(names: Sequence[str], writes_page: bool) -> ExitCode:
             trial = measure(target)
             print(trial.row, flush=True)
             tally = tally.with_trial(trial)
-            TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+            tally_file.write(TALLY, tally)
     print("\n".join(tally.lines()))
     if writes_page:
         PART.write(tally.lines())
@@ -186,7 +185,7 @@ def run(names: Sequence[str], writes_page: bool) -> ExitCode:
 
 def main() -> ExitCode:
     """Run the command; return its exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = tally_command.parser(__doc__)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help="only these")
     parser.add_argument("--write", action="store_true", help="also write the page")
     options = parser.parse_args()

@@ -12,7 +12,6 @@ results in the tally that is there; it needs the MuJoCo and the packages of that
 The exit code is 1 if a path disagrees, 3 if one crashed, failed or hung, and 0 otherwise.
 """
 
-import argparse
 import contextlib
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,10 +25,10 @@ import mujoco
 import mjbench
 from benchmarks import foreign_packages
 from benchmarks.foreign_packages import PACKAGES, Package, PackageFiles
-from benchmarks.foreign_progress import Progress, replace
-from benchmarks.studies import foreign_page, foreign_tally, tally_file
+from benchmarks.foreign_progress import Progress
+from benchmarks.studies import foreign_page, foreign_tally, tally_command, tally_file
 from benchmarks.studies.foreign_tally import FileResult, ForeignTally, PackageTally
-from mjbench.errors import InputError, MachineError, MjbenchError, writing
+from mjbench.errors import InputError, MachineError, writing
 from mjbench.host import machine, platforms
 from mjbench.paths.base import nthread
 from mjbench.releases import installs
@@ -123,8 +122,8 @@ def tally_of(
 
 def save(tally: ForeignTally, files: Files) -> None:
     """Write the JSON file and the page; each is replaced as a whole."""
-    replace(files.tally, tally_file.dumps(tally))
-    replace(files.page, foreign_page.page(tally))
+    tally_file.write(files.tally, tally)
+    tally_file.replace(files.page, foreign_page.page(tally))
 
 
 def run_all(packages: Sequence[PackageFiles], files: Files, limit_s: float) -> ForeignTally:
@@ -245,8 +244,7 @@ def _fetched(package: Package, cache: Path) -> PackageFiles:
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument(
         "--only", action="append", metavar="NAME", help="a package, or part of a path"
     )
@@ -256,23 +254,20 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
         parser.error(f"--time-limit {options.time_limit:g}: give seconds above 0")
     cache = installs.cache_folder() / "foreign"
     files = Files(cache, cache / "progress.jsonl", TALLY, PAGE)
-    try:
+
+    def action() -> ExitCode:
         with _locked(cache):
             packages = [_fetched(package, cache) for package in PACKAGES]
             if options.only:
                 tally = run_only(packages, options.only, files, options.time_limit)
             else:
                 tally = run_all(packages, files, options.time_limit)
-    except KeyboardInterrupt:
-        stored = "the tally has what was compared" if options.only else "the same command continues"
-        print(f"foreign: interrupted; {stored}", file=sys.stderr)
-        return ExitCode.INTERRUPTED
-    except MjbenchError as error:
-        print(f"foreign: {error}", file=sys.stderr)
-        return error.exit_code
-    models, agree = (sum(getattr(p, n) for p in tally.packages) for n in ("models", "agree"))
-    print(f"{agree} of {models} models agree on every path; see {PAGE.relative_to(ROOT)}")
-    return exit_code(tally)
+        models, agree = (sum(getattr(p, n) for p in tally.packages) for n in ("models", "agree"))
+        print(f"{agree} of {models} models agree on every path; see {PAGE.relative_to(ROOT)}")
+        return exit_code(tally)
+
+    stored = "the tally has what was compared" if options.only else "the same command continues"
+    return tally_command.run("foreign", action, stored)
 
 
 if __name__ == "__main__":

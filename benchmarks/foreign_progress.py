@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.foreign_packages import Package
+from benchmarks.studies import tally_file
 from benchmarks.studies.foreign_tally import FileResult
 from mjbench.errors import writing
-from mjbench.host import files
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Progress:
         self._file, self._conditions = file, conditions
         records = [record for record in _read(file) if record.conditions == conditions]
         self._results = {(record.package, record.result.file): record.result for record in records}
-        replace(file, "".join(map(_line, records)))
+        tally_file.replace(file, "".join(map(_line, records)))
 
     def result(self, package: Package, file: str) -> FileResult | None:
         """Return the stored result of a file, or None."""
@@ -47,12 +47,6 @@ class Progress:
         """Remove the file: the run is complete."""
         with writing(self._file):
             self._file.unlink()
-
-
-def replace(file: Path, content: str) -> None:
-    """Write a file so that a reader sees the earlier one or the whole new one."""
-    with writing(file), files.replacing(file) as partial:
-        partial.write_text(content, encoding="utf-8")
 
 
 def _read(file: Path) -> list[ProgressRecord]:

@@ -11,7 +11,6 @@ folder for temporary files.
 The exit code is 1 if any does not; those are printed, each as a line for the shell.
 """
 
-import argparse
 import collections
 import concurrent.futures
 import hashlib
@@ -27,6 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmarks.studies import tally_command
 from mjbench.simulation import models
 
 if TYPE_CHECKING:
@@ -235,8 +235,7 @@ def _outputs(arguments: tuple[str, ...]) -> set[str]:
 
 def main() -> int:
     """Run the command lines; return the exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("--inputs", type=int, default=2000, help="command lines to try")
     parser.add_argument("--seed", type=int, default=0, help="of the choice of command lines")
     options = parser.parse_args()

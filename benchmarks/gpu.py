@@ -9,7 +9,6 @@ paths over programs by hand from the same states, of Warp also from those of mjw
 needs an NVIDIA GPU, `nvidia-smi`, and the extras `mjx` and `warp`.
 """
 
-import argparse
 import dataclasses
 import enum
 import functools
@@ -272,13 +271,12 @@ def run(names: Sequence[str], nbatch: str, path_names: str, output: Path) -> Gpu
 
 
 def _write(tally: GpuTally, output: Path) -> None:
-    (output / "gpu.json").write_text(tally_file.dumps(tally), encoding="utf-8")
+    tally_file.write((output / "gpu.json"), tally)
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("models", nargs="*")
     parser.add_argument("--nbatch", default="1,1024,8192")
     parser.add_argument("--paths", default=PATHS)

@@ -6,7 +6,6 @@ prints, for the steps of all models, by how much the second run file of `mjbench
 differs from the first, and by how much the changes from one release to the next do.
 """
 
-import argparse
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.studies import tally_command
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("first", type=Path, help="run file of `mjbench history measure`")
     parser.add_argument("second", type=Path, help="another one")
     options = parser.parse_args(arguments)

@@ -8,7 +8,6 @@ from it; models that are named replace their rows. A path takes one to five minu
 compiles.
 """
 
-import argparse
 import dataclasses
 import sys
 import tempfile
@@ -69,14 +68,13 @@ def run(names: Sequence[str], paths: Sequence[str], limit_s: float) -> None:
 
 def save(tally: JudgementTally) -> None:
     """Write the tally and the page."""
-    TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+    tally_file.write(TALLY, tally)
     PAGE.write_text(judgement_page.page(tally), encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("models", nargs="*")
     parser.add_argument("--paths", default=",".join(PATHS), help="paths that compile")
     parser.add_argument("--time-limit", type=float, default=LIMIT_S, help="seconds without a word")

@@ -7,7 +7,6 @@ measures. The package is the code of others: the page that is written holds it, 
 Figures of C and of Node are those that `mjbench web --json results/web.json` wrote.
 """
 
-import argparse
 import base64
 import gzip
 import re
@@ -18,10 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import mjbench
+from benchmarks.studies import tally_command
 from mjbench import extras, paths
-from mjbench.errors import InputError, MachineError, MjbenchError, one_line, writing
+from mjbench.errors import InputError, MachineError, one_line, writing
 from mjbench.host import files
 from mjbench.simulation import models
+from mjbench.status import ExitCode
 from mjbench.web import npm_package
 from mjbench.web.npm_package import Build, NpmPackage
 
@@ -188,15 +189,15 @@ def _mjcf(name: str) -> str:
     return models.resolve(name).path.read_text(encoding="utf-8")
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Build it."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE")
     parser.add_argument("--package", type=Path, metavar="DIR", help="into which npm installed it")
     parser.add_argument("--figures", type=Path, metavar="FILE")
     options = parser.parse_args(arguments)
-    try:
+
+    def action() -> ExitCode:
         package = npm_package.find(folder=options.package)
         if options.figures is not None and not options.figures.exists():
             raise InputError(f"--figures: there is no {options.figures}")
@@ -205,10 +206,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options.output.parent.mkdir(parents=True, exist_ok=True)
             with files.replacing(options.output) as file:
                 file.write_text(page, encoding="utf-8")
-    except MjbenchError as error:
-        sys.exit(f"lab: {error}")
-    print(f"Lab: {options.output}")
+        print(f"Lab: {options.output}")
+        return ExitCode.OK
+
+    return tally_command.run("lab", action)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

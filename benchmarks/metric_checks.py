@@ -12,7 +12,6 @@ one, and keeps what it has of metrics that are not measured. The exit code is 1 
 missed or falsely called different, and 0 otherwise.
 """
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -20,7 +19,7 @@ from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 
-from benchmarks.studies import tally_file
+from benchmarks.studies import tally_command, tally_file
 from mjbench.paired import accelerated_environments, function_verdict, verdict
 from mjbench.paired.accelerated_environments import AcceleratedComparison
 from mjbench.paired.function_sides import FunctionTargets
@@ -177,8 +176,7 @@ def is_wrong(case: Case, row: VerdictRow) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("--pairs", type=int, default=20, help="of a model with itself, by metric")
     parser.add_argument("--metric", action="append", choices=[*PAIRED], help="all without it")
     parser.add_argument("--json", type=Path, help="file for what was measured")
@@ -201,7 +199,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
             print(f"    {row.launches} launches, {row.seconds:.0f} s", flush=True)
             results.append(Result(case.name, case.checks, case.is_slower, row))
             if options.json:
-                options.json.write_text(tally_file.dumps([*earlier, *results]))
+                tally_file.write(options.json, [*earlier, *results])
     print(f"{wrong} of {len(results)} comparisons are wrong")
     return ExitCode.FINDING if wrong else ExitCode.OK
 

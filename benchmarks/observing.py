@@ -18,7 +18,6 @@ the usual rate. The step clock spends in half of the time what it may spend in a
 cost is rather too high than too low.
 """
 
-import argparse
 import contextlib
 import itertools
 import json
@@ -76,9 +75,7 @@ class Observed:
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Measure each program, and print the table; return the exit code."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = tally_command.parser(__doc__)
     parser.add_argument("programs", nargs="*", default=PROGRAMS)
     parser.add_argument("--seconds", type=float, default=200.0, help="of the windows of a program")
     parser.add_argument(

@@ -9,7 +9,6 @@ of the rounds. With more than five points between the two, or than the interval 
 or another first advice than expected, the command fails.
 """
 
-import argparse
 import json
 import math
 import os
@@ -21,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from benchmarks.studies import tally_file
+from benchmarks.studies import tally_command, tally_file
 from benchmarks.studies.page_part import PagePart
 from mjbench.host import machine
 from mjbench.status import ExitCode
@@ -312,7 +311,7 @@ def _named(before: str, names: Sequence[str], after: str = "") -> str:
 
 def main() -> None:
     """Print the table; fail where an advice is wrong."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = tally_command.parser(__doc__)
     parser.add_argument("programs", nargs="*", metavar="PROGRAM")
     parser.add_argument("--count", type=int, default=1000, help="iterations, in their units")
     parser.add_argument("--rounds", type=int, default=5, help="runs with and without the change")
@@ -336,7 +335,7 @@ def main() -> None:
     if arguments.write:
         if arguments.programs:  # others keep what they have
             tally = tally.beside(tally_file.continued(TALLY, tally, "programs"))
-        TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+        tally_file.write(TALLY, tally)
         PART.write(tally.lines())
     failed = not all(each.is_right and each.is_near for each in results)
     sys.exit(ExitCode.FINDING if failed else ExitCode.OK)

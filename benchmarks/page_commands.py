@@ -8,7 +8,6 @@ that runs for longer than the limit is interrupted as by Ctrl-C; it has to end t
 traceback. Exit code 1 if a command fails. With the default limit this takes two hours.
 """
 
-import argparse
 import contextlib
 import enum
 import os
@@ -23,6 +22,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.studies import tally_command
 from mjbench.status import ExitCode
 
 ROOT = Path(__file__).parents[1]
@@ -293,7 +293,7 @@ def check(page: str, readers: Readers, limit_s: float) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check pages, and return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = tally_command.parser(__doc__)
     parser.add_argument("pages", nargs="*", metavar="PAGE", help="all, if none is named")
     parser.add_argument("--limit", type=float, default=900.0, help="seconds of a command")
     options = parser.parse_args(arguments)

@@ -9,7 +9,6 @@ rows; `--page` only writes that part again. It takes about five minutes, and nee
 itself.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -170,14 +169,13 @@ def run(names: Sequence[str], budget_s: float) -> RayTally:
 
 def save(tally: RayTally) -> None:
     """Write the tally and the page."""
-    TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+    tally_file.write(TALLY, tally)
     ray_page.PART.write(ray_page.lines(tally))
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("models", nargs="*")
     parser.add_argument("--budget", type=float, default=BUDGET_S, help="seconds at each size")
     parser.add_argument("--page", action="store_true", help="only write the page again")

@@ -10,7 +10,6 @@ none may be called different. A comparison takes ten seconds, on an idle machine
 The exit code is 1 if one is missed or falsely called different, and 0 otherwise.
 """
 
-import argparse
 import subprocess
 import sys
 import tempfile
@@ -18,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.studies import tally_file
+from benchmarks.studies import tally_command, tally_file
 from mjbench.paired import function_sides, function_verdict
 from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.metrics import Metric
@@ -159,8 +158,7 @@ def _git(top: Path, *arguments: str) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("--pairs", type=int, default=20, help="unchanged revisions")
     parser.add_argument("--json", type=Path, help="file for what was measured")
     options = parser.parse_args(arguments)
@@ -184,7 +182,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
             wrong += bool(mark)
             results.append(Result(case.name, case.is_slower, record.row()))
     if options.json:
-        options.json.write_text(tally_file.dumps(results))
+        tally_file.write(options.json, results)
     return ExitCode.FINDING if wrong else ExitCode.OK
 
 

@@ -6,7 +6,6 @@ runs each program of `odd_programs` both ways, and compares what it prints, its 
 files that it leaves. The command fails where they differ.
 """
 
-import argparse
 import difflib
 import os
 import re
@@ -20,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.odd_programs import ODD_PROGRAMS, OddProgram
+from benchmarks.studies import tally_command
 from mjbench.host import machine
 from mjbench.status import ExitCode
 
@@ -119,7 +119,7 @@ def _run(command: Sequence[str], program: OddProgram, folder: Path) -> Behaviour
 
 def main() -> None:
     """Print the programs that differ; fail where one does."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = tally_command.parser(__doc__)
     parser.add_argument("programs", nargs="*", metavar="PROGRAM")
     names = parser.parse_args().programs or list(ODD_PROGRAMS)
     with ThreadPoolExecutor(machine.usable_cores()) as pool:

@@ -15,7 +15,6 @@ otherwise.
 It takes about twenty minutes; leave the machine alone meanwhile.
 """
 
-import argparse
 import json
 import os
 import re
@@ -27,6 +26,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+
+from benchmarks.studies import tally_command
 
 ROOT = Path(__file__).resolve().parent.parent
 # The benchmark of each arm.
@@ -234,8 +235,7 @@ def _listed(models: set[str]) -> str:
 
 def main() -> int:
     """Run the check; return the exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("--factor", type=float, default=1.2, help="of the slowed mj_step")
     parser.add_argument("--keep", type=Path, help="an empty or new folder to work in and keep")
     options = parser.parse_args()

@@ -14,7 +14,6 @@ exceed that of the first third by more than 5 MiB and 1 KiB per comparison betwe
 A thousand comparisons take half an hour or more; the machine may do other work meanwhile.
 """
 
-import argparse
 import statistics
 import sys
 import tempfile
@@ -22,6 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from benchmarks.studies import tally_command
 
 if TYPE_CHECKING:
     from mjbench.paired.worker_pool import WorkerPool
@@ -136,8 +137,7 @@ def main() -> int:
     """Run the comparisons; return the exit code."""
     from mjbench.paired.worker_pool import WorkerPool
 
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("--comparisons", type=int, default=1000, help="to run")
     parser.add_argument("--every", type=int, default=50, help="comparisons between two reports")
     options = parser.parse_args()

@@ -10,7 +10,6 @@ each pair is stored once it is finished, and is not measured again unless it is 
 is 1 if a change is missed or a control differs, and 0 otherwise.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -155,14 +154,14 @@ def measure(truths: Sequence[Truth], tally: TruthTally, writes: bool) -> TruthTa
         others = [each for each in tally.results if not each.is_of(truth)]
         tally = replace(tally, results=[*others, result])
         if writes:
-            TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+            tally_file.write(TALLY, tally)
             PART.write(tally.lines(TRUTHS))
     return tally
 
 
 def main() -> ExitCode:
     """Run the command; return its exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = tally_command.parser(__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="part of what changed")
     parser.add_argument("--write", action="store_true", help=f"write {TALLY.name} and the page")
     options = parser.parse_args()

@@ -12,7 +12,6 @@ The exit code is 1 if a setting that is recommended first errs by more than prom
 changes a state; it is 0 otherwise.
 """
 
-import argparse
 import math
 import sys
 from collections.abc import Iterable, Sequence
@@ -219,7 +218,7 @@ def load(file: Path = TALLY) -> TuningTally:
 
 def save(tally: TuningTally) -> None:
     """Write the tally and the page."""
-    TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+    tally_file.write(TALLY, tally)
     PAGE.write_text(tuning_page.page(tally), encoding="utf-8")
 
 
@@ -247,8 +246,7 @@ def run(names: Sequence[str], budget_s: float) -> TuningTally:
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("models", nargs="*")
     parser.add_argument("--budget", type=float, default=BUDGET_S, help="seconds of each search")
     parser.add_argument("--page", action="store_true", help="only write the page again")

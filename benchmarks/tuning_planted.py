@@ -11,13 +11,13 @@ minute and a half a model.
 The exit code is 1 if one is missing, or one too many, and 0 otherwise.
 """
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.studies import tally_command
 from mjbench.errors import one_line
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
@@ -134,8 +134,7 @@ def problem(case: Case, record: TuneRecord) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE")
     parser.add_argument("--budget", type=float, default=BUDGET_S, help="seconds of each search")
     options = parser.parse_args(arguments)

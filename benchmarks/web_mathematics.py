@@ -10,7 +10,6 @@ build from C, in both runs. Where the second is `identical`, nothing else makes 
 It needs Linux, a C compiler (cc), and musl's libc.a (Debian's package musl-dev).
 """
 
-import argparse
 import json
 import os
 import shutil
@@ -22,8 +21,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import MachineError, MjbenchError, one_line
+from benchmarks.studies import tally_command
+from mjbench.errors import MachineError, one_line
 from mjbench.simulation import models
+from mjbench.status import ExitCode
 
 # The functions that libmujoco takes from the mathematics library, and what they need of musl.
 _FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "pow")
@@ -114,25 +115,27 @@ def _measure(names: Sequence[str], folder: Path, environment: Mapping[str, str])
     return json.loads(file.read_text())
 
 
-def main() -> None:
+def main() -> ExitCode:
     """Compare, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = tally_command.parser(__doc__)
     parser.add_argument("names", nargs="*", metavar="MODEL")
     names = parser.parse_args().names or models.shipped()
-    try:
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            library = build(folder)
-            plain = _measure(names, folder, {})
-            (folder / "web.json").unlink()
-            with_musl = _measure(names, folder, {"LD_PRELOAD": str(library)})
-            rows = compared(plain, with_musl)
-    except MjbenchError as error:
-        sys.exit(f"web_mathematics: {error}")
+    return tally_command.run("web_mathematics", lambda: _compare(names))
+
+
+def _compare(names: Sequence[str]) -> ExitCode:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        library = build(folder)
+        plain = _measure(names, folder, {})
+        (folder / "web.json").unlink()
+        with_musl = _measure(names, folder, {"LD_PRELOAD": str(library)})
+        rows = compared(plain, with_musl)
     print(f"\n{'model':20} {'first difference':18} {'largest':9} with musl's functions in C")
     for row in rows:
         largest = "0" if row.difference == 0 else f"{row.difference:.1e}"
         print(f"{row.model:20} {_when(row.as_it_is):18} {largest:9} {_when(row.with_musl)}")
+    return ExitCode.OK
 
 
 def _when(step: int | None) -> str:
@@ -140,4 +143,4 @@ def _when(step: int | None) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.pair_launches import LaunchedPair, PairWork

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import LaunchRow, TargetRow, VerdictRecord
 from mjbench.status import Status

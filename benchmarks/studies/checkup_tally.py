@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjbench.checkups.targets import TargetKind
 from mjbench.comparison.plan import Variant
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
 from mjbench.report import formats
 from mjbench.report.checkup_item import CheckupItem, ResultChange

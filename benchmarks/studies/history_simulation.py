@@ -6,13 +6,12 @@ draws histories of a model whose truth is known, looks for changes as `mjbench h
 writes a part of docs/method/history.md. It takes about a minute.
 """
 
-import argparse
 import sys
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from benchmarks.studies import simulated_histories
+from benchmarks.studies import simulated_histories, tally_command
 from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan, Score
 from mjbench.pages.markdown import table_lines
@@ -24,8 +23,7 @@ HISTORIES = 1000
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument("--histories", type=int, default=HISTORIES, help="of each kind")
     options = parser.parse_args(arguments)
     scores = {plan: simulated_histories.score(plan, options.histories) for plan in PLANS}

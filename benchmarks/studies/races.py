@@ -29,9 +29,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.studies import tally_command
+from benchmarks.studies import tally_command, tally_file
 from benchmarks.studies.page_part import PagePart
-from benchmarks.studies.tally_file import dumps
 from mjbench import units
 from mjbench.errors import InputError, MachineError
 from mjbench.measuring.stats import CONFIDENCE
@@ -188,7 +187,7 @@ def replay(races: int, study: Study) -> ExitCode:
         rows.append(tally(record, races, np.random.default_rng(number)))
         print(_row(rows[-1]), flush=True)
     result = RaceTally(header["cpu"], header["mujoco"], rows)
-    study.tally_file.write_text(dumps(result), encoding="utf-8")
+    tally_file.write(study.tally_file, result)
     study.part.write(lines(result))
     return ExitCode.OK
 
@@ -418,8 +417,7 @@ def _row(row: ModelTally) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Measure launches, or replay races on them."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     measuring = commands.add_parser("measure", help="store launches of all C paths")
     measuring.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")

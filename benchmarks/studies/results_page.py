@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.studies.page_part import DOCS, PagePart
 from mjbench.comparison.plan import describe_options
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import markdown
 from mjbench.paired.outcomes import Cause
 from mjbench.paired.race_record import Loop

@@ -1,5 +1,6 @@
-"""How a command that writes a tally ends: errors and Ctrl-C are a line, and an exit code."""
+"""Commands of benchmarks: their parser; and errors and Ctrl-C are a line, and an exit code."""
 
+import argparse
 import sys
 from collections.abc import Callable
 
@@ -7,7 +8,14 @@ from mjbench.errors import MjbenchError
 from mjbench.status import ExitCode
 
 
-def run(name: str, action: Callable[[], ExitCode], stored: str) -> ExitCode:
+def parser(module_doc: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a command; its module's docstring is the help."""
+    return argparse.ArgumentParser(
+        description=module_doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+
+
+def run(name: str, action: Callable[[], ExitCode], stored: str = "nothing was stored") -> ExitCode:
     """Run the action of a command; return its exit code.
 
     Args:

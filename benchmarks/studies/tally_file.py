@@ -4,18 +4,23 @@ import json
 from pathlib import Path
 from typing import Any, TypeVar
 
+from mjbench.errors import InputError, one_line, writing
+from mjbench.host import files
+
 _Tally = TypeVar("_Tally")
 
 
-def dumps(tally: Any) -> str:
-    """Return the content of a tally's file.
-
-    Args:
-      tally: values that are not finite become null.
-    """
+def write(file: Path, tally: Any) -> None:
+    """Write a tally; values that are not finite become null."""
     from mjbench.store.runs import to_json
 
-    return json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n"
+    replace(file, json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n")
+
+
+def replace(file: Path, content: str) -> None:
+    """Write a file so that a reader sees the earlier one or the whole new one."""
+    with writing(file), files.replacing(file) as partial:
+        partial.write_text(content, encoding="utf-8")
 
 
 def load(file: Path, kind: type[_Tally], content: str) -> _Tally:
@@ -27,9 +32,7 @@ def load(file: Path, kind: type[_Tally], content: str) -> _Tally:
     Raises:
       InputError: the file cannot be read, or is not such a tally.
     """
-    import msgspec
-
-    from mjbench.errors import InputError, one_line
+    import msgspec  # late: asv imports this module where it is missing
 
     try:
         return msgspec.json.decode(file.read_bytes(), type=kind)
@@ -48,8 +51,6 @@ def continued(file: Path, empty: _Tally, content: str) -> _Tally:
     Raises:
       InputError: see `load`; or the tally is of another release or machine.
     """
-    from mjbench.errors import InputError
-
     if not file.exists():
         return empty
     stored = load(file, type(empty), content)

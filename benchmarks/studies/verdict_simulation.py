@@ -7,12 +7,11 @@ results/verdicts.json and a part of docs/method/errors.md. It takes about three 
 simulates the scenarios whose name contains NAME, and writes nothing.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.studies import verdict_page, verdict_tally
+from benchmarks.studies import tally_command, tally_file, verdict_page, verdict_tally
 from benchmarks.studies.verdict_tally import SCENARIOS, VerdictTally
 from mjbench.status import ExitCode
 
@@ -23,8 +22,7 @@ COMPARISONS = 2000
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tally_command.parser(__doc__)
     parser.add_argument(
         "--comparisons",
         type=int,
@@ -46,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
         print(verdict_page.family_line(family), flush=True)
         families.append(family)
     tally = VerdictTally(options.comparisons, scenarios, families)
-    TALLY.write_text(verdict_tally.dumps(tally), encoding="utf-8")
+    tally_file.write(TALLY, tally)
     verdict_page.PART.write(verdict_page.lines(tally))
     return ExitCode.OK
 

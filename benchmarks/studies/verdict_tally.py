@@ -1,12 +1,12 @@
 """Tally how simulated comparisons end: each scenario alone, and families of comparisons."""
 
-import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.studies import tally_file
 from benchmarks.studies.simulated_launches import (
     Outcomes,
     Scenario,
@@ -189,16 +189,5 @@ class VerdictTally:
     families: Sequence[FamilyRow]
 
 
-def dumps(tally: VerdictTally) -> str:
-    """Return the tally as the JSON of results/verdicts.json."""
-    return json.dumps(asdict(tally), indent=1, ensure_ascii=False) + "\n"
-
-
 def load(file: Path) -> VerdictTally:
-    """Read what `dumps` wrote."""
-    stored = json.loads(file.read_text(encoding="utf-8"))
-    return VerdictTally(
-        stored["comparisons"],
-        [ScenarioRow(**row) for row in stored["scenarios"]],
-        [FamilyRow(**row) for row in stored["families"]],
-    )
+    return tally_file.load(file, VerdictTally, "simulated verdicts")

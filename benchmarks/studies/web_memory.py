@@ -7,7 +7,6 @@ of the builds are compared with those of this system's C library. docs/guides/br
 follows, and what to write instead.
 """
 
-import argparse
 import json
 import math
 import random
@@ -18,8 +17,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import MachineError, MjbenchError, one_line
+from benchmarks.studies import tally_command
+from mjbench.errors import MachineError, one_line
 from mjbench.simulation import models
+from mjbench.status import ExitCode
 from mjbench.web import node_process, npm_package
 from mjbench.web.node_process import NodeProgram
 from mjbench.web.npm_package import Build, NpmPackage
@@ -82,20 +83,22 @@ def mathematics(
     return {"count": len(angles), "sines": sines, "cosines": cosines, "difference": largest}
 
 
-def main() -> None:
+def main() -> ExitCode:
     """Try all of it with both builds, and print what happened, as JSON."""
-    parser = argparse.ArgumentParser(prog="web_memory", description=__doc__)
+    parser = tally_command.parser(__doc__)
     parser.add_argument("--package", type=Path, metavar="DIR")
     parser.add_argument("--node", default="node", metavar="COMMAND")
     options = parser.parse_args()
-    try:
+
+    def action() -> ExitCode:
         package = npm_package.find(folder=options.package)
         program = node_process.find_node(options.node)
         tried = [examine(package, program, build) for build in Build]
         print(json.dumps(tried, indent=1))
-    except MjbenchError as error:
-        sys.exit(f"web_memory: {error}")
+        return ExitCode.OK
+
+    return tally_command.run("web_memory", action)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

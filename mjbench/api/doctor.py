@@ -27,7 +27,7 @@ from mjbench.paired.selfcheck_records import trial_records
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.release_names import parse_release
+from mjbench.releases import installs
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.selfcheck import describe_case
 from mjbench.simulation import engine_clock, models
@@ -81,7 +81,7 @@ def placements(
     sources: Sequence[ModelSource], release_name: str, launches: int, budget_s: float, sizes: Sizes
 ) -> Measurement:
     """Return the measurement of how far a step's time depends on where a release's code lies."""
-    release = parse_release(release_name)
+    (release,) = installs.named([release_name])
     targets = [Target(release, source) for source in sources]
     plan = SpreadPlan(launches, budget_s, sizes)
 

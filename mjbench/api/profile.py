@@ -18,7 +18,7 @@ from mjbench.loop.habit_timing import OverheadRow
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.paired.run_sizes import Sizes
-from mjbench.releases import release_names
+from mjbench.releases import installs, release_names
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.store.runs import Record
@@ -121,7 +121,7 @@ def of_instructions(
     sources: Sequence[ModelSource], releases: Sequence[str], sizes: Sizes, limit_s: float
 ) -> Measurement:
     """Return the count of instructions per step, `mjbench profile --instructions`."""
-    specs = [release_names.parse_release(name) for name in releases or (release_names.INSTALLED,)]
+    specs = installs.named(releases or (release_names.INSTALLED,))
     if problem := instructions.unavailable():
         raise MachineError(problem)
 

@@ -16,7 +16,7 @@ from mjbench.paired.metrics import Metric
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.verdict import VerdictPlan
-from mjbench.releases import release_names
+from mjbench.releases import installs
 from mjbench.simulation import models as shipped_models
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def versions(
     chosen = argument_values.choice("metric", metric, Metric)
     if not news:
         raise InputError('name an old and a new release, such as versions("3.3.0", "4.0.0")')
-    specs = [release_names.parse_release(str(name)) for name in (old, *news)]
+    specs = installs.named(map(str, (old, *news)))
     sources = model_sources.each_once(map(model_sources.named, _several(models)))
     with start_states.plan(settle_s, states, actions) as starts:
         sizes = Sizes(

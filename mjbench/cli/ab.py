@@ -98,9 +98,11 @@ def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
 def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurement":
     from mjbench.api.verdict_measurements import between_targets
     from mjbench.paired import targets
+    from mjbench.releases import installs
 
     pair = targets.parse(baseline, candidate)
     targets.check_targets(plan.sizes.metric, pair)
+    installs.check_available(target.release for target in pair)
     has_one_build = len({target.release.key for target in pair}) == 1  # its code stays where it is
     plan = replace(plan, as_shipped=plan.as_shipped or has_one_build)
     return between_targets("ab", [pair], plan)

@@ -57,10 +57,11 @@ def _are_revisions(sides: Sequence[str], target: str) -> bool:
 
 def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan") -> "Measurement":
     from mjbench.api.bisect import release_bisection
-    from mjbench.releases.release_names import parse_release
+    from mjbench.releases import installs
 
     source = models.resolve(model)
-    return release_bisection(parse_release(baseline), parse_release(candidate), source, plan)
+    old, new = installs.named([baseline, candidate])
+    return release_bisection(old, new, source, plan)
 
 
 def _of_revisions(

@@ -21,7 +21,7 @@ def models(sources: list[ModelSource], limit_s: float, json_file: str | None) ->
     """
     from mjbench.comparison.model_facts import list_models
     from mjbench.report import listings
-    from mjbench.report.documents import ModelRow, ModelsDocument
+    from mjbench.report.listings import ModelRow, ModelsDocument
 
     with RunContext(json_file, [source.path for source in sources]) as run:
         listed = list_models(sources, limit_s)
@@ -43,9 +43,9 @@ def paths(json_file: str | None) -> None:
     """
     from mjbench.paths import registry
     from mjbench.report import listings
-    from mjbench.report.documents import PathsDocument
+    from mjbench.report.listings import PathRow, PathsDocument
 
-    rows = [listings.PathRow.of(path) for path in registry().values()]
+    rows = [PathRow.of(path) for path in registry().values()]
     with RunContext(json_file) as run:
         run.table(listings.paths_table(rows))
         run.write(PathsDocument(paths=rows))

@@ -48,8 +48,7 @@ def releases(ctx: click.Context) -> None:
 def list_releases(history: Path, json_file: str | None) -> None:
     """List releases: on the package index, in the git history, installed here."""
     from mjbench.releases import catalogue
-    from mjbench.report.documents import ReleasesDocument
-    from mjbench.report.listings import releases_table
+    from mjbench.report.listings import ReleasesDocument, releases_table
 
     with RunContext(json_file, [history]) as run:
         known = catalogue.list_releases(history)
@@ -104,10 +103,10 @@ def install_releases(names: tuple[str, ...]) -> None:
     Example:
       mjbench releases install 3.17.0 4.0.0
     """
-    from mjbench.releases import installs, release_names
+    from mjbench.releases import installs
 
     interrupts.enable()
-    for release in [release_names.parse_release(name) for name in names]:
+    for release in installs.named(names):
         click.echo(installs.install(release))
 
 
@@ -116,8 +115,7 @@ def install_releases(names: tuple[str, ...]) -> None:
 def list_installs(json_file: str | None) -> None:
     """List the installs in the cache folder, with their size and when they were last used."""
     from mjbench.releases import installs
-    from mjbench.report.documents import InstallsDocument
-    from mjbench.report.listings import install_lines
+    from mjbench.report.listings import InstallsDocument, install_lines
 
     with RunContext(json_file) as run:
         folder, sizes = installs.cache_folder(), installs.install_sizes()

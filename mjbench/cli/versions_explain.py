@@ -52,7 +52,7 @@ def versions_explain(
     from mjbench.counts.records import ExplainRecord
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.releases import release_names
+    from mjbench.releases import installs
     from mjbench.report import counts as report
 
     releases, sources = releases_and_models(names)
@@ -60,7 +60,7 @@ def versions_explain(
         raise InputError(
             "name an OLD and a NEW release, such as `mjbench versions --explain 3.17.0 4.0.0`"
         )
-    specs = [release_names.parse_release(name) for name in releases]
+    specs = installs.named(releases)
     counted: dict[str, tuple[ModelCount, ModelCount]] = {}
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Items":

@@ -21,7 +21,7 @@ from mjbench.counts.records import (
     finished,
 )
 from mjbench.errors import MachineError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.timing import Progress
 from mjbench.paired.history_tasks import Selection
 from mjbench.paired.metrics import Metric

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.bounds import PositiveFloat
 from mjbench.errors import InputError
 
 CONFIDENCE = 0.95
@@ -184,31 +183,3 @@ def quantile_interval(
     interval = stats.quantile_test(samples, p=quantile).confidence_interval(confidence)
     low, high = float(interval.low), float(interval.high)
     return (None if np.isnan(low) else low), (None if np.isnan(high) else high)
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """An estimate, and the ends of its interval; an end is None where it has no bound."""
-
-    estimate: PositiveFloat
-    low: PositiveFloat | None
-    high: PositiveFloat | None
-
-    @classmethod
-    def of_log(cls, estimate: float, half_width: float) -> "Ratio":
-        if not math.isfinite(half_width):
-            return cls(math.exp(estimate), None, None)
-        ends = math.exp(estimate - half_width), math.exp(estimate + half_width)
-        return cls(math.exp(estimate), *ends)
-
-    @property
-    def inverse(self) -> "Ratio":
-        """The ratio the other way round: of speeds, where this one is of times."""
-        low, high = (None if end is None else 1 / end for end in (self.high, self.low))
-        return Ratio(1 / self.estimate, low, high)
-
-    def covers(self, value: float) -> bool:
-        return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)
-
-    def is_above(self, value: float) -> bool:
-        return self.low is not None and self.low > value

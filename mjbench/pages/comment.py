@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from mjbench.errors import InputError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages.markdown import code, data_table, escaped, folded
 from mjbench.paired import family
 from mjbench.paired.family import Family

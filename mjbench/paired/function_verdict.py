@@ -14,7 +14,7 @@ from mjbench.errors import Failure, InputError, MachineError, UnavailableError
 from mjbench.host import machine
 from mjbench.measuring import launch_stats
 from mjbench.measuring.calls import Compilation
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsCheck, compare
 from mjbench.paired.function_sides import (
     FunctionTarget,

@@ -16,7 +16,7 @@ import numpy as np
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
 from mjbench.errors import MachineError
 from mjbench.measuring import launch_stats
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import moved_check
 from mjbench.paired.outcomes import CONFIDENCE
 from mjbench.paired.records import LaunchRow

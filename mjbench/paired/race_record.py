@@ -17,7 +17,7 @@ import numpy as np
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.measuring import launch_stats
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paths.base import nthread
 from mjbench.simulation import engine_clock
 from mjbench.status import Status

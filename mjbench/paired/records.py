@@ -20,7 +20,8 @@ from mjbench.bounds import (
 )
 from mjbench.measuring import stats
 from mjbench.measuring.calls import Compilation
-from mjbench.measuring.stats import Estimate, Ratio
+from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Estimate
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair

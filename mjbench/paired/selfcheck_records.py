@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from mjbench.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.records import PlacementEffect
 

@@ -149,6 +149,10 @@ def _settings(text: str) -> dict[str, str]:
                 f"{text!r}: {setting!r} is not KEY=VALUE, such as path=rollout; two revisions need"
                 " a function after them, such as bench.py::step"
             )
+        if value.startswith("="):
+            raise InputError(
+                f"{text!r}: a release is release={setting}; `mjbench versions` compares packages"
+            )
         if key in settings:
             raise InputError(f"{text!r}: {key} is given twice")
         settings[key] = value

@@ -15,7 +15,7 @@ import numpy as np
 from mjbench.errors import MachineError
 from mjbench.measuring import launch_stats
 from mjbench.measuring.launch_stats import Evidence, Interval
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
 from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.metrics import METRICS, Metric

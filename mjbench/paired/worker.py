@@ -98,11 +98,12 @@ class Worker:
         """Do tasks until the parent hangs up."""
         while True:
             try:
-                task, arguments, named = self.connection.recv()
+                message = self.connection.recv_bytes()
             except (EOFError, OSError):
                 os._exit(0)
             answer: Any
             try:
+                task, arguments, named = pickle.loads(message)  # may import modules
                 answer = Done(task(self, *arguments, **named))
             except BaseException as error:  # a path of the user's own may raise SystemExit
                 answer = failure_of(error)

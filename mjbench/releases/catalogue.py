@@ -7,7 +7,7 @@ from pathlib import Path
 from packaging.version import Version
 
 from mjbench.errors import InputError, MachineError
-from mjbench.releases import bundle, install_check, package_index
+from mjbench.releases import bundle, install_check, installs, package_index
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.releases.release_names import ReleaseSpec, parse_release
 
@@ -104,7 +104,7 @@ def named_or_since(names: Sequence[str], since: str | None, history: Path) -> li
     if names and since:
         raise InputError("give RELEASEs or --since, not both")
     if names:
-        return [parse_release(name) for name in names]
+        return installs.named(names)
     versions = [
         release.version
         for release in bundle.read(history)

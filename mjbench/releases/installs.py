@@ -11,7 +11,7 @@ import logging
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,8 +19,8 @@ import platformdirs
 
 from mjbench.errors import InputError, MachineError
 from mjbench.host import platforms
-from mjbench.releases import install_check, packages, pip
-from mjbench.releases.release_names import INSTALLED, ReleaseSpec
+from mjbench.releases import install_check, packages, pip, release_names
+from mjbench.releases.release_names import INSTALLED, ReleaseSpec, parse_release
 
 _LOG = logging.getLogger(__name__)
 # Written last into an install; a folder without it is not one.
@@ -113,6 +113,39 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
                 yield folder
                 return
         _install(release, folder)
+
+
+def named(names: Iterable[str]) -> list[ReleaseSpec]:
+    """Return the releases with these names; InputError, or MachineError without the index.
+
+    A version that neither the cache nor the index has is refused before any is installed.
+    """
+    releases = [parse_release(name) for name in names]
+    check_available(releases)
+    return releases
+
+
+def check_available(releases: Iterable[ReleaseSpec]) -> None:
+    """Refuse a version that would have to be installed, and that the package index does not have.
+
+    Where the index does not answer, nothing is refused: what is installed can be measured.
+
+    Raises:
+      InputError: there is such a version.
+    """
+    to_install = [
+        release.version
+        for release in releases
+        if release.name != INSTALLED
+        and not release.wheels
+        and not _is_complete(cache_folder() / release.key)
+    ]
+    if not to_install:
+        return
+    with contextlib.suppress(MachineError):
+        for version, reason in release_names.missing(to_install).items():
+            if not pip.is_available(version):
+                raise InputError(reason)
 
 
 def install(release: ReleaseSpec) -> Path:

@@ -67,6 +67,12 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
         raise _error(version, bool(wheels), problem)
 
 
+def is_available(version: str) -> bool:
+    """Return whether pip finds a version: it may be told to look elsewhere than on the index."""
+    arguments = ("--dry-run", "--no-deps", "--ignore-installed", f"mujoco=={version}")
+    return not run("install", *arguments, phase=f"looking for MuJoCo {version}")
+
+
 def build(name: str, source: Path, target: Path) -> None:
     """Build the wheel of a source tree into a folder; BuildError if it cannot be built."""
     arguments = ("--no-deps", f"--wheel-dir={target}", str(source))
@@ -129,9 +135,9 @@ def _reason(stderr: str) -> str:
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
     try:
-        unknown = release_names.why_not_there(version)
+        unknown = release_names.missing([version])
     except MachineError as error:
         return MachineError(f"cannot install MuJoCo {version}: {error}; pip says: {reason}")
     if unknown and not local:
-        return InputError(unknown)
+        return InputError(unknown[version])
     return MachineError(f"cannot install MuJoCo {version}: {reason}")

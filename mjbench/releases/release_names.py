@@ -6,7 +6,7 @@ import hashlib
 import platform
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -159,8 +159,8 @@ def _version(text: str) -> str | None:
     return normal
 
 
-def why_not_there(version: str) -> str:
-    """Return that there is no such version for this Python, with those near it; empty if there is.
+def missing(versions: Iterable[str]) -> dict[str, str]:
+    """Return the versions that are not there for this Python; a line for each names those near it.
 
     Raises:
       MachineError: the index cannot be read.
@@ -171,11 +171,14 @@ def why_not_there(version: str) -> str:
         for version, names in files_of.items()
         if any(wheel is not None and wheel.fits for wheel in map(wheel_of, map(Path, names)))
     )
-    if Version(version) in available:
-        return ""
-    on_index = Version(version) in map(Version, files_of)
-    where = "for this Python" if on_index else "on the package index"
-    return f"there is no MuJoCo {version} {where}{_nearest(version, available)}"
+    reasons = {}
+    for version in versions:
+        if Version(version) not in available:
+            on_index = Version(version) in map(Version, files_of)
+            where = "for this Python" if on_index else "on the package index"
+            nearest = _nearest(version, available)
+            reasons[version] = f"there is no MuJoCo {version} {where}{nearest}"
+    return reasons
 
 
 def _nearest(version: str, available: Sequence[Version]) -> str:

@@ -20,6 +20,7 @@ from mjbench.bounds import (
     Version,
 )
 from mjbench.measuring import launch_stats
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.releases.placement import Placement
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
@@ -59,18 +60,6 @@ class LaunchRatio:
 
     log_ratio: LogRatio
     placement: Placement | None = None
-
-
-@dataclass(frozen=True)
-class LogEstimate:
-    """The time of a step or an operation in a release over that in the reference."""
-
-    log_ratio: float
-    deviation: float
-
-    @property
-    def ratio(self) -> float:
-        return math.exp(self.log_ratio)
 
 
 def averaged(launches: Sequence[LaunchRatio]) -> LogEstimate | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.comparison.plan import Variant, describe_options
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
 from mjbench.paths.base import nthread

@@ -1,6 +1,6 @@
 """What the ratio of two targets comes to, in the words of its metric."""
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.metrics import GROWTH_UNIT_BYTES, METRICS, Measured, Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.report import formats

@@ -11,7 +11,7 @@ from mjbench.checkups.targets import TargetKind
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.host.machine import Machine
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.program.records import ProgramRow
 from mjbench.report import (
     advice,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from mjbench.comparison.plan import Variant
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.report import formats, tuning_notes
 from mjbench.tuning.settings import Setting
 

@@ -13,7 +13,8 @@ from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.loop.lint import Finding
 from mjbench.loop.profile import ProfileRow
-from mjbench.measuring.stats import Estimate, Ratio
+from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Estimate
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.program.records import ProgramRow

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mjbench.host.neighbours import Disturbance
-from mjbench.releases.release_ratios import LogEstimate
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.report import formats
 from mjbench.report.formats import Bounded, Form
 

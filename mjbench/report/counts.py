@@ -13,7 +13,7 @@ from mjbench.counts.records import (
     FunctionDifference,
     InstructionsRecord,
 )
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import VerdictRow
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone

@@ -4,13 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 
-from mjbench.comparison.model_facts import ListedModel
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
 from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.releases import speed_history
-from mjbench.releases.catalogue import ReleaseRow
-from mjbench.releases.installs import InstallSize
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import (
     Advice,
@@ -23,7 +20,6 @@ from mjbench.report.advice import (
 from mjbench.report.advice_across import AdviceAcross
 from mjbench.report.crossovers import Crossover, WorkCrossover, crossovers, work_crossovers
 from mjbench.report.doctor import NoiseRow
-from mjbench.report.listings import PathRow
 from mjbench.report.machines_side_by_side import SideBySide
 from mjbench.report.path_speedups import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
@@ -85,48 +81,6 @@ class DiffDocument:
     results: Sequence[RunDifference]
 
 
-@dataclass(frozen=True)
-class ModelRow:
-    """A model and its facts, which are None where it could not be loaded (see `ModelFacts`)."""
-
-    model: str
-    status: Status
-    detail: str = ""
-    nq: int | None = None
-    nv: int | None = None
-    nu: int | None = None
-    na: int | None = None
-    contacts: int | None = None
-    constraints: int | None = None
-    timestep: float | None = None
-    integrator: str | None = None
-    solver: str | None = None
-    cone: str | None = None
-    can_fall: bool | None = None
-    has_clock: bool | None = None
-
-    @classmethod
-    def of(cls, listed: ListedModel) -> "ModelRow":
-        facts = vars(listed.facts) if listed.facts else {}
-        return cls(listed.model, listed.status, listed.detail, **facts)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelsDocument:
-    """What `mjbench models --json` writes."""
-
-    schema: int = SCHEMA
-    models: Sequence[ModelRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PathsDocument:
-    """What `mjbench paths --json` writes."""
-
-    schema: int = SCHEMA
-    paths: Sequence[PathRow]
-
-
 @dataclass(frozen=True, kw_only=True)
 class SelfcheckDocument:
     """What `mjbench doctor --verdicts --json` writes; `busy`: whether a core was kept busy."""
@@ -163,23 +117,6 @@ class DoctorDocument:
     machine: Machine
     conditions: Sequence[Condition]
     noise: NoiseRow
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReleasesDocument:
-    """What `mjbench releases --json` writes."""
-
-    schema: int = SCHEMA
-    releases: Sequence[ReleaseRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class InstallsDocument:
-    """What `mjbench releases installs --json` writes."""
-
-    schema: int = SCHEMA
-    folder: str
-    installs: Sequence[InstallSize]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,8 +4,7 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
-from mjbench.measuring.stats import Ratio
-from mjbench.releases.release_ratios import LogEstimate
+from mjbench.measuring.ratio import LogEstimate, Ratio
 from mjbench.units import plain
 
 # Writes a cell that is not a text.

@@ -5,6 +5,7 @@ import statistics
 from collections.abc import Iterator, Sequence
 
 from mjbench.host.machine import Machine
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.releases import speed_history
 from mjbench.releases.change_points import (
     FALSE_DISCOVERY_RATE,
@@ -13,7 +14,6 @@ from mjbench.releases.change_points import (
     SIMULATED_DEVIATION,
 )
 from mjbench.releases.release import NO_CHANGE_PAIRS
-from mjbench.releases.release_ratios import LogEstimate
 from mjbench.report import formats, history_plots
 from mjbench.report import history_tables as tables
 from mjbench.report.content import Conclusion, DataTable, Section

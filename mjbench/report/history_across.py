@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.releases.release_ratios import LogEstimate
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.releases.speed_history import SpeedSeries, order
 from mjbench.report import formats, history
 from mjbench.report.content import Column, Conclusion, DataTable, Section

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from mjbench.counts.function_differences import largest_differences
 from mjbench.counts.records import ExplainRecord
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.releases import change_points, release_ratios, speed_history
-from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable

@@ -1,4 +1,4 @@
-"""Lists of what there is: models, paths, releases and installs."""
+"""Lists of what there is, and their documents: models, paths, releases and installs."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,35 @@ from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.installs import InstallSize
 from mjbench.report.content import Column, DataTable
 from mjbench.report.formats import yes_no
+from mjbench.status import Status
+from mjbench.store.runs import SCHEMA
 from mjbench.units import count_of, mebibytes
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """A model and its facts, which are None where it could not be loaded (see `ModelFacts`)."""
+
+    model: str
+    status: Status
+    detail: str = ""
+    nq: int | None = None
+    nv: int | None = None
+    nu: int | None = None
+    na: int | None = None
+    contacts: int | None = None
+    constraints: int | None = None
+    timestep: float | None = None
+    integrator: str | None = None
+    solver: str | None = None
+    cone: str | None = None
+    can_fall: bool | None = None
+    has_clock: bool | None = None
+
+    @classmethod
+    def of(cls, listed: ListedModel) -> "ModelRow":
+        facts = vars(listed.facts) if listed.facts else {}
+        return cls(listed.model, listed.status, listed.detail, **facts)
 
 
 @dataclass(frozen=True)
@@ -38,6 +66,39 @@ class PathRow:
             unavailable=path.unavailable(),
             options={option.name: option.summary for option in path.options},
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelsDocument:
+    """What `mjbench models --json` writes."""
+
+    schema: int = SCHEMA
+    models: Sequence[ModelRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathsDocument:
+    """What `mjbench paths --json` writes."""
+
+    schema: int = SCHEMA
+    paths: Sequence[PathRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReleasesDocument:
+    """What `mjbench releases --json` writes."""
+
+    schema: int = SCHEMA
+    releases: Sequence[ReleaseRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstallsDocument:
+    """What `mjbench releases installs --json` writes."""
+
+    schema: int = SCHEMA
+    folder: str
+    installs: Sequence[InstallSize]
 
 
 def models_table(rows: Sequence[ListedModel]) -> DataTable:

@@ -12,7 +12,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRecord, of_model
 from mjbench.host import conditions
 from mjbench.measuring import stats
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.base import nthread

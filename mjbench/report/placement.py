@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.releases.placement import RESIDUES
 from mjbench.report import formats

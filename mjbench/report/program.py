@@ -4,7 +4,7 @@ import signal
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.hook.call_clock import COPIES_OF_DATA
@@ -396,14 +396,12 @@ def _steps_section(row: ProgramRow) -> Iterator[Section]:
         return
     steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
     stages = row.physics.stages if row.physics is not None else steps.stages if steps else {}
-    facts = [] if steps is None else _step_lines(steps, len(row.steps), stages)
+    of_steps = [] if steps is None else _step_lines(steps, len(row.steps), stages)
     durations = [] if steps is None else [_durations_table(steps)]
-    yield Section(
-        f"{row.program}: steps",
-        facts=[*facts, *filter(None, [gil_wait(row)])],
-        tables=filled(_physics_table(row), *durations),
-        notes=[_cost_line(row)],
-    )
+    facts = [*of_steps, *filter(None, [gil_wait(row)])]
+    tables = filled(_physics_table(row), *durations)
+    heading = "steps" if facts or tables else "observation"  # JAX takes steps that nobody counts
+    yield Section(f"{row.program}: {heading}", facts=facts, tables=tables, notes=[_cost_line(row)])
 
 
 def _physics_table(row: ProgramRow) -> DataTable:

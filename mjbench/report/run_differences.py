@@ -10,7 +10,8 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.errors import InputError
 from mjbench.host.machine import Machine
 from mjbench.measuring import stats
-from mjbench.measuring.stats import Ratio, TimedBlocks
+from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU

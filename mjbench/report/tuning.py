@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.report.formats import short_percent

@@ -13,7 +13,7 @@ from enum import StrEnum
 from typing import Any
 
 from mjbench.measuring import launch_stats
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Verdict

@@ -106,8 +106,9 @@ def load(source: ModelSource) -> "mujoco.MjModel":
     try:
         model = from_file(str(source.path))
     except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
+        reason = one_line(error)
         raise InputError(
-            f"{source.name}: MuJoCo cannot load it: {one_line(error)}{_advice(source.path)}"
+            f"{source.name}: MuJoCo cannot load it: {reason}{_advice(source.path, reason)}"
         ) from error
     if model.nv == 0:
         raise InputError(f"{source.name}: nothing to step, the model has no degree of freedom")
@@ -119,13 +120,18 @@ def load(source: ModelSource) -> "mujoco.MjModel":
     return model
 
 
-def _advice(file: Path) -> str:
+def _advice(file: Path, reason: str) -> str:
     import mujoco
 
     if file.suffix.lower() == _COMPILED:
         release = mujoco.__version__
         return (
             f"; only the release that saved an .mjb file can load it, and this is MuJoCo {release}"
+        )
+    if "'package:" in reason:
+        return (
+            "; MuJoCo finds no packages of ROS: put the meshes beside the URDF, and name them there"
+            " by the file alone, such as base.stl"
         )
     with contextlib.suppress(OSError), file.open("rb") as stream:
         if is_utf16(stream.read(4)):

@@ -10,7 +10,7 @@ import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.measuring import launch_stats, stats
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.starts import Starts

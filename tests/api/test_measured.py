@@ -21,7 +21,7 @@ from mjbench.api.profile import Profile
 from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.api.versions import ReleaseComparison
 from mjbench.host import machine
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.timing import Progress
 from mjbench.pages import fragment
 from mjbench.paired.outcomes import Verdict

@@ -12,7 +12,7 @@ from mjbench.api import verdict_measurements
 from mjbench.api.session import Observer
 from mjbench.api.verdict_measurements import between_releases, completed_share
 from mjbench.errors import InputError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.function_sides import FunctionName, FunctionTarget, FunctionTargets
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict

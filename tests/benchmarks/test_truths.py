@@ -9,7 +9,7 @@ from benchmarks.studies import tally_file
 from benchmarks.studies.page_part import of_lines
 from benchmarks.studies.truth_tally import Answer, Truth, TruthResult, TruthTally
 from benchmarks.truths import FOLDER, PART, TALLY, TRUTHS
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Verdict
 from mjbench.simulation import models
 

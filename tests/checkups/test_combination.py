@@ -5,7 +5,7 @@ from tuning_values import NOTHING, apart
 
 from mjbench.checkups import combination
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from mjbench.cli import cli
 from mjbench.host import machine
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mjbench.cli.fail_on import FailOn, GateFinding
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
 from mjbench.status import Status

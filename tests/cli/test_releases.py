@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from commands import mjbench
 
-from mjbench.releases import bundle
+from mjbench.releases import bundle, package_index, pip
 from mjbench.releases.release import Release
 
 # An index that refuses the connection at once, wherever the tests run.
@@ -105,3 +105,34 @@ def test_installs_that_were_not_used_for_long_are_pruned(tmp_path: Path) -> None
     done = mjbench("releases", "prune", "--days", "0", env=here)
     assert done.stdout.splitlines() == ["removed 3.6.0-cpython", "freed 3 MiB"]
     assert mjbench("releases", "prune", env=here).stdout.splitlines() == ["freed 0 MiB"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "versions installed 9.9.9 cartpole",
+        "versions mujoco==3.4.0,jax==0.7.0 mujoco==9.9.9,jax==0.7.0 cartpole --paths mjx",
+        "versions --explain installed 9.9.9 cartpole",
+        "ab release=3.4.0 release=9.9.9",
+        "bisect 3.4.0 9.9.9 cartpole",
+        "history measure 3.4.0 9.9.9",
+        "history explain 3.4.0 9.9.9",
+        "profile --instructions --release 9.9.9 cartpole",
+        "doctor --placement --release 9.9.9 cartpole",
+        "releases install 3.4.0 9.9.9",
+    ],
+)
+def test_a_version_that_does_not_exist_ends_a_command_before_anything_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    files = {version: [f"mujoco-{version}-py3-none-any.whl"] for version in ("3.4.0", "3.5.0")}
+    monkeypatch.setattr(package_index, "files", lambda: files)
+    monkeypatch.setattr(pip, "is_available", lambda version: False)
+    monkeypatch.setattr(pip, "install", lambda *_: pytest.fail("a release is installed"))
+    done = mjbench(*command.split(), env={"MJBENCH_CACHE": str(tmp_path)})
+    assert done.returncode == 2
+    assert done.stderr == (
+        "mjbench: there is no MuJoCo 9.9.9 on the package index; the nearest are 3.4.0, 3.5.0\n"
+    )
+    assert done.stdout == ""
+    assert not (tmp_path / "locks").exists()

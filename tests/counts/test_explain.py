@@ -20,7 +20,7 @@ from mjbench.counts.records import (
     FunctionCount,
     FunctionDifference,
 )
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow

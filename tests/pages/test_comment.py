@@ -9,7 +9,7 @@ from set_files import MACHINE
 from verdict_records import FAILED, OPEN, SAME, SLOWER, of_model
 
 from mjbench.errors import InputError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import comment
 from mjbench.paired.outcomes import ResultsOutcome
 from mjbench.paired.records import ControlRow, Pair, VerdictRecord

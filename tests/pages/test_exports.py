@@ -13,7 +13,7 @@ from commands import ROOT
 import mjbench
 from mjbench.cli import cli
 from mjbench.errors import InputError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import exports
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord

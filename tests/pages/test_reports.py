@@ -21,12 +21,12 @@ from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.cli import cli
 from mjbench.host import machine
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.measuring.stats import Estimate
 from mjbench.pages import html as as_html
 from mjbench.pages import markdown as as_markdown
 from mjbench.pages import reports
 from mjbench.pages.reports import NamedRun
-from mjbench.releases.release_ratios import LogEstimate
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable, Report, Section, Tone
 from mjbench.report.kinds import RECORD_TYPES

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 from verdict_records import SLOWER
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.paired.bisect_records import BisectRecord, BisectTrial, VersionRow
 from mjbench.paired.metrics import Metric

@@ -10,7 +10,7 @@ import pytest
 from verdict_records import FAILED, SAME, launch
 
 from mjbench.errors import MachineError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import bisect_search
 from mjbench.paired.bisect_records import (
     BisectComparison,

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, Verdict

@@ -11,7 +11,7 @@ import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
 from mjbench.errors import Failure, InputError, MachineError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import selfcheck
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.outcomes import Arm, Cause, Verdict

@@ -60,6 +60,10 @@ def test_option_names_a_field_of_mjoption_too() -> None:
         ("timestep=0", "'timestep=0': option timestep: '0' is not a number from 1e-15"),
         ("solver=cg,iterations=-5", "'-5' is not a whole number from 0"),
         ("solver=cg,solver=newton", "solver is given twice"),
+        (
+            "mujoco==9.9.9",
+            "'mujoco==9.9.9': a release is release=mujoco==9.9.9; `mjbench versions`",
+        ),
     ],
 )
 def test_a_target_that_means_nothing_is_bad_input(text: str, message: str) -> None:

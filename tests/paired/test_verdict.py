@@ -12,7 +12,7 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.errors import MachineError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import pair_launches, target_pair, verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import Averaging

@@ -1,6 +1,7 @@
 """What one worker does: what it imports, what it sets, and what it refuses."""
 
 import functools
+import importlib
 import subprocess
 import sys
 import time
@@ -13,6 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 from commands import ROOT
+from mjbench.simulation.sampling import SampleRequest
 from paired_examples import CUBES, INSTALLED
 
 from mjbench.errors import MachineError
@@ -25,7 +27,7 @@ from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import Placement
 from mjbench.simulation import models, reference_run, workload
 from mjbench.simulation.engine_clock import engine_clock, has_clock
-from mjbench.simulation.workload_sampling import SampleRequest
+from mjbench.status import Status
 
 
 def test_a_worker_imports_neither_mujoco_nor_numpy_before_it_has_mapped_other_memory() -> None:
@@ -45,6 +47,24 @@ def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.Monk
         pair.prepare()
         with pytest.raises(ChildError, match="does not reach the final states"):
             pair.launch()
+
+
+def test_a_task_whose_module_is_missing_in_the_release_is_a_failure_that_names_it(
+    pool: WorkerPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = (
+        "from mjbench.paired.worker import activity\n@activity('racing')\ndef race(worker): pass\n"
+    )
+    (tmp_path / "of_the_parent.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    task = importlib.import_module("of_the_parent").race
+    process = pool.start(INSTALLED)
+    process.wait()
+    with pytest.raises(ChildError) as raised:
+        process.call(task)
+    pool.end([process])
+    assert str(raised.value).endswith(": ModuleNotFoundError: No module named 'of_the_parent'")
+    assert raised.value.ending == Status.FAILED
 
 
 @pytest.mark.parametrize("placement", [None, Placement(16, 32)], ids=["as shipped", "moved"])

@@ -490,6 +490,15 @@ def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
     assert listing.remedies(time, [], MeasuredRatios({trial: ratio(1.2)}), [incident]) == []
 
 
+@pytest.mark.parametrize("comment", ["", "  # never closed"])
+def test_a_line_that_is_one_call_has_the_remedy_of_the_call_alone(comment):
+    created = call("Renderer", text=f"renderer = mujoco.Renderer(model, 240, 320){comment}")
+    seen = LineTime(created.place, 0.3, {BINDINGS: 0.3}, "mujoco")
+    time = loop(seen, activities={PHYSICS: 0.7, BINDINGS: 0.3})
+    (remedy,) = listing.remedies(replace(time, calls=[step(), created]))
+    assert remedy.kind == RemedyKind.CALL
+
+
 def test_rendering_by_the_processor_is_said():
     time = loop_of(step(), call("Renderer"))
     (remedy,) = listing.remedies(

@@ -15,7 +15,7 @@ import pytest
 
 from mjbench.errors import InputError, MachineError
 from mjbench.host import platforms
-from mjbench.releases import install_check, installs, release_names
+from mjbench.releases import install_check, installs, package_index, release_names
 
 
 @pytest.fixture(autouse=True)
@@ -269,3 +269,45 @@ def test_a_changed_file_of_the_environments_own_release_is_said(
         pass
     said = f"mujoco/libmujoco.so has been changed since MuJoCo {release.version} was installed here"
     assert caplog.messages == [f"mjbench: {said}"]
+
+
+@pytest.fixture
+def index(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace the index by one of 3.4.0 and 3.5.0, which is all that pip has."""
+    files = {version: [f"mujoco-{version}-py3-none-any.whl"] for version in ("3.4.0", "3.5.0")}
+    monkeypatch.setattr(package_index, "files", lambda: files)
+    monkeypatch.setattr(installs.pip, "is_available", lambda version: version in files)
+
+
+@pytest.mark.usefixtures("index")
+def test_versions_that_do_not_exist_are_refused_before_any_is_installed(pip: list[str]) -> None:
+    refusal = "there is no MuJoCo 9.9.9 on the package index; the nearest are 3.4.0, 3.5.0"
+    for name in ("9.9.9", "mujoco==9.9.9,jax==0.7.0"):
+        with pytest.raises(InputError, match=f"^{re.escape(refusal)}$"):
+            installs.named(["3.5.0", name, "9.9.8"])
+    assert [release.version for release in installs.named(["3.5.0", "3.4.0"])] == ["3.5.0", "3.4.0"]
+    assert pip == []
+
+
+@pytest.mark.usefixtures("index")
+def test_a_version_that_pip_has_from_elsewhere_is_not_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(installs.pip, "is_available", lambda version: True)
+    assert installs.named(["9.9.9"])[0].version == "9.9.9"
+
+
+def test_without_an_index_no_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreachable() -> None:
+        raise MachineError("cannot read the releases of mujoco from the package index: refused")
+
+    monkeypatch.setattr(package_index, "files", unreachable)
+    assert installs.named(["9.9.9"])[0].version == "9.9.9"
+
+
+def test_the_index_is_not_asked_for_what_is_there(
+    pip: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installs.install(release_names.parse_release("3.5.0"))
+    monkeypatch.setattr(package_index, "files", lambda: pytest.fail("the index is asked"))
+    assert len(installs.named(["3.5.0", "installed"])) == 2

@@ -85,6 +85,15 @@ def test_a_version_without_a_wheel_for_this_python_is_refused(
         pip.install("3.3.0", (), tmp_path / "target")
 
 
+def test_pip_is_asked_whether_it_has_a_version(
+    failing_pip: Callable[[str], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing_pip(NO_MATCH)
+    assert not pip.is_available("9.9.9")
+    script(tmp_path / "python", 'case "$*" in *--dry-run*mujoco==3.5.0) ;; *) exit 1 ;; esac\n')
+    assert pip.is_available("3.5.0")
+
+
 @pytest.mark.parametrize("wheels", [(), ("mujoco-9.9.9-py3-none-any.whl",)])
 def test_an_index_that_cannot_be_reached_is_said(
     failing_pip: Callable[[str], None],

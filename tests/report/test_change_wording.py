@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.report.change_wording import describe_ratio

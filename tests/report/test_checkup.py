@@ -15,7 +15,7 @@ from mjbench.checkups.records import CheckedPart, CheckupPart, Combination
 from mjbench.checkups.targets import TargetKind
 from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.loop.lint import Finding
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.program.activities import Activity, Place

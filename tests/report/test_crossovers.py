@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from example_records import JUDGED
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.report.crossovers import (
     crossovers,
     curve_crossing,

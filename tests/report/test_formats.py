@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from mjbench.measuring.stats import Ratio
-from mjbench.releases.release_ratios import LogEstimate
+from mjbench.measuring.ratio import LogEstimate, Ratio
 from mjbench.report import formats
 
 

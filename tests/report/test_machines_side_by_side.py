@@ -12,7 +12,7 @@ from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.host.machine import Machine
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.report import advice_across, machines_side_by_side
 from mjbench.report.machines_side_by_side import side_by_side

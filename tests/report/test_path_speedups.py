@@ -11,7 +11,7 @@ from example_records import FACTS, measurement, model_record
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.host import conditions
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.report import comparison, formats, path_speedups
 from mjbench.report.path_speedups import Cores, ModelResults

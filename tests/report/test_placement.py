@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.report import placement

@@ -220,6 +220,12 @@ def test_calls_of_jax_are_listed_by_line() -> None:
     assert line.split() == ["train.py:7", "jax", "dispatch", "100", "5", "ms", "25", "%"]
 
 
+def test_a_program_whose_steps_are_not_counted_has_no_heading_of_steps() -> None:
+    text = terminal.text_of(program.sections([row(loop({Activity.COMPILING: 1.0}))]))
+    assert "train.py: observation\nObserving took" in text
+    assert "train.py: steps" not in text
+
+
 def test_growth_of_memory_is_said_with_what_creates_objects() -> None:
     call = CallTime("MjData", 1, 1, PLACE, None, 300.0, 0.1, 0, 1, 0, 0)
     grown = row(replace(MIXED, calls=[call]), memory_growth_bytes=223 << 20)

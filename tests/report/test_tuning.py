@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from tuning_values import NOTHING, apart, blocks, present
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.report import tuning
 from mjbench.status import Status

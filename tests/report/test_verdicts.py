@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict

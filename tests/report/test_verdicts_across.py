@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from verdict_records import FAILED, FASTER, OPEN, SAME, SIDES, SLOWER
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow

@@ -243,6 +243,17 @@ def test_meshes_lie_beside_a_link_as_for_mujoco(tmp_path: Path) -> None:
     assert models.load(models.resolve(str(tmp_path / "robot/robot.urdf"))).nv == 1
 
 
+def test_meshes_of_a_ros_package_are_named_with_what_to_do(tmp_path: Path) -> None:
+    """A mesh beside the URDF, named by its file alone, loads in each release."""
+    (tmp_path / "part.stl").write_bytes(tetrahedron())
+    file, urdf = tmp_path / "robot.urdf", URDF.replace(' meshdir="meshes"', "")
+    file.write_text(urdf.replace("part.stl", "package://robot/meshes/part.stl"))
+    with pytest.raises(InputError, match=r"part\.stl'; MuJoCo finds no packages of ROS: put "):
+        models.load(models.resolve(str(file)))
+    file.write_text(urdf)
+    assert models.load(models.resolve(str(file))).nv == 1
+
+
 def tetrahedron() -> bytes:
     """Return a mesh of four triangles as binary STL."""
     corners = ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1))

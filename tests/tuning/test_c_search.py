@@ -8,7 +8,7 @@ import pytest
 from tuning_values import NOTHING, PRESENT_ERROR, apart, blocks, present
 
 from mjbench.errors import MachineError
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.report import tuning, tuning_notes
 from mjbench.status import Status
 from mjbench.tuning import pareto_front

@@ -26,7 +26,7 @@ from mjbench.program.remedies.trials import MeasuredRatios, Trial
 from mjbench.program.step_times import StepTimes
 
 # A line that is one call.
-_ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)$")
+_ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)(\s*#.*)?$")
 # A line that looks up names, or takes views of the engine's arrays.
 _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("

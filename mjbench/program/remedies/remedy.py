@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.program.activities import Activity, Place
 
 # Smaller gains are not worth a line.

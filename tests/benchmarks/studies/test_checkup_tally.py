@@ -13,7 +13,7 @@ from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial, trial
 from mjbench.checkups.records import CheckedPart, CheckupPart
 from mjbench.checkups.targets import TargetKind
 from mjbench.loop.lint import Finding
-from mjbench.measuring.stats import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Record, Run, RunHeader
 from mjbench.tuning.records import Accuracy, Attempt, Effect, Recommendation, TuneRecord

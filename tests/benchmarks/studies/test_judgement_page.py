@@ -36,5 +36,5 @@ def test_the_page_is_that_of_the_committed_tally() -> None:
 def test_a_model_that_is_judged_again_replaces_its_row(tmp_path: Path) -> None:
     again = tally().with_row(JudgedModel.of("p", replace(REFUSED, detail="another")))
     file = tmp_path / "tally.json"
-    file.write_text(tally_file.dumps(again))
+    tally_file.write(file, again)
     assert [row.detail for row in load(file).rows] == ["", "another"]
