@@ -5,12 +5,12 @@ import re
 from pathlib import Path
 
 import pytest
-from mjbench.simulation.work import Work
 
 from benchmarks import lab
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.report.kinds import WEB
+from mjbench.simulation.reference_run import Work
 from mjbench.status import ExitCode
 from mjbench.store.json_form import json_form
 from mjbench.web import npm_package

@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 import pytest
 from commands import ROOT
-from mjbench.simulation.sampling import SampleRequest
 from paired_examples import CUBES, INSTALLED
 
 from mjbench.errors import MachineError
@@ -27,6 +26,7 @@ from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import Placement
 from mjbench.simulation import models, reference_run, workload
 from mjbench.simulation.engine_clock import engine_clock, has_clock
+from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
 
