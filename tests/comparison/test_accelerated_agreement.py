@@ -102,7 +102,7 @@ def test_a_fault_where_bodies_touch_makes_its_part_fail(
 def test_an_engine_that_starts_warm_where_the_model_forbids_it_is_refused(
     path: type[Pretender], wrong: str
 ) -> None:
-    workload = make_workload("humanoid", nstep=10)
+    workload = make_workload("humanoid")
     cold = copy.copy(workload.model)
     cold.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
     judgement = checked_run(dataclasses.replace(workload, model=cold), path(wrong)).judgement
