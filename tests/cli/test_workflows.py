@@ -92,7 +92,7 @@ def test_the_action_compares_releases_and_writes_a_report(
     }
     assert set(inputs) == set(compare["env"])
     compared = recorder.run(compare["run"], tmp_path, **env, **inputs)
-    assert all(f"{model}: " in compared.stdout for model in ("cartpole", "pile"))
+    assert all(f"\n{model}, " in compared.stdout for model in ("cartpole", "pile"))
     summary = recorder.run(report["run"], tmp_path, **env)
     assert summary.stdout.startswith("## mjbench versions")
     assert (tmp_path / "summary.md").read_text() == "MARK\n"

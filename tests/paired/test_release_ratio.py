@@ -281,7 +281,7 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
         return 6
 
     monkeypatch.setattr(release_ratio, "quad_count", count_quads)
-    enough_after(monkeypatch, 1)
+    enough_after(monkeypatch, 2)
     times = iter([(2 * 10**6, 10**6), (10**6, 10**6), *[(50 * 10**6, 10**6)] * 9])
     release_ratio.measure(pool, [InventedTask("good", lambda count: next(times))])
     assert counts[:3] == [3, 2, 2]
