@@ -66,7 +66,9 @@ class Recorder:
         return done
 
 
-needs_reports = pytest.mark.skipif(bool(extras.missing(["jinja2", "vl_convert"])), reason="no")
+needs_reports = pytest.mark.skipif(
+    bool(extras.missing(["jinja2", "vl_convert"])), reason="needs jinja2 and vl_convert"
+)
 
 
 @needs_reports
