@@ -8,19 +8,23 @@ from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.pair_launches import LaunchedPair, PairWork
 from mjbench.paired.records import LaunchRow
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.verdict import Judgement, PairedResult
 from mjbench.releases import release_names
 from mjbench.releases.placement import PlacementPair
 from mjbench.simulation import models
+from mjbench.simulation.starts import KEYFRAME_STARTS
 from mjbench.status import Status
 
 INSTALLED = release_names.parse_release(release_names.INSTALLED)
 CARTPOLE = Target(INSTALLED, models.resolve("cartpole"))
 CUBES = Target(INSTALLED, models.resolve("cube_table"))
-# One launch: verdicts cost time, and how often they are right is not what is tested.
-BRIEF = verdict.VerdictPlan(time_limit_s=0.1, as_shipped=True)
+# One launch, without a settling run: verdicts cost time, and how often they are right is not what
+# is tested.
+BRIEF_SIZES = Sizes(starts=KEYFRAME_STARTS)
+BRIEF = verdict.VerdictPlan(time_limit_s=0.1, sizes=BRIEF_SIZES, as_shipped=True)
 
 
 def decided(baseline: Target, candidate: Target, status: Status = Status.OK) -> PairedResult:

@@ -1,4 +1,4 @@
-"""A sweep on two nodes of Ray that run here; one of them is killed, and a third is left out.
+"""A sweep on two nodes of Ray that run here; one of them is killed, and the head is left out.
 
     python ray_sweep.py FOLDER
 
@@ -33,9 +33,9 @@ def main() -> None:
     folder = Path(sys.argv[1])
     cells = [count_cell(model, release) for model in MODELS for release in RELEASES]
     (folder / "hang-b").touch()
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
-    nodes = [cluster.add_node(num_cpus=1, resources={RESOURCE: 1}) for _ in range(2)]
-    cluster.add_node(num_cpus=1, resources={RESOURCE: 1}, labels={LABEL: "other"})
+    measures = {"num_cpus": 1, "resources": {RESOURCE: 1}}
+    cluster = Cluster(initialize_head=True, head_node_args={**measures, "labels": {LABEL: "other"}})
+    nodes = [cluster.add_node(**measures) for _ in range(2)]
     raylets = [node.all_processes["raylet"][0].process.pid for node in nodes]
     file = RunSetFile.create(folder / "set.jsonl")
 

@@ -17,7 +17,7 @@ import process_tree
 
 print("begins")
 compared = mjbench.compare(
-    "cartpole", paths="processes,rollout", threads=2, nbatch=4, nstep=4, budget_s=0.1
+    "cartpole", paths="processes", threads=2, nbatch=4, nstep=4, budget_s=0.1
 )
 print(sorted({result.status.value for result in compared.results}))
 print(process_tree.descendants())

@@ -55,7 +55,7 @@ def test_functions_are_compared_and_become_a_comment(
     checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in (function_verdict, verdict):  # a difference as large as this needs few launches
-        monkeypatch.setattr(module, "MIN_LAUNCHES", 4)
+        monkeypatch.setattr(module, "MIN_LAUNCHES", 3)
     file, runs = tmp_path / "out.json", ("--results", str(tmp_path))
     functions = [f"bench.py::{name}" for name in ("step", "other", "new")]
     fail_on = ("--fail-on", "slower", "--json", str(file))
@@ -64,7 +64,7 @@ def test_functions_are_compared_and_become_a_comment(
     step, other, new = json.loads(file.read_text())["results"]
     assert (step["verdict"], step["status"]) == ("slower", "ok")
     assert step["ratio"]["estimate"] > 1.3
-    assert step["control"]["launches"] == 4
+    assert step["control"]["launches"] == 3
     assert (other["verdict"], other["status"]) == (None, "disagrees")
     assert "call 1 returns 2 instead of 1" in other["detail"]
     assert (new["verdict"], new["status"]) == (None, "new")

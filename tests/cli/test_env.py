@@ -94,7 +94,7 @@ def make():
 
 @pytest.mark.skipif(not importlib.util.find_spec("gymnasium"), reason="needs gymnasium")
 def test_environments_of_gymnasium_are_measured_with_each_of_their_wrappers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inline: None
 ) -> None:
     monkeypatch.setattr(vectors, "LEAST_LAUNCHES", 2)
     (tmp_path / "stack.py").write_text(STACK)

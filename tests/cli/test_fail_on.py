@@ -95,6 +95,7 @@ def test_work_that_was_not_compared_does_not_pass() -> None:
 def test_changed_work_is_a_finding_of_its_own() -> None:
     rows = [row(Verdict.INCONCLUSIVE, changed_work=True)]
     assert FailOn((GateFinding.CHANGED_WORK,)).exit_code(rows, 0.99) == 1
+    assert FailOn(()).exit_code(rows, 0.99) == 0
     assert FailOn(SPEED).exit_code([row(Verdict.SAME, changed_work=True)], 0.99) == 0
 
 

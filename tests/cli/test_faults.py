@@ -94,11 +94,7 @@ def test_a_full_disk_is_reported_and_the_table_is_still_shown(
 
 @pytest.mark.parametrize(
     ("when", "number"),
-    [
-        ("at once", signal.SIGINT),
-        ("while a path hangs", signal.SIGINT),
-        ("while a path hangs", signal.SIGHUP),
-    ],
+    [("at once", signal.SIGINT), ("while a path hangs", signal.SIGHUP)],
 )
 def test_an_interrupt_is_one_line_and_saves_what_was_measured(
     tmp_path: Path, contact_file: str, when: str, number: signal.Signals
@@ -138,10 +134,17 @@ def test_an_interrupt_is_one_line_and_saves_what_was_measured(
     assert list((tmp_path / "scratch").iterdir()) == []
 
 
-def test_a_closed_output_is_no_traceback(tmp_path: Path, contact_file: str) -> None:
-    words = ["compare", contact_file, "--paths", "python_loop", *QUICK]
+def test_a_closed_output_is_no_traceback(tmp_path: Path) -> None:
+    program = (
+        "import sys, pytest\n"
+        "from example_races import invent_comparisons\n"
+        "from mjbench.__main__ import main\n"
+        "invent_comparisons(pytest.MonkeyPatch())\n"
+        "sys.argv[0] = 'mjbench'\n"
+        "main()"
+    )
     process = subprocess.Popen(
-        [sys.executable, "-m", "mjbench", *words],
+        [sys.executable, "-c", program, "compare", "cartpole", *QUICK],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": PYTHONPATH},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

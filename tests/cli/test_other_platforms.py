@@ -31,7 +31,7 @@ MACOS = {
     "placement": ["doctor", "--placement", "cartpole", "--results", "runs"],
     "merge": ["results", "merge", RUN, "-o", "set.jsonl"],
     "profile": ["profile", "cartpole", "--budget", "0.1s"],
-    "overhead": ["profile", "--habits", "humanoid", "--budget", "0.1s"],
+    "overhead": ["profile", "--habits", "contact.xml", "--budget", "0.1s"],
     "models": ["models", "cartpole"],
     "releases": ["releases", "installs"],
     "instructions": ["profile", "--instructions", "cartpole"],

@@ -168,7 +168,7 @@ def wait_for_command(folder: Path, process: "subprocess.Popen[str]") -> None:
 
 
 @needs_ray
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])  # Ray has its own SIGTERM
 def test_stopped_it_keeps_what_was_measured_and_leaves_no_process(
     tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -3,15 +3,18 @@
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from commands import PYTHONPATH, ROOT
+from commands import ROOT, Completed, mjbench
+from paired_examples import decided
 from set_files import labelled, run_file
 from verdict_records import SLOWER
+
+from mjbench import extras
+from mjbench.paired import verdict
 
 WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
 EXAMPLES = ROOT / "docs/examples"
@@ -42,17 +45,42 @@ def test_a_workflow_runs_what_a_person_runs(file: Path) -> None:
     assert all(re.search(r"@v\d", step["uses"]) for step in steps(file) if "uses" in step)
 
 
-def test_the_action_compares_releases_and_writes_a_report(tmp_path: Path, cube_table: Path) -> None:
+class Recorder:
+    """A program in place of mjbench that notes how a shell calls it, and prints a mark."""
+
+    def __init__(self, file: Path):
+        self._calls = file.with_name("calls")
+        file.parent.mkdir(parents=True)
+        words = 'printf "%s\\0" "$@"'
+        file.write_text(f"#!/bin/bash\n{{ {words}; echo; }} >> {self._calls}\necho MARK\n")
+        file.chmod(0o755)
+
+    def run(self, lines: str, cwd: Path, **variables: str) -> Completed:
+        """Run lines of a shell, and then in this process what they call; return how it ended."""
+        self._calls.unlink(missing_ok=True)
+        command = ["bash", "-eo", "pipefail", "-c", lines]
+        subprocess.run(command, cwd=cwd, env=os.environ | variables, check=True)
+        for call in self._calls.read_text().splitlines():
+            done = mjbench(*call.split("\0")[:-1], cwd=cwd)
+            assert done.returncode == 0, done.stderr
+        return done
+
+
+needs_reports = pytest.mark.skipif(
+    bool(extras.missing(["jinja2", "vl_convert"])), reason="needs jinja2 and vl_convert"
+)
+
+
+@needs_reports
+def test_the_action_compares_releases_and_writes_a_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its steps run as they are, but for the first, which installs mjbench."""
+    monkeypatch.setattr(verdict, "decide", lambda pool, *targets: decided(*targets[:2]))
     install, compare, report = steps(ACTION)
     assert "pip" in install["run"]
-    binary = tmp_path / "mjbench/bin/mjbench"
-    binary.parent.mkdir(parents=True)
-    binary.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mjbench "$@"\n')
-    binary.chmod(0o755)
+    recorder = Recorder(tmp_path / "mjbench/bin/mjbench")
     env = {
-        **os.environ,
-        "PYTHONPATH": PYTHONPATH,
         "RUNNER_TEMP": str(tmp_path),
         "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md"),
         "GITHUB_OUTPUT": str(tmp_path / "output"),
@@ -60,46 +88,34 @@ def test_the_action_compares_releases_and_writes_a_report(tmp_path: Path, cube_t
     inputs = {
         "OLD": "installed",
         "NEW": "installed",
-        "MODELS": str(cube_table),
-        "FAIL_ON": "changed-work",
+        "MODELS": "cartpole pile",
+        "FAIL_ON": "slower",
         "ARGUMENTS": "--allow-inconclusive --time-limit 0.2s",
     }
     assert set(inputs) == set(compare["env"])
-    for step in (compare, report):
-        subprocess.run(["bash", "-eo", "pipefail", "-c", step["run"]], env=env | inputs, check=True)
-    assert (tmp_path / "summary.md").read_text().startswith("## mjbench versions")
+    compared = recorder.run(compare["run"], tmp_path, **env, **inputs)
+    assert all(f"\n{model}, " in compared.stdout for model in ("cartpole", "pile"))
+    summary = recorder.run(report["run"], tmp_path, **env)
+    assert summary.stdout.startswith("## mjbench versions")
+    assert (tmp_path / "summary.md").read_text() == "MARK\n"
     assert (tmp_path / "output").read_text() == f"file={tmp_path}/mjbench.html\n"
     assert (tmp_path / "mjbench.html").read_text().startswith("<!doctype html>")
 
 
-@pytest.fixture
-def cube_table() -> Path:
-    pytest.importorskip("jinja2")
-    pytest.importorskip("vl_convert")
-    return ROOT / "models/cube_table.xml"
-
-
+@needs_reports
 def test_the_workflow_for_several_machines_merges_what_its_jobs_upload(tmp_path: Path) -> None:
-    pytest.importorskip("jinja2")
-    pytest.importorskip("vl_convert")
     jobs = yaml.safe_load((EXAMPLES / "machines.yml").read_text())["jobs"]
     for runner in jobs["measure"]["strategy"]["matrix"]["runner"]:
         run_file(tmp_path / f"runs-{runner}", labelled(runner), SLOWER, command="versions")
-    binary = tmp_path / "bin/mjbench"
-    binary.parent.mkdir()
-    binary.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mjbench "$@"\n')
-    binary.chmod(0o755)
+    recorder = Recorder(tmp_path / "bin/mjbench")
     env = {
-        **os.environ,
-        "PYTHONPATH": PYTHONPATH,
-        "PATH": f"{binary.parent}{os.pathsep}{os.environ['PATH']}",
+        "PATH": f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}",
         "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md"),
     }
     lines = [step["run"] for step in jobs["report"]["steps"] if "run" in step]
-    for line in lines:
-        if line.startswith("mjbench "):
-            subprocess.run(["bash", "-ec", line], cwd=tmp_path, env=env, check=True)
-    assert "slower on all 4 machines" in (tmp_path / "summary.md").read_text()
+    shown = [recorder.run(line, tmp_path, **env) for line in lines if line.startswith("mjbench ")]
+    assert "slower on all 4 machines" in shown[1].stdout
+    assert (tmp_path / "summary.md").read_text() == "MARK\n"
     uploaded = jobs["report"]["steps"][-1]["with"]["path"].split()
     assert all((tmp_path / name).is_file() for name in uploaded)
 

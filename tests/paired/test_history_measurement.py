@@ -1,8 +1,10 @@
 """A release against the reference, as the history measures it."""
 
+import contextlib
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +16,13 @@ from mjbench.measuring import stats
 from mjbench.paired import history_measurement, moved_check, operations, target_pair
 from mjbench.paired.history_tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.paired.moved_check import Averaging
-from mjbench.paired.pair_launches import ProcessPair, ProcessPairs
+from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.records import section_numbers
 from mjbench.paired.targets import Target
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
+from mjbench.releases.placement import AS_SHIPPED
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.release_ratios import (
     LaunchRatio,
@@ -99,9 +102,28 @@ class InventedTask(ReleaseTask):
         self.closed = True
 
 
+class IdlePairs:
+    """Stands for the processes of launches, of which invented tasks ask nothing."""
+
+    def __init__(self, *arguments: object): ...
+
+    def wait(self) -> None: ...
+
+    @contextlib.contextmanager
+    def launch(self, core: int | None) -> Iterator[ProcessPair]:
+        nobody: Any = None
+        yield ProcessPair((nobody, nobody), AS_SHIPPED)
+
+    def is_next_ready(self) -> bool:
+        return True
+
+    def close(self) -> None: ...
+
+
 @pytest.fixture
 def no_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have no block run: both take a millisecond."""
+    """Have no process start and no block run: both take a millisecond."""
+    monkeypatch.setattr(history_measurement, "ProcessPairs", IdlePairs)
     monkeypatch.setattr(
         history_measurement,
         "time_quads",
@@ -233,13 +255,11 @@ def test_ctrl_c_after_the_last_launch_is_not_lost(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     enough_after(monkeypatch, 1)
-    close = ProcessPairs.close
 
-    def interrupted(pairs: ProcessPairs) -> None:
-        close(pairs)
+    def interrupted(pairs: IdlePairs) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ProcessPairs, "close", interrupted)
+    monkeypatch.setattr(IdlePairs, "close", interrupted)
     measured = history_measurement.measure_each(pool, [[InventedTask("good", fine)]])
     ((record,),) = itertools.islice(measured, 1)
     assert record.status == Status.OK
@@ -262,7 +282,7 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
         return 6
 
     monkeypatch.setattr(history_measurement, "quad_count", count_quads)
-    enough_after(monkeypatch, 1)
+    enough_after(monkeypatch, 2)
     times = iter([(2 * 10**6, 10**6), (10**6, 10**6), *[(50 * 10**6, 10**6)] * 9])
     history_measurement.measure(pool, [InventedTask("good", lambda count: next(times))])
     assert counts[:3] == [3, 2, 2]
@@ -275,7 +295,7 @@ def test_a_task_that_is_alone_is_timed_until_the_next_processes_are_ready(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch, tasks: int, layouts: int
 ) -> None:
     answers = iter([False, False, *[True] * 9])
-    monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
+    monkeypatch.setattr(IdlePairs, "is_next_ready", lambda pairs: next(answers))
     enough_after(monkeypatch, 1)
     prepared: list[str] = []
 
@@ -295,7 +315,7 @@ def test_a_task_that_is_alone_is_timed_until_the_next_processes_are_ready(
 def test_a_task_that_is_alone_does_not_wait_for_ever(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: False)
+    monkeypatch.setattr(IdlePairs, "is_next_ready", lambda pairs: False)
     enough_after(monkeypatch, 1)
     ready = itertools.count()
     history_measurement.measure(pool, [InventedTask("alone", lambda count: fine(next(ready)))])

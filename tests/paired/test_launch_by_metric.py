@@ -2,12 +2,13 @@
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import pytest
-from paired_examples import CARTPOLE
+from paired_examples import BRIEF_SIZES, CARTPOLE
 
 from mjbench.errors import InputError
 from mjbench.paired import operations, pair_launches, target_pair
@@ -36,7 +37,7 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(params=["load", "reset", "rays", "rollout", "batch", "memory", "growth", "arena"])
 def launched(pool: WorkerPool, request: pytest.FixtureRequest) -> Iterator[TargetPair]:
     """Yield a pair that is prepared, by one metric after the other."""
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, Sizes(metric=Metric(request.param)))
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, replace(BRIEF_SIZES, metric=Metric(request.param)))
     pair.prepare()
     yield pair
     pair.close()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from paired_examples import CARTPOLE, InventedPair
+from paired_examples import BRIEF_SIZES, CARTPOLE, InventedPair
 
 from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, platforms
@@ -60,7 +60,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pair_launches, "time_quads", spying)
         patch.setattr(pair_launches, "MAX_LAYOUTS", time_limit.LAYOUTS)
-        pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+        pair = TargetPair(pool, CARTPOLE, CARTPOLE, BRIEF_SIZES)
         pair.prepare()
         for _ in range(LAUNCHES):
             spied.launches.append(pair.launch())
@@ -101,7 +101,7 @@ def test_a_launch_goes_on_while_the_next_processes_start(
     answers = iter([False, False, True])
     monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
     monkeypatch.setattr(pair_launches, "quad_count", lambda all_blocks_s, nsection: nsection)
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, BRIEF_SIZES)
     pair.prepare()
     launch = pair.launch()
     pair.close()
@@ -117,7 +117,7 @@ def test_an_interrupt_ends_what_is_measured(
 
     monkeypatch.setattr(pair_launches, "time_quads", interrupt)
     before, allowed = list(pool._processes), platforms.affinity()
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, BRIEF_SIZES)
     pair.prepare()
     with pytest.raises(KeyboardInterrupt):
         pair.launch()
@@ -132,7 +132,7 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
 ) -> None:
     if machine.usable_cores() < 2:
         pytest.skip("one core: nothing starts ahead")
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, BRIEF_SIZES)
     pair.prepare()
     time_quads = pair_launches.time_quads
 
@@ -236,7 +236,7 @@ def test_where_one_process_of_a_launch_cannot_start_the_other_ends(
 
 def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: WorkerPool) -> None:
     threaded = replace(CARTPOLE, path="rollout", options={"threads": 2})
-    pair = TargetPair(pool, threaded, threaded)
+    pair = TargetPair(pool, threaded, threaded, BRIEF_SIZES)
     pair.prepare()
     launch = pair.launch()
     pair.close()

@@ -33,7 +33,7 @@ def test_models_of_different_size_do_as_many_simulations_each(
         "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
     )
     other = Target(INSTALLED, models.resolve(str(file)))
-    pair = TargetPair(pool, CARTPOLE, other, Sizes(nbatch=3))
+    pair = TargetPair(pool, CARTPOLE, other, Sizes(3, starts=KEYFRAME_STARTS))
     pair.prepare()
     launch = pair.launch()
     pair.close()
@@ -180,7 +180,8 @@ def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
     pool: WorkerPool, tmp_path: Path
 ) -> None:
     fine, coarse = _boxes(tmp_path, "a.xml", ">"), _boxes(tmp_path, "b.xml", "timestep='0.004'>")
-    check = target_pair.prepare(pool, (fine, coarse), Sizes(), TimeLimit()).work_check
+    sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
+    check = target_pair.prepare(pool, (fine, coarse), sizes, TimeLimit()).state_drift
     assert check.timesteps_s == (0.002, 0.004)
     assert check.log_scale == pytest.approx(-np.log(2))
 
@@ -188,7 +189,8 @@ def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
 def test_sensors_are_work(pool: WorkerPool, tmp_path: Path) -> None:
     seeing = _boxes(tmp_path, "a.xml", ">", "<rangefinder site='eye'/><clock/>")
     blind = _boxes(tmp_path, "b.xml", ">")
-    check = target_pair.prepare(pool, (seeing, blind), Sizes(), TimeLimit()).work_check
+    sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
+    check = target_pair.prepare(pool, (seeing, blind), sizes, TimeLimit()).state_drift
     assert check.changes == ["sensors 2 → 0", "rays 1 → 0"]
 
 
@@ -300,7 +302,8 @@ def test_a_run_is_not_divided_where_a_section_of_the_faster_target_would_be_too_
 ) -> None:
     humanoid = Target(CARTPOLE.release, models.resolve("humanoid"))
     both = [(humanoid, humanoid), (CARTPOLE, humanoid), (humanoid, CARTPOLE)]
-    prepared = [target_pair.prepare(pool, each, Sizes(), TimeLimit()) for each in both]
+    sizes = Sizes(starts=KEYFRAME_STARTS)
+    prepared = [target_pair.prepare(pool, each, sizes, TimeLimit()) for each in both]
     assert [each.nsection for each in prepared] == [10, 1, 1]
 
 

@@ -29,7 +29,7 @@ from mjbench.releases.release_names import ReleaseSpec
 from mjbench.report import verdicts
 from mjbench.simulation import models
 from mjbench.simulation.reference_run import Work
-from mjbench.simulation.starts import Starts
+from mjbench.simulation.starts import KEYFRAME_STARTS, Starts
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 from mjbench.store import runs
@@ -37,7 +37,7 @@ from mjbench.store import runs
 
 def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> None:
     candidate = replace(CARTPOLE, slowdown=1.0)
-    plan = replace(BRIEF, sizes=Sizes(nbatch=4, nstep=50))
+    plan = replace(BRIEF, sizes=Sizes(4, 50, starts=KEYFRAME_STARTS))
     result = verdict.decide(pool, CARTPOLE, candidate, plan)
     assert result.status == Status.OK
     assert result.judgement is not None
@@ -56,7 +56,7 @@ def test_what_has_no_noise_is_decided_by_one_launch(pool: WorkerPool, model: str
 
 
 def test_a_few_launches_give_their_ratios(pool: WorkerPool) -> None:
-    plan = replace(BRIEF, sizes=Sizes(nbatch=4, nstep=50), as_shipped=True, time_limit_s=60.0)
+    plan = replace(BRIEF, sizes=Sizes(4, 50, starts=KEYFRAME_STARTS), time_limit_s=60.0)
     candidate = replace(CARTPOLE, slowdown=1.0)
     log_ratios = verdict.launch_log_ratios(pool, CARTPOLE, candidate, plan, 2)
     assert len(log_ratios) == 2
@@ -119,7 +119,7 @@ def test_a_target_in_which_every_simulation_diverges_is_bad_input(
     pool: WorkerPool, stiff: Target
 ) -> None:
     candidate = replace(stiff, model_options={"timestep": "0.0025"})
-    plan = replace(BRIEF, sizes=Sizes(nbatch=4, nstep=50))
+    plan = replace(BRIEF, sizes=Sizes(4, 50, starts=KEYFRAME_STARTS))
     result = verdict.decide(pool, stiff, candidate, plan)
     assert result.status == Status.INPUT
     assert "every simulation diverges (BADQACC in 4)" in result.detail

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -206,39 +206,34 @@ def test_a_snippet_that_starts_processes_does_what_its_path_does(
 
 
 def test_snippets_of_ray_do_what_its_path_does(
-    case: Case, cases: Mapping[Product, Case], tmp_path: Path
+    case: Case, cases: Mapping[Product, Case], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also with inputs that a rollout resets."""
+    """With and without a rollout, which also resets inputs; Ray is started by one program.
+
+    The first snippet starts it, and the last one ends it.
+    """
     own = input_probe.with_every_input(workload.make(case.workload.model, 3, 4, seed=2), seed=1)
     with_inputs = Case.of(own)
     products = (cases[Product.TRAJECTORY], cases[Product.SENSORS])
-    snippets_of_ray_do_the_work_of((case, *products, with_inputs), tmp_path)
-    with_inputs.resources.close()
-
-
-def test_snippets_of_ray_without_rollout_do_what_its_path_does(
-    cases: Mapping[Product, Case], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(compat, "rollout_unavailable", lambda: "too old")
-    snippets_of_ray_do_the_work_of(list(cases.values()), tmp_path)
-
-
-def snippets_of_ray_do_the_work_of(own_cases: Sequence[Case], folder: Path) -> None:
-    """Run snippets in one program: the first one starts Ray, and the last one ends it."""
+    by_rollout = (case, *products, with_inputs)
+    own_cases = (*by_rollout, *cases.values())
     options = {"actors": 2}
-    folders = [folder / str(index) for index in range(len(own_cases))]
     program = ["import ray", "shutdown, ray.shutdown = ray.shutdown, lambda: None"]
-    for own_case, own_folder in zip(own_cases, folders, strict=True):
+    for index, own_case in enumerate(own_cases):
         own_case.skip_unless_possible(paths.find("ray"), options)
-        own_folder.mkdir()
-        if own_case is own_cases[-1]:
+        if index == len(by_rollout):
+            monkeypatch.setattr(compat, "rollout_unavailable", lambda: "too old")
+        folder = tmp_path / str(index)
+        folder.mkdir()
+        if index == len(own_cases) - 1:
             program.append("ray.shutdown = shutdown")
-        program.append(program_of(own_case, "ray", options, own_folder))
+        program.append(program_of(own_case, "ray", options, folder))
         program.append("steppers, ray.init = None, lambda **options: None")
     program.append("assert not ray.is_initialized()")
-    run_program("\n".join(program), folder)
-    for own_case, own_folder in zip(own_cases, folders, strict=True):
-        assert_does_the_work_of(own_case, own_folder)
+    run_program("\n".join(program), tmp_path)
+    for index, own_case in enumerate(own_cases):
+        assert_does_the_work_of(own_case, tmp_path / str(index))
+    with_inputs.resources.close()
 
 
 def expected_outputs(case: Case) -> dict[str, np.ndarray]:

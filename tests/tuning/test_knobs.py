@@ -81,12 +81,14 @@ def test_knobs_have_names_of_their_own_and_stages_that_exist() -> None:
         assert knob.since.count(".") == 2
 
 
-@pytest.mark.parametrize("name", models.shipped())
-def test_every_setting_of_a_shipped_model_applies(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(usual_regime, "OBSERVED_S", 0.5)
     monkeypatch.setattr(usual_regime, "NPOSE", 100)
+
+
+@pytest.mark.parametrize("name", models.shipped())
+def test_every_setting_of_a_shipped_model_applies(name: str, brief: None) -> None:
     source = models.resolve(name)
     settings = knobs.settings(usual_regime.observe_model(models.load(source), is_mjcf=True))
     assert {"timestep", "integrator", "autoreset", "engine clock"} <= settings.keys()
@@ -99,13 +101,13 @@ def test_every_setting_of_a_shipped_model_applies(
             mujoco.mj_step(model, mujoco.MjData(model), 3)
 
 
-def test_idle_pairs_become_one_setting_and_no_longer_collide() -> None:
+def test_idle_pairs_become_one_setting_and_no_longer_collide(brief: None) -> None:
     xml = rods(10, 20)
     excludes = knobs.settings(observe_model(mujoco.MjModel.from_xml_string(xml), True))["excludes"]
     assert len(excludes) == 1 and len(excludes[0].edits) == 200
     assert excludes[0].label == "exclude 200 pairs"
     assert excludes[0].evidence == (
-        "200 pairs never touched in 20 s of simulation and 10000 random poses;"
+        "200 pairs never touched in 0.5 s of simulation and 100 random poses;"
         " the closest came within 0.015 m"
     )
     model = apply(mujoco.MjSpec.from_string(xml), excludes)
@@ -114,7 +116,7 @@ def test_idle_pairs_become_one_setting_and_no_longer_collide() -> None:
     assert offered(again, "excludes") == []
 
 
-def test_where_everything_touches_nothing_is_excluded() -> None:
+def test_where_everything_touches_nothing_is_excluded(brief: None) -> None:
     bodies = "".join(
         f"<body name='b{i}' pos='{0.1 * i} 0 0'><joint axis='0 0 1'/><geom size='.2'/></body>"
         for i in range(3)

@@ -3,13 +3,16 @@
 import copy
 import dataclasses
 import pickle
+from unittest import mock
 
+import inline_tasks
 import isolated_tasks
 import mujoco
 import pytest
 from commands import PYTHONPATH
 
 from mjbench.errors import InputError
+from mjbench.host import isolate
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
@@ -22,15 +25,23 @@ from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
 
 
+@pytest.fixture(scope="module", autouse=True)
+def brief():
+    """Draw starts from fewer settling runs, which take most of the time."""
+    with mock.patch.object(reference, "DRAWS", 4):
+        yield
+
+
 @pytest.fixture(scope="module")
 def cartpole():
-    """Return measurements of the cart-pole, in short runs."""
+    """Return measurements of the cart-pole, in short runs, prepared in this process."""
     with WorkerPool() as pool:
         of_cartpole = CMeasurements(pool, models.resolve("cartpole"), StartPlan())
-        facts, stages, _ = of_cartpole.present(TrialPlan(0, StartPlan(), ncontrol=8))
-        assert facts.error is None
-        assert sum(stages.values()) == pytest.approx(1.0)
-        facts = of_cartpole.reference()
+        with mock.patch.object(isolate, "run", inline_tasks.run):
+            facts, stages, _ = of_cartpole.present(TrialPlan(0, StartPlan(), ncontrol=8))
+            assert facts.error is None
+            assert sum(stages.values()) == pytest.approx(1.0)
+            facts = of_cartpole.reference()
         assert facts.nrun == reference.NRUN
         assert facts.error.share > 0
         yield of_cartpole

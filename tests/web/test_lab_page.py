@@ -86,11 +86,13 @@ def press(browser: Any, keys: str) -> None:
 
 
 def measure(browser: Any) -> None:
-    """Measure, and wait for the end."""
+    """Measure, and wait for the end: the button changes only when the user's file is read."""
     from selenium.webdriver.support.wait import WebDriverWait
 
     click(browser, "measure")
-    WebDriverWait(browser, 120).until(lambda b: text(b, "measure") == "Measure")
+    WebDriverWait(browser, 120).until(
+        lambda b: text(b, "conditions") and text(b, "measure") == "Measure"
+    )
 
 
 def test_it_opens_from_a_file_without_errors_and_asks_the_network_for_nothing(opened: Any) -> None:
