@@ -17,7 +17,7 @@ from pretender import Pretender
 from mjbench.api import model_comparison
 from mjbench.api.model_comparison import ComparedModel, ModelChildren, ModelComparison
 from mjbench.api.session import Observer
-from mjbench.comparison import accelerated_run
+from mjbench.comparison import accelerated_measurement
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.comparison.verification import ModelFiles
@@ -421,7 +421,7 @@ def test_a_compiler_that_takes_too_long_bounds_what_the_path_costs(
             on_record(dataclasses.replace(record, compile_s=compile_s))
         return isolate.Ended(Status.TIMEOUT, "no answer, killed (--time-limit)")
 
-    monkeypatch.setattr(accelerated_run, "run", run)
+    monkeypatch.setattr(accelerated_measurement, "run", run)
     of_model.run_accelerated(1)
     row = of_model.measured[1]
     assert (row.status, row.samples_s) == (Status.TIMEOUT, ())
