@@ -42,6 +42,10 @@ SEED = Bounds(0, 2**63 - 1)
 LARGE_COUNT = Bounds(1, 10**15)
 # The highest rate of paced steps.
 HERTZ = Bounds(0, 1_000_000, is_open=True)
+# How often the stacks of a program can be read.
+SAMPLES_PER_S = Bounds(1, 1000)
+# How many days an installed release can have been unused.
+DAYS = Bounds(0, 36_500)
 # The longest time that can be given: what waits for a process counts milliseconds in 32 bits, and a
 # compiler may take several times its limit.
 MAX_SECONDS = 86_400

@@ -10,7 +10,7 @@ from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import FILE, JSON, count
 from mjbench.errors import InputError, MachineError
-from mjbench.limits import Bounds
+from mjbench.limits import DAYS
 from mjbench.status import ExitCode
 from mjbench.units import mebibytes
 
@@ -126,7 +126,7 @@ def list_installs(json_file: str | None) -> None:
 @releases.command("prune", short_help="remove installs not used for some time")
 @click.option(
     "--days",
-    type=count(Bounds(0, 36_500)),
+    type=count(DAYS),
     default=30,
     show_default=True,
     help="Keep what was used within so many days.",

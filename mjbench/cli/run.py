@@ -10,7 +10,7 @@ from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import COUNT, OUTPUT, RenamedOption, count, seconds
 from mjbench.errors import InputError
-from mjbench.limits import Bounds
+from mjbench.limits import SAMPLES_PER_S
 from mjbench.status import ExitCode
 
 
@@ -57,7 +57,7 @@ class _ProgramCommand(click.Command):
     "--rate",
     "rate_hz",
     cls=RenamedOption,
-    type=count(Bounds(1, 1000)),
+    type=count(SAMPLES_PER_S),
     help="Samples of the program's stacks per second  [default: 100; 20 of a program with several"
     " child processes; 10 with --native, or fewer where they would cost too much]",
 )
