@@ -159,8 +159,9 @@ def testspeed(name: str, nworld: int) -> Testspeed:
     done = subprocess.run([*command, "--format=json"], capture_output=True, text=True, check=False)
     printed = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     if done.returncode or len(printed) < 2:
-        lines = f"{done.stdout}\n{done.stderr}".strip().splitlines() or ["no output"]
-        raise MachineError(f"mjwarp-testspeed on {name} failed: {lines[-1]}")
+        lines = f"{done.stdout}\n{done.stderr}".splitlines()
+        reasons = [line for line in lines if line.strip() and not line.startswith("{")]
+        raise MachineError(f"mjwarp-testspeed on {name} failed: {(reasons or ['no output'])[-1]}")
     metrics, steps = printed
     try:
         return Testspeed(
@@ -271,7 +272,7 @@ def run(names: Sequence[str], nbatch: str, path_names: str, output: Path) -> Gpu
 
 
 def _write(tally: GpuTally, output: Path) -> None:
-    tally_file.write((output / "gpu.json"), tally)
+    tally_file.write(output / "gpu.json", tally)
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

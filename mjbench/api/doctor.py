@@ -81,7 +81,7 @@ def placements(
     sources: Sequence[ModelSource], release_name: str, launches: int, budget_s: float, sizes: Sizes
 ) -> Measurement:
     """Return the measurement of how far a step's time depends on where a release's code lies."""
-    (release,) = installs.named([release_name])
+    (release,) = installs.parse_available([release_name])
     targets = [Target(release, source) for source in sources]
     plan = SpreadPlan(launches, budget_s, sizes)
 

@@ -121,7 +121,7 @@ def of_instructions(
     sources: Sequence[ModelSource], releases: Sequence[str], sizes: Sizes, limit_s: float
 ) -> Measurement:
     """Return the count of instructions per step, `mjbench profile --instructions`."""
-    specs = installs.named(releases or (release_names.INSTALLED,))
+    specs = installs.parse_available(releases or (release_names.INSTALLED,))
     if problem := instructions.unavailable():
         raise MachineError(problem)
 

@@ -112,7 +112,7 @@ def versions(
     chosen = argument_values.choice("metric", metric, Metric)
     if not news:
         raise InputError('name an old and a new release, such as versions("3.3.0", "4.0.0")')
-    specs = installs.named(map(str, (old, *news)))
+    specs = installs.parse_available(map(str, (old, *news)))
     sources = model_sources.each_once(map(model_sources.named, _several(models)))
     with start_states.plan(settle_s, states, actions) as starts:
         sizes = Sizes(

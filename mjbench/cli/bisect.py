@@ -60,7 +60,7 @@ def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan")
     from mjbench.releases import installs
 
     source = models.resolve(model)
-    old, new = installs.named([baseline, candidate])
+    old, new = installs.parse_available([baseline, candidate])
     return release_bisection(old, new, source, plan)
 
 

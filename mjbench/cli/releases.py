@@ -106,7 +106,7 @@ def install_releases(names: tuple[str, ...]) -> None:
     from mjbench.releases import installs
 
     interrupts.enable()
-    for release in installs.named(names):
+    for release in installs.parse_available(names):
         click.echo(installs.install(release))
 
 

@@ -116,7 +116,7 @@ def _releases(old: str | None, news: Sequence[str], releases: Sequence[str]) -> 
     names = [old, *releases] if old else list(releases)
     if not names or len(names) + len(news) < 2:
         raise InputError("name an OLD and a NEW release, such as `mjbench versions 3.3.0 4.0.0`")
-    return installs.named([names[0], *news, *names[1:]])
+    return installs.parse_available([names[0], *news, *names[1:]])
 
 
 def releases_and_models(names: Sequence[str]) -> tuple[list[str], list[ModelSource]]:

@@ -60,7 +60,7 @@ def versions_explain(
         raise InputError(
             "name an OLD and a NEW release, such as `mjbench versions --explain 3.17.0 4.0.0`"
         )
-    specs = installs.named(releases)
+    specs = installs.parse_available(releases)
     counted: dict[str, tuple[ModelCount, ModelCount]] = {}
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Items":

@@ -216,7 +216,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     least_ratio = stats.speedup(of_loop, of_one_call).low
     if clock_ns is not None:
         share = max(0.0, clock_ns) / engine_ns
-        parts.append(StepPart(engine_clock.NAME, step_parts.OTHER, share))
+        parts.append(StepPart(engine_clock.TIMER_NAME, step_parts.OTHER, share))
     return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,

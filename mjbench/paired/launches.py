@@ -75,7 +75,8 @@ def launch(
     """Launch targets until a rule ends it, something fails, time is up, or Ctrl-C is pressed.
 
     Args:
-      on_launch: called after each launch, when the rule has taken it into account.
+      on_launch: called after each launch, when the rule has taken it into account; what it raises
+        ends the launches as their own errors do.
 
     Returns:
       How it ended: `OK` with an empty line where the rule ended it.

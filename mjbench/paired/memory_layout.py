@@ -20,7 +20,7 @@ _LARGE, _LARGE_BYTES = 8, 1 << 21
 _MAPS, _MAP_PAGES = 8, 1 << 14
 
 # Launches whose workers are forked from the same programs. What these share correlates launches,
-# but little where the kernel does not draw addresses (see `benchmarks/variance_components.py`).
+# but little where the kernel does not draw addresses.
 FIXED_LAUNCHES, RANDOM_LAUNCHES = 8, 2
 
 

@@ -186,7 +186,7 @@ class VerdictRow:
       placement: of machine code; None for instructions.
       work: contacts, constraints, solver iterations per step.
       drift: largest difference of qpos, qvel and act one step after the same states, at several
-        points of the run, relative to each field (see `state_drift.StateDrift`).
+        points of the run, relative to each field.
       run_drift: the same for runs from the same starts, at several points.
       diverged: simulations that diverged; none of them is timed.
       warnings: how many of the others raised each warning of MuJoCo.

@@ -15,8 +15,7 @@ from mjbench.paths.base import (
     prepared_arrays,
 )
 from mjbench.simulation import compat
-from mjbench.simulation.engine_clock import NAME as TIMER_NAME
-from mjbench.simulation.engine_clock import OFF_SNIPPET, engine_clock, has_clock
+from mjbench.simulation.engine_clock import OFF_SNIPPET, TIMER_NAME, engine_clock, has_clock
 from mjbench.simulation.workload import Product, Workload
 
 _ON_OFF = ("on", "off")

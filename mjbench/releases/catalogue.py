@@ -104,7 +104,7 @@ def named_or_since(names: Sequence[str], since: str | None, history: Path) -> li
     if names and since:
         raise InputError("give RELEASEs or --since, not both")
     if names:
-        return installs.named(names)
+        return installs.parse_available(names)
     versions = [
         release.version
         for release in bundle.read(history)

@@ -115,7 +115,7 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
         _install(release, folder)
 
 
-def named(names: Iterable[str]) -> list[ReleaseSpec]:
+def parse_available(names: Iterable[str]) -> list[ReleaseSpec]:
     """Return the releases with these names; InputError, or MachineError without the index.
 
     A version that neither the cache nor the index has is refused before any is installed.

@@ -1,4 +1,4 @@
-"""Which release a name means: a version, `newest`, wheels, or packages beside a release."""
+"""Which release a name means, and which names mean none: versions, wheels, packages beside one."""
 
 import bisect
 import functools
@@ -16,7 +16,6 @@ from packaging.version import InvalidVersion, Version
 from mjbench.errors import InputError, MachineError, one_line, suggestion
 from mjbench.releases import install_check, package_index, packages, wheels
 from mjbench.releases.release import OLDEST, version_key
-from mjbench.releases.wheels import wheel_of
 from mjbench.units import count_of
 
 # Names the release of the environment that mjbench runs in.
@@ -169,7 +168,7 @@ def missing(versions: Iterable[str]) -> dict[str, str]:
     available = sorted(
         Version(version)
         for version, names in files_of.items()
-        if any(wheel is not None and wheel.fits for wheel in map(wheel_of, map(Path, names)))
+        if any(wheel is not None and wheel.fits for wheel in map(wheels.wheel_of, map(Path, names)))
     )
     reasons = {}
     for version in versions:

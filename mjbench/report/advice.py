@@ -394,5 +394,5 @@ def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
 
 
 def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> str:
-    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {engine_clock.NAME}"
+    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {engine_clock.TIMER_NAME}"
     return f"{begin} ({engine_clock.OFF_CODE}), {_times(clock.speedup, _PLAIN_LOOP)}"

@@ -173,7 +173,7 @@ def _described(combination: Combination) -> str:
     if combination.variant.path != paths.BASE:
         parts.append(advice.described(combination.variant))
     if not combination.has_timer:
-        parts.append(f"without {engine_clock.NAME}")
+        parts.append(f"without {engine_clock.TIMER_NAME}")
     if combination.settings:
         parts.append(label(combination.settings))
     return ", ".join(parts)

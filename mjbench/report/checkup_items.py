@@ -131,7 +131,8 @@ def _of_paths(
     clock = advice.advise_clock(model_results)
     if clock is not None and not any(setting.loop.is_clock_off for setting in settings):
         yield CheckupItem(
-            action=f"turn off {engine_clock.NAME}: {engine_clock.OFF_CODE} after creating MjData",
+            action=f"turn off {engine_clock.TIMER_NAME}:"
+            f" {engine_clock.OFF_CODE} after creating MjData",
             variant=WITHOUT_TIMER,
             gain=clock.speedup,
             unit=GainUnit.PLAIN_LOOP,

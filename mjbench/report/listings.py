@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from mjbench.comparison.model_facts import ListedModel
-from mjbench.paths import SteppingPath
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.installs import InstallSize
 from mjbench.report.content import Column, DataTable
@@ -12,6 +11,10 @@ from mjbench.report.formats import yes_no
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA
 from mjbench.units import count_of, mebibytes
+
+if TYPE_CHECKING:  # both import MuJoCo
+    from mjbench.comparison.model_facts import ListedModel
+    from mjbench.paths import SteppingPath
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class ModelRow:
     has_clock: bool | None = None
 
     @classmethod
-    def of(cls, listed: ListedModel) -> "ModelRow":
+    def of(cls, listed: "ListedModel") -> "ModelRow":
         facts = vars(listed.facts) if listed.facts else {}
         return cls(listed.model, listed.status, listed.detail, **facts)
 
@@ -58,7 +61,7 @@ class PathRow:
     options: Mapping[str, str]
 
     @classmethod
-    def of(cls, path: SteppingPath) -> "PathRow":
+    def of(cls, path: "SteppingPath") -> "PathRow":
         return cls(
             path=path.name,
             summary=path.summary,
@@ -101,7 +104,7 @@ class InstallsDocument:
     installs: Sequence[InstallSize]
 
 
-def models_table(rows: Sequence[ListedModel]) -> DataTable:
+def models_table(rows: "Sequence[ListedModel]") -> DataTable:
     sizes = {"nq": 4, "nv": 0, "nu": 0, "na": 3, "contacts": 0, "constraints": 0}
     return DataTable.of(
         "Models",
@@ -117,7 +120,7 @@ def models_table(rows: Sequence[ListedModel]) -> DataTable:
     )
 
 
-def failed_models(rows: Sequence[ListedModel]) -> list[str]:
+def failed_models(rows: "Sequence[ListedModel]") -> list[str]:
     return [
         f"{row.model}: {row.detail.removeprefix(f'{row.model}: ')}"
         for row in rows

@@ -59,7 +59,7 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         f" Python {duration(steps.python_ns)}"
     )
     yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
-    not_stages = (OTHER, engine_clock.NAME)
+    not_stages = (OTHER, engine_clock.TIMER_NAME)
     stages = {stage: share for stage, share in steps.stages.items() if stage not in not_stages}
     if any(stages.values()):
         longest = max(stages, key=lambda stage: stages[stage])
@@ -67,7 +67,7 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         yield Conclusion(f"{model}: the longest stage is {longest}, {share} of the engine's time")
     if steps.clock_ns and steps.clock_ns >= engine_clock.MIN_GAIN * steps.loop_ns:
         yield Conclusion(
-            f"{model}: {engine_clock.NAME} takes"
+            f"{model}: {engine_clock.TIMER_NAME} takes"
             f" {100 * steps.clock_ns / steps.loop_ns:.0f} % of it ({duration(steps.clock_ns)});"
             f" {engine_clock.OFF_CODE} turns it off. {engine_clock.OFF_NOTE}",
             Tone.UNSURE,

@@ -18,7 +18,7 @@ from mjbench.errors import MachineError, one_line
 from mjbench.simulation import compat, engine_library
 from mjbench.simulation.process_wide import ProcessWide
 
-NAME = "the timer of MuJoCo's Python package"
+TIMER_NAME = "the timer of MuJoCo's Python package"
 # Turns it off in a program that does not use mjbench, and what else that does.
 OFF_CODE = "mujoco.mj_resetCallbacks()"
 OFF_NOTE = (

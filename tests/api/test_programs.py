@@ -26,8 +26,10 @@ LONG = """
 import threading
 import mjbench
 import process_tree
+from mjbench.host import machine
 
-latency = mjbench.latency  # importing MuJoCo starts processes, too
+latency = mjbench.latency
+machine.describe()  # both start processes, too
 
 def say_when_it_steps():
     while not process_tree.descendants():

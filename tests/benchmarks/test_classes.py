@@ -232,10 +232,11 @@ def call_or_compile_nothing(
 ) -> Any:
     """Stand in for children that compile the path `mjx`.
 
-    tests/benchmarks/test_mjx.py tests what they time, tests/cli/test_compare_accelerated.py the
-    path.
+    tests/benchmarks/test_mjx.py tests what they time, and BrieflyTimed(Mjx) of
+    tests/tuning/test_accelerated_attempts.py compiles the path.
     """
     if function is mjx.compare_with_handwritten:  # this one still compiles the program by hand
+        assert arguments[0].name == "mjx"
         return call(function, paths.find(paths.BASE), *arguments[1:], **options)
     if function is not mjx.compile_and_time:
         return call(function, *arguments, **options)

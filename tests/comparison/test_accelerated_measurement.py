@@ -114,7 +114,7 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(
     hangs has a short limit, from its last block on: a busy machine ends no other.
     """
     (tmp_path / "hangs.py").write_text(
-        "import dataclasses, os, pathlib, time\n"
+        "import dataclasses, os, pathlib, threading\n"
         "from pretender import Pretender\n"
         "class Hangs(Pretender):\n"
         "    name = 'hangs'\n"
@@ -124,7 +124,7 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(
         "            ran.append(compiled.run())\n"
         "            if len(ran) == 4:\n"
         f"                pathlib.Path({str(tmp_path)!r}, str(os.getpid())).touch()\n"
-        "            while len(ran) == 5: time.sleep(1.0)\n"
+        "            if len(ran) == 5: threading.Event().wait()\n"
         "        return dataclasses.replace(compiled, run=run)\n"
         "class Fine(Pretender):\n"
         "    name = 'fine'\n"

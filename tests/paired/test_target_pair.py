@@ -181,7 +181,7 @@ def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
 ) -> None:
     fine, coarse = _boxes(tmp_path, "a.xml", ">"), _boxes(tmp_path, "b.xml", "timestep='0.004'>")
     sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
-    check = target_pair.prepare(pool, (fine, coarse), sizes, TimeLimit()).state_drift
+    check = target_pair.prepare(pool, (fine, coarse), sizes, TimeLimit()).work_check
     assert check.timesteps_s == (0.002, 0.004)
     assert check.log_scale == pytest.approx(-np.log(2))
 
@@ -190,7 +190,7 @@ def test_sensors_are_work(pool: WorkerPool, tmp_path: Path) -> None:
     seeing = _boxes(tmp_path, "a.xml", ">", "<rangefinder site='eye'/><clock/>")
     blind = _boxes(tmp_path, "b.xml", ">")
     sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
-    check = target_pair.prepare(pool, (seeing, blind), sizes, TimeLimit()).state_drift
+    check = target_pair.prepare(pool, (seeing, blind), sizes, TimeLimit()).work_check
     assert check.changes == ["sensors 2 → 0", "rays 1 → 0"]
 
 

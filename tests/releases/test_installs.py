@@ -284,8 +284,11 @@ def test_versions_that_do_not_exist_are_refused_before_any_is_installed(pip: lis
     refusal = "there is no MuJoCo 9.9.9 on the package index; the nearest are 3.4.0, 3.5.0"
     for name in ("9.9.9", "mujoco==9.9.9,jax==0.7.0"):
         with pytest.raises(InputError, match=f"^{re.escape(refusal)}$"):
-            installs.named(["3.5.0", name, "9.9.8"])
-    assert [release.version for release in installs.named(["3.5.0", "3.4.0"])] == ["3.5.0", "3.4.0"]
+            installs.parse_available(["3.5.0", name, "9.9.8"])
+    assert [release.version for release in installs.parse_available(["3.5.0", "3.4.0"])] == [
+        "3.5.0",
+        "3.4.0",
+    ]
     assert pip == []
 
 
@@ -294,7 +297,7 @@ def test_a_version_that_pip_has_from_elsewhere_is_not_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(installs.pip, "is_available", lambda version: True)
-    assert installs.named(["9.9.9"])[0].version == "9.9.9"
+    assert installs.parse_available(["9.9.9"])[0].version == "9.9.9"
 
 
 def test_without_an_index_no_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -302,7 +305,7 @@ def test_without_an_index_no_version_is_refused(monkeypatch: pytest.MonkeyPatch)
         raise MachineError("cannot read the releases of mujoco from the package index: refused")
 
     monkeypatch.setattr(package_index, "files", unreachable)
-    assert installs.named(["9.9.9"])[0].version == "9.9.9"
+    assert installs.parse_available(["9.9.9"])[0].version == "9.9.9"
 
 
 def test_the_index_is_not_asked_for_what_is_there(
@@ -310,4 +313,4 @@ def test_the_index_is_not_asked_for_what_is_there(
 ) -> None:
     installs.install(release_names.parse_release("3.5.0"))
     monkeypatch.setattr(package_index, "files", lambda: pytest.fail("the index is asked"))
-    assert len(installs.named(["3.5.0", "installed"])) == 2
+    assert len(installs.parse_available(["3.5.0", "installed"])) == 2

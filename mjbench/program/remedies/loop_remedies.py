@@ -43,7 +43,9 @@ _BUILDING_ADVICE = (
     "build and compile the model once before the loop: change the compiled model, or keep a pool"
     " of bodies"
 )
-_CLOCK_ADVICE = f"turn off {engine_clock.NAME}: {engine_clock.OFF_CODE}, after creating MjData"
+_CLOCK_ADVICE = (
+    f"turn off {engine_clock.TIMER_NAME}: {engine_clock.OFF_CODE}, after creating MjData"
+)
 _BEFORE_CALLBACKS = " and before setting callbacks of your own, which it removes"
 
 
