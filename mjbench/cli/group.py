@@ -29,8 +29,19 @@ _EXHAUSTED = (
 )
 
 
-class Cli(click.Group):
+class CommandGroup(click.Group):
+    """A group of commands."""
+
+    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
+        """Add a command, whose help has both names also where it runs without this group."""
+        cmd.context_settings.setdefault("help_option_names", _HELP_NAMES)
+        super().add_command(cmd, name)
+
+
+class Cli(CommandGroup):
     """A group whose errors are one line with the exit code they stand for."""
+
+    group_class = CommandGroup
 
     def main(self, *arguments: Any, **options: Any) -> Any:
         """Run the command line; what it printed has reached its destination when this ends."""
@@ -44,11 +55,6 @@ class Cli(click.Group):
         except SystemExit as ending:
             _flush_output(is_failure=ending.code == ExitCode.ENVIRONMENT)
             raise
-
-    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add a command, whose help has both names also where it runs without this group."""
-        cmd.context_settings.setdefault("help_option_names", _HELP_NAMES)
-        super().add_command(cmd, name)
 
     def make_context(
         self,
