@@ -42,8 +42,8 @@ class _ProgramCommand(click.Command):
     "--budget",
     "seconds",
     type=seconds(),
-    help="End the program, as Ctrl-C would, when it has stepped for this long  [default: run it to"
-    " its end]",
+    help="End the program, as Ctrl-C would, when it has stepped for this long; with MJX alone, this"
+    " counts from its first compiled function  [default: run it to its end]",
 )
 @click.option(
     "--attach",

@@ -16,10 +16,15 @@ from pathlib import Path
 from mjbench.errors import InputError, one_line
 from mjbench.loop import notebook
 from mjbench.loop.notebook import NotebookPart
+from mjbench.simulation import models
 
 NOTEBOOK_SUFFIX = ".ipynb"
 # The parser needs up to 1 GB of memory for 1 MB of Python; outputs make notebooks large.
 MAX_PYTHON_BYTES, MAX_FILE_BYTES = 10_000_000, 500_000_000
+# What is wrong with a model, and what to do.
+_OF_MODELS = (
+    "lint reads Python files and notebooks; `mjbench MODEL` and `mjbench tune MODEL` read a model"
+)
 _NEWLINE = re.compile(r"\r\n|\r|\n")  # as ast counts lines
 _NEWLINE_BYTES = re.compile(_NEWLINE.pattern.encode())
 
@@ -90,7 +95,8 @@ def read_program(file: str) -> PythonProgram:
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from error
     except (SyntaxError, ValueError, LookupError) as error:  # LookupError: of an encoding
-        raise InputError(f"{file}: {one_line(error)}") from error
+        is_model = Path(file).suffix.lower() in models.SUFFIXES
+        raise InputError(f"{file}: {_OF_MODELS if is_model else one_line(error)}") from error
 
 
 def parse_python(data: bytes) -> PythonProgram:

@@ -158,6 +158,20 @@ def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
     return ProgramCalls(calls, incidents, max(growth, default=None))
 
 
+def first_compiled_ns(folder: Path) -> int | None:
+    """Return when a program of MJX first ran what JAX compiles, on the clock of its files."""
+    begin = call_clock.MEMORY.size
+    size = begin + call_clock.FIRST_COMPILED.size
+    heads = []
+    for file in folder.glob("*.calls"):
+        with file.open("rb") as stream:
+            heads.append(stream.read(size))
+    first_ns = (
+        call_clock.FIRST_COMPILED.unpack_from(head, begin)[0] for head in heads if len(head) == size
+    )
+    return min(filter(None, first_ns), default=None)
+
+
 @dataclass(frozen=True)
 class _Slot:
     calls: int

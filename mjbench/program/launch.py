@@ -105,7 +105,7 @@ def run(
 
     Args:
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
-        it run.
+        it run. A program of MJX counts as stepping from the first function that JAX has compiled.
     """
     with files.temporary_folder() as folder:
         running: list[subprocess.Popen[bytes]] = []
@@ -119,12 +119,11 @@ def run(
                 while process.poll() is None:
                     time.sleep(_LOOK_S if profiling is None else profiling.look_s)
                     first_ns = first_ns or _first_step_ns(folder)
-                    stepped_s = (time.perf_counter_ns() - first_ns) / 1e9 if first_ns else 0.0
                     if profiling is not None:
                         profiling.look()
-                        if stepped_s > _CALM_S:
+                        if _since_s(first_ns) > _CALM_S:
                             profiling.look_for_pause()
-                    has_stepped = seconds is not None and first_ns and stepped_s > seconds
+                    has_stepped = seconds is not None and _stepped_s(folder, first_ns) > seconds
                     is_late = time.monotonic() - begin.time_s > most_s
                     if not was_ended and (has_stepped or is_late):
                         was_ended = True
@@ -222,7 +221,7 @@ def time_steps(
             while process.poll() is None:
                 time.sleep(_LOOK_S)
                 first_ns = first_ns or _first_step_ns(folder)
-                if first_ns and time.perf_counter_ns() - first_ns > 1e9 * seconds:
+                if _stepped_s(folder, first_ns) > seconds:
                     _end(process)
         finally:
             _kill(process)
@@ -276,6 +275,15 @@ def _start_profiler(
 def _first_step_ns(folder: Path) -> int | None:
     first_ns = [header.first_ns for header in step_times.read_headers(folder).values()]
     return min(filter(None, first_ns), default=None)
+
+
+def _stepped_s(folder: Path, first_ns: int | None) -> float:
+    """Return for how long a program has stepped; one of MJX may never call `mj_step`."""
+    return _since_s(first_ns or call_times.first_compiled_ns(folder))
+
+
+def _since_s(begin_ns: int | None) -> float:
+    return (time.perf_counter_ns() - begin_ns) / 1e9 if begin_ns else 0.0
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:

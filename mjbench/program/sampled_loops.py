@@ -87,7 +87,10 @@ def loop_times(
     }
     samples = {loop: _samples(of_loop, of_pools) for loop, of_loop in by_loop.items()}
     loading = _loading_lines(calls)
-    sampled = [_loop_time(loop, of_loop, main_pid, loading) for loop, of_loop in samples.items()]
+    sampled = [
+        _loop_time(loop, of_loop, main_pid, loading, _lines_of_jax(calls, loop))
+        for loop, of_loop in samples.items()
+    ]
     timed = {call.place.position for call in calls}
     stretches = {loop: _stretch(of_loop, timed) for loop, of_loop in samples.items()}
     times = [
@@ -242,6 +245,13 @@ def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
     return {line for line, count in counts.items() if count >= LEAST_REPEATS}
 
 
+def _lines_of_jax(calls: Sequence[CallTime], loop: SourceLoop) -> set[tuple[str, int]]:
+    """Return the lines of timed calls in a loop that calls JAX: what JAX does there is timed."""
+    of_loop = [call for call in calls if call.loop == loop and call.activity != Activity.PHYSICS]
+    calls_jax = any(call.activity == Activity.DISPATCH for call in of_loop)
+    return {call.place.position for call in of_loop if calls_jax}
+
+
 def _samples(stacks: Sequence[_Stack], of_pools: Collection[int]) -> list[_Sample]:
     """Return the samples of a loop, each with its activity.
 
@@ -281,6 +291,7 @@ def _loop_time(
     samples: Sequence[_Sample],
     main_pid: int,
     loading: Collection[tuple[str, int]],
+    of_jax: Collection[tuple[str, int]],
 ) -> LoopTime:
     total_s = sum(sample.seconds for sample in samples)
     in_python = [sample for sample in samples if sample.activity == Activity.PYTHON]
@@ -303,7 +314,7 @@ def _loop_time(
         activities=shares_of(_parts(samples)),
         packages=shares_of(packages, total_s),
         lines=_own_lines(samples, total_s),
-        inner_functions=_inner_functions(samples, total_s),
+        inner_functions=_inner_functions(samples, total_s, of_jax),
         engine_clock=clock_s / total_s,
         building=_building_line(samples, total_s, loading),
     )
@@ -385,9 +396,14 @@ def _called_package(sample: _Sample) -> str:
     return next(filter(None, packages), "")
 
 
-def _inner_functions(samples: Sequence[_Sample], total_s: float) -> list[LineTime]:
+def _inner_functions(
+    samples: Sequence[_Sample], total_s: float, of_jax: Collection[tuple[str, int]]
+) -> list[LineTime]:
     functions: dict[tuple[str, str], list[_Sample]] = defaultdict(list)
     for sample in samples:
+        own_line = activities.place_of(sample.own_frame).position
+        if sample.activity == Activity.POLICY and own_line in of_jax:
+            continue
         frame = sample.python
         if sample.activity != Activity.PHYSICS and activities.package_of(frame.file):
             functions[frame.file, frame.function].append(sample)

@@ -373,7 +373,8 @@ def _first_rival(advice: Advice) -> str:
     if advice.reason != Reason.NO_GAIN or factor is None or factor < 1 + MARGIN:
         return ""
     name = described(advice.rivals[0])
-    return f"; {name} was {formats.factor(factor)} times as fast, but not certainly"
+    verb = "were" if name[0].isdigit() else "was"  # such as "2 worker processes"
+    return f"; {name} {verb} {formats.factor(factor)} times as fast, but not certainly"
 
 
 def _times(speedup: Ratio, baseline: str) -> str:

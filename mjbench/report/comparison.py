@@ -189,9 +189,10 @@ def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
     advice = [row for model_results in models for row in advise(model_results)]
     speedups = [row.speedup.estimate if row.speedup else 1.0 for row in advice]
     ncertain = sum(row.is_certain for row in advice)
+    ends = dict.fromkeys(formats.factor(end) for end in (min(speedups), max(speedups)))
     return Conclusion(
-        f"{formats.factor(min(speedups))} to {formats.factor(max(speedups))} times as fast as the"
-        f" plain loop; {ncertain} of {len(advice)} are certain",
+        f"{' to '.join(ends)} times as fast as the plain loop; {ncertain} of {len(advice)} are"
+        " certain",
         Tone.GOOD if ncertain == len(advice) else Tone.UNSURE,
         f"Advice for {count_of(len(models), 'model')}",
     )

@@ -26,7 +26,8 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
             continue
         stages = _stages(steps)
         title = f"{row.model}: stages of a step"
-        held = ["Each run holds the controls of its start"] if steps.run_nstep else []
+        has_controls = steps.run_nstep and steps.work.actuators != 0
+        held = ["Each run holds the controls of its start"] if has_controls else []
         yield Section(
             heading=f"{row.model}: where a step's time goes",
             conclusions=[*conclusions(row.model, steps)],

@@ -238,7 +238,8 @@ def conclusion(record: TuneRecord) -> str:
         for each in advised(record)
     ]
     if not parts:
-        unknown = "; errors could not be measured" if record.no_reference else ""
+        again = " again from new starts" if record.has_errors else ""
+        unknown = f"; errors could not be measured{again}" if record.no_reference else ""
         return f"{model}: no settings are certainly faster{_within(record)}{unknown}"
     return f"{model}: {'; '.join(parts)}"
 

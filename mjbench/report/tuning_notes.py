@@ -42,8 +42,9 @@ def notes(record: TuneRecord) -> list[str]:
 def left_out(record: TuneRecord) -> Iterator[str]:
     """Yield what was not judged, and why, a line each."""
     if record.no_reference:
+        source = "from new starts" if record.has_errors else "from which to measure errors"
         yield (
-            "There is no reference from which to measure errors, so settings that change the motion"
+            f"There is no reference {source}, so settings that change the motion"
             f" are not recommended: {record.no_reference}"
         )
     if record.untried:

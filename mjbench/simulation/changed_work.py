@@ -39,7 +39,7 @@ def work_changes(
     if baseline is not None and candidate is not None:
         changes += counter_changes(baseline.as_dict(), candidate.as_dict())
     if drift is not None and drift > ROUNDING:
-        changes.append(f"one step differs by {drift:.1g}")
+        changes.append(f"one step differs by {drift:.1g} times the largest qpos, qvel or act")
     if diverged[0] != diverged[1]:
         changes.append(f"{diverged[1]} simulations diverge instead of {diverged[0]}")
     return changes

@@ -44,7 +44,7 @@ UTF16 = "it is encoded in UTF-16, which MuJoCo does not read: save it as UTF-8"
 # What a model file ends in. A package is searched for one group after the other, because many ship
 # the same robot as MJCF and as URDF.
 _SUFFIX_GROUPS = ((".xml", _COMPILED), (".urdf",))
-_SUFFIXES = tuple(suffix for group in _SUFFIX_GROUPS for suffix in group)
+SUFFIXES = tuple(suffix for group in _SUFFIX_GROUPS for suffix in group)
 # What a model can be, beside a shipped one, for messages.
 FORMS = "a path to .xml, .urdf or .mjb, or PACKAGE:NAME such as gymnasium:ant"
 
@@ -231,8 +231,9 @@ def _check_file(name: str, path: Path, status: os.stat_result) -> None:
         raise InputError(f"{label} is a folder; name a model file in it")
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{label} is not a regular file; write the model to one")
-    if path.suffix.lower() not in _SUFFIXES:
-        raise InputError(f"{label}: a model file ends in .xml, .urdf or .mjb")
+    if path.suffix.lower() not in SUFFIXES:
+        runs = f"; `mjbench run {label}` runs a program" if path.suffix == ".py" else ""
+        raise InputError(f"{label}: a model file ends in .xml, .urdf or .mjb{runs}")
     if status.st_size == 0:
         raise InputError(f"{label} is empty")
     try:
@@ -255,7 +256,7 @@ def _missing_error(name: str, path: Path) -> InputError:
     if "\\" in name:
         return InputError(f"no such file: {label} (here / separates folders, not \\)")
     drive = re.match(r"[A-Za-z]:", name)
-    if drive or "/" in name or path.suffix.lower() in _SUFFIXES:
+    if drive or "/" in name or path.suffix.lower() in SUFFIXES:
         return InputError(f"no such file: {label}")
     return UnknownModelError(
         f"no model {one_line(repr(name), 100)}{suggestion(name, shipped())};"
@@ -283,7 +284,7 @@ def _in_package(package: str, name: str) -> Path:
         if files:
             choices = ", ".join(p.relative_to(root).as_posix() for p in files[:8])
             raise InputError(f"{package}:{shown(name)} is ambiguous, name one of: {choices}")
-    names = sorted({p.stem for root in folders for p in _model_files(root / home, _SUFFIXES)})
+    names = sorted({p.stem for root in folders for p in _model_files(root / home, SUFFIXES)})
     listing = f"; it has {', '.join(names[:40])}" if names else "; it ships no model file"
     raise InputError(
         f"{package} has no model {one_line(repr(name), 100)}{suggestion(name, names)}{listing}"
@@ -319,7 +320,7 @@ def _search(folder: Path, tail: Sequence[str]) -> list[Path]:
     if not tail:
         return []
     direct = folder.joinpath(*tail)
-    if direct.suffix in _SUFFIXES and _is_file(direct):
+    if direct.suffix in SUFFIXES and _is_file(direct):
         return [direct]
     for suffixes in _SUFFIX_GROUPS:
         files = [

@@ -233,6 +233,11 @@ class TuneRecord:
     stages: Mapping[str, float] | None = None
     seconds: NonNegativeFloat = 0.0
 
+    @property
+    def has_errors(self) -> bool:
+        """Whether a reference was run; that of the second look may have failed."""
+        return self.present is not None and self.present.error is not None
+
     def best(self) -> Recommendation | None:
         allowed = [each for each in self.front if each.is_allowed]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)

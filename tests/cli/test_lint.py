@@ -66,6 +66,8 @@ def test_a_clean_folder_exits_0(tmp_path: Path) -> None:
         ("missing.py", "no such file"),
         ("empty", "no Python file or notebook in this folder"),
         ("broken.py", "line 1: invalid syntax"),
+        ("robot.xml", "lint reads Python files and notebooks; `mjbench MODEL` and"),
+        ("robot.mjb", "lint reads Python files and notebooks; `mjbench MODEL` and"),
         ("broken.ipynb", "not a Jupyter notebook: not JSON"),
         ("pipe.py", "not a regular file"),
         ("/dev/zero", "not a regular file"),
@@ -78,6 +80,8 @@ def test_what_cannot_be_checked_is_one_line_and_exit_code_2(
     (tmp_path / "good.py").write_text(GOOD)
     (tmp_path / "empty").mkdir()
     (tmp_path / "broken.py").write_text("def (")
+    (tmp_path / "robot.xml").write_text("<mujoco/>")
+    (tmp_path / "robot.mjb").write_bytes(b"\xa1\xd4\0")
     (tmp_path / "broken.ipynb").write_text("{")
     os.mkfifo(tmp_path / "pipe.py")
     (tmp_path / "loop.py").symlink_to("loop.py")

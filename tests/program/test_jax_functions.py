@@ -104,6 +104,25 @@ def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp
     )
 
 
+def test_a_program_of_mjx_steps_from_what_is_first_compiled(clock, tmp_path, monkeypatch):
+    compiled = list(jax_functions._EVENTS)[-1]
+    call = clock._timed(lambda: None, call_clock.DISPATCH)
+    monkeypatch.delitem(sys.modules, "mujoco.mjx", raising=False)
+    call()
+    assert call_times.first_compiled_ns(tmp_path) is None, "it may compile a policy"
+    monkeypatch.setitem(sys.modules, "mujoco.mjx", call_times)
+    clock.note_event(compiled, 0.1)
+    assert call_times.first_compiled_ns(tmp_path) is None, "that may create an array"
+    clock.note_event(compiled, 2.0)
+    first_ns = call_times.first_compiled_ns(tmp_path)
+    assert 0 < first_ns <= clock._now_ns.now_ns
+    call()
+    assert call_times.first_compiled_ns(tmp_path) == first_ns
+    clock._calls.begin_process()
+    call()
+    assert call_times.first_compiled_ns(tmp_path) > first_ns
+
+
 def test_a_burst_that_another_thread_has_ended_is_not_ended_again(clock):
     clock._timed(lambda: None, call_clock.DISPATCH)()
     clock.bursts._finish(clock._now_ns())

@@ -20,6 +20,17 @@ while True:
 """
 
 
+MJX_STEPS = """
+import time
+import jax
+from mujoco import mjx
+end = time.monotonic() + 120
+step = jax.jit(lambda state: state + 1.0)
+while time.monotonic() < end:
+    step(0.0)
+"""
+
+
 @pytest.fixture
 def stubborn(tmp_path, monkeypatch):
     """Return a program that steps for ever, and ignores Ctrl-C and SIGTERM."""
@@ -42,6 +53,15 @@ def test_a_program_that_does_not_step_is_ended_when_its_time_is_over(tmp_path):
     seen = launch.run(Program([str(file)]), seconds=60.0, most_s=0.3)
     assert seen.was_ended
     assert all(times.nstep == 0 for times in seen.steps)
+
+
+def test_a_program_of_mjx_is_ended_though_it_never_calls_the_engine(tmp_path):
+    pytest.importorskip("mujoco.mjx")
+    file = tmp_path / "mjx_steps.py"
+    file.write_text(MJX_STEPS)
+    assert launch.run(Program([str(file)]), seconds=0.2).was_ended
+    with pytest.raises(MachineError, match="did not step"):
+        launch.time_steps(Program([str(file)]), 0.2)
 
 
 def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from mjbench.program import activities, sampled_loops
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
-from mjbench.program.hook.call_clock import COMPILE, PROCESS_START
+from mjbench.program.hook.call_clock import COMPILE, DISPATCH, PROCESS_START
 from mjbench.program.py_spy import Frame, Thread, ThreadSamples
 from mjbench.program.source_loops import SourceLoop
 
@@ -304,6 +304,21 @@ def test_a_loop_that_compiles_is_shown_though_it_does_not_step(file):
     timed = [call(COMPILE, 8, 0.9)]
     (time,) = sampled_loops.loop_times([], 1, calls=timed)
     assert time.activities[Activity.COMPILING] == pytest.approx(0.9)
+
+
+def test_functions_of_jax_take_no_more_of_the_policy_than_is_not_timed(file):
+    site = "/env/lib/python3.11/site-packages"
+    compiler = Frame("backend_compile", f"{site}/jax/_src/compiler.py", 353)
+    tracer = Frame("trace", f"{site}/jax/_src/core.py", 5)
+    step = [Frame("main", file, 8)]
+    observe = [Frame("main", file, 9), Frame("observe", file, 2)]
+    seen = [samples([[*step, compiler]] * 45 + [[*observe, tracer]] * 15)]
+    timed = [call(COMPILE, 8, 4.2, 0, 5), call(DISPATCH, 8, 0.3, 5, 6)]
+    (time,) = sampled_loops.loop_times(seen, 1, calls=timed)
+    assert time.activities[Activity.POLICY] == pytest.approx(0.25)
+    (function,) = time.inner_functions
+    assert (function.place.function, function.main_activity) == ("trace", Activity.POLICY)
+    assert function.share == pytest.approx(time.activities[Activity.POLICY])
 
 
 def test_what_jax_compiles_outside_loops_is_an_activity_of_its_own(file):

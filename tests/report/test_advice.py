@@ -144,6 +144,9 @@ def test_beside_the_plain_loop_the_fastest_rival_is_said_with_how_fast_it_was() 
         r"mujoco\.rollout on 2 threads.* was \d+.* times as fast, but not certainly",
         doubt,
     )
+    processes = Variant("processes", {"processes": 2})
+    doubt = conclusion(replace(advice, rivals=[processes])).split("; ")[-1]
+    assert doubt.startswith("2 worker processes were ")
     assert "times as fast" not in conclusion(replace(advice, rival_speedup=1.01))
     assert "times as fast" not in conclusion(replace(advice, reason=Reason.FASTER))
 

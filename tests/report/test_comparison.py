@@ -59,8 +59,15 @@ def test_several_models_end_with_a_table_of_what_is_advised() -> None:
     other = derived(raced(model="other", cores=1.0))
     summary = printed(derived(raced()), other).split("Advice: ")[1].splitlines()
     assert summary[1].endswith("times as fast as the plain loop; 2 of 4 are certain")
+    assert " to " in summary[1]
     assert summary[3].split()[:4] == ["m", "open", "✓", "rollout"]
     assert summary[-1].split()[:4] == ["other", "closed", "?", "batch_step"]
+
+
+def test_models_that_gain_the_same_have_one_number() -> None:
+    plain = [derived(raced([(ROLLOUT, 0.5)], model=name)) for name in ("m", "other")]
+    summary = printed(*plain).split("Advice: ")[1].splitlines()
+    assert summary[1] == "1.00 times as fast as the plain loop; 4 of 4 are certain"
 
 
 def test_a_table_fits_into_a_terminal_of_80_columns() -> None:

@@ -44,6 +44,17 @@ def test_where_python_is_within_the_noise_all_of_a_step_is_the_engine() -> None:
         assert "-" not in line
 
 
+def test_controls_are_held_where_the_model_has_some() -> None:
+    def facts(actuators: float | None) -> str:
+        work = replace(WORK, actuators=actuators)
+        steps = ProfiledSteps(0.002, 2000.0, 1500.0, None, work, {"collision": 1.0}, {})
+        return text(loop_profile.row("m", replace(steps, run_nstep=5), ()))
+
+    held = "Each run holds the controls of its start"
+    assert held in facts(2.0) and held in facts(None)
+    assert held not in facts(0.0)
+
+
 def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
     steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})

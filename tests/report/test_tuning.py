@@ -67,7 +67,10 @@ def test_what_changes_least_comes_first_and_what_is_not_allowed_is_no_advice():
         ({"only": Effect.EQUIVALENT}, "faster within the solver's tolerance"),
         ({"max_error": 0.01}, "faster with an error of at most 1 % of the motion"),
         ({}, "faster without a larger error"),
-        ({"no_reference": "crashed"}, "without a larger error; errors could not be measured"),
+        (
+            {"no_reference": "crashed"},
+            "without a larger error; errors could not be measured again from new starts",
+        ),
         ({"status": Status.INTERRUPTED}, "interrupted before"),
         ({"status": Status.FAILED, "detail": "no memory"}, "robot: failed: no memory"),
     ],
@@ -75,6 +78,11 @@ def test_what_changes_least_comes_first_and_what_is_not_allowed_is_no_advice():
 def test_without_a_recommendation_it_says_what_was_asked_for(keywords, text):
     assert text in tuning.conclusion(record(**keywords))
     assert tuning.advised(record(WORSE, **keywords)) == []
+
+
+def test_without_any_reference_no_errors_were_measured():
+    of_all = replace(record(no_reference="crashed"), present=replace(PRESENT, error=None))
+    assert tuning.conclusion(of_all).endswith("; errors could not be measured")
 
 
 def test_lines_to_paste_are_those_of_each_recommendation():

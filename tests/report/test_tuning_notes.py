@@ -30,7 +30,10 @@ def test_notes_say_what_figures_rest_on_and_what_was_left_out():
     assert "Withdrawn by the second look: timestep=0.004: diverges in 3 of 64 runs" in notes
     assert "Failed: jacobian=sparse: killed by SIGSEGV" in notes
     assert "no time for 4 settings" in notes and "no time for 7 combinations" in notes
-    assert "settings that change the motion are not recommended: crashed" in notes
+    of_reference = "so settings that change the motion are not recommended: crashed"
+    assert f"There is no reference from new starts, {of_reference}" in notes
+    never = "\n".join(tuning_notes.left_out(replace(of_all, present=replace(PRESENT, error=None))))
+    assert f"There is no reference from which to measure errors, {of_reference}" in never
     assert "fills 97 % of a box" in notes
     parted = replace(of_all, present=replace(PRESENT, is_comparable=False))
     assert "part too soon" in "\n".join(tuning_notes.notes(parted))

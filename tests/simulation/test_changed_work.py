@@ -11,7 +11,7 @@ def test_changed_work_is_listed_counter_by_counter() -> None:
     changes = changed_work.work_changes(before, after, 1e-3, (0, 2))
     assert changes == [
         "contacts 1 → 5",
-        "one step differs by 0.001",
+        "one step differs by 0.001 times the largest qpos, qvel or act",
         "2 simulations diverge instead of 0",
     ]
 

@@ -184,6 +184,7 @@ def test_what_is_no_model_file_is_refused_by_what_it_is(tmp_path: Path) -> None:
     (tmp_path / "dangling.xml").symlink_to("gone.xml")
     (tmp_path / "loop.xml").symlink_to("loop.xml")
     (tmp_path / "notes.txt").write_text("notes")
+    (tmp_path / "train.py").write_text("pass")
     for name, message in {
         "pipe.xml": "is not a regular file",
         "/dev/zero": "is not a regular file",
@@ -191,7 +192,8 @@ def test_what_is_no_model_file_is_refused_by_what_it_is(tmp_path: Path) -> None:
         "folder.xml": "is a folder",
         "dangling.xml": r"is a link to gone\.xml, which does not exist",
         "loop.xml": "cannot read .*: Too many levels of symbolic links",
-        "notes.txt": r"a model file ends in \.xml, \.urdf or \.mjb",
+        "notes.txt": r"a model file ends in \.xml, \.urdf or \.mjb$",
+        "train.py": r"\.mjb; `mjbench run \S+train\.py` runs a program$",
         "notes.txt/robot.xml": "no such file",
     }.items():
         with pytest.raises(InputError, match=message):

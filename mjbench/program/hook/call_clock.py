@@ -33,6 +33,8 @@ SLOT = struct.Struct("<11q")
 MAX_SLOTS = 2048
 # In place of the first slot: bytes of memory shortly after the first step, and at the latest look.
 MEMORY = struct.Struct("<2q")
+# Behind it: when a program of MJX first called a compiled function, or compiled a large one.
+FIRST_COMPILED = struct.Struct("<q")
 # Lines on the stack that are noted, innermost first; Python's own modules are left out.
 MAX_STACK = 60
 # The function of this module begins a process; what is below it on a stack belongs to its parent.
@@ -101,6 +103,7 @@ class CallClock:
         self._latest: Sequence[tuple[str, int, str]] | None = None  # the line that stepped first
         self._next = itertools.count(1).__next__
         self._names = ""  # path of the file of lines
+        self._has_compiled = False
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
         self.cost_ns = 0  # of calls that are timed in bursts of their own
         self.inside: set[int] = set()  # threads in a slow call, whose own calls do not count
@@ -156,6 +159,15 @@ class CallClock:
 
     def write_memory(self, first_bytes: int, latest_bytes: int) -> None:
         MEMORY.pack_into(self._map, 0, first_bytes, latest_bytes)
+
+    def note_compiled(self, now_ns: int) -> None:
+        """Note when a program of MJX has first run what JAX compiles: it may step in no other way.
+
+        A program that does not import MJX steps in MuJoCo, and may compile its policy long before.
+        """
+        if not self._has_compiled and "mujoco.mjx" in sys.modules:
+            self._has_compiled = True
+            FIRST_COMPILED.pack_into(self._map, MEMORY.size, now_ns)
 
     def slot(
         self,

@@ -23,6 +23,9 @@ _EVENTS = {
     "/jax/core/compile/jaxpr_to_mlir_module_duration": TRACE,
     "/jax/core/compile/backend_compile_duration": COMPILE,
 }
+# Seconds from which a compilation is that of a large function, such as steps of an environment that
+# a package compiles. Small ones create arrays.
+_LARGE_COMPILE_S = 1.0
 # Functions that are compiled within each other.
 _MOST_NESTED = 100
 # Methods of an array that wait until it is computed, and copy it to Python.
@@ -159,6 +162,8 @@ class JaxFunctions:
             # what was compiled meanwhile counts as that
             begin_ns += self._compiled_ns.get(thread, 0) - compiled_ns
             bursts.add(callee, frame, min(begin_ns, end_ns), end_ns)
+            if callee == DISPATCH:
+                calls.note_compiled(end_ns)
 
     def end(self) -> None:
         self.bursts.end()
@@ -191,6 +196,8 @@ class JaxFunctions:
         # a function that is traced and lowered is then compiled, which counts
         count = int(callee == COMPILE)
         self._calls.add(callee, sys._getframe(1), begin_ns + inner_ns, end_ns, calls=count)
+        if callee == COMPILE and seconds >= _LARGE_COMPILE_S:
+            self._calls.note_compiled(end_ns)
 
 
 class CompiledFunction:
