@@ -103,11 +103,12 @@ def test_every_setting_of_a_shipped_model_applies(name: str, brief: None) -> Non
 
 def test_idle_pairs_become_one_setting_and_no_longer_collide(brief: None) -> None:
     xml = rods(10, 20)
-    excludes = knobs.settings(observe_model(mujoco.MjModel.from_xml_string(xml), True))["excludes"]
+    observed = observe_model(mujoco.MjModel.from_xml_string(xml), True)
+    excludes = knobs.settings(observed)["excludes"]
     assert len(excludes) == 1 and len(excludes[0].edits) == 200
     assert excludes[0].label == "exclude 200 pairs"
     assert excludes[0].evidence == (
-        "200 pairs never touched in 0.5 s of simulation and 100 random poses;"
+        f"200 pairs never touched in {observed.simulated_s:g} s of simulation and 100 random poses;"
         " the closest came within 0.015 m"
     )
     model = apply(mujoco.MjSpec.from_string(xml), excludes)
