@@ -29,13 +29,17 @@ def noisy_keyframe(name: str, nbatch: int, nstep: int) -> Workload:
     mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
     is_limited = model.actuator_ctrllimited.astype(bool)
     low, high = np.where(is_limited, model.actuator_ctrlrange.T, [[-np.inf], [np.inf]])
-    kept = np.exp(-model.opt.timestep / NOISE_S)
-    scale = NOISE * np.sqrt(1 - kept**2) * np.where(is_limited, (high - low) / 2, 1.0)
+    correlation = np.exp(-model.opt.timestep / NOISE_S)
+    scale = NOISE * np.sqrt(1 - correlation**2) * np.where(is_limited, (high - low) / 2, 1.0)
     control = np.empty((nbatch, nstep, model.nu))
     now = np.tile(data.ctrl, (nbatch, 1))
     for k in range(nstep):
         noise = [_halton((k + 1) * np.arange(1, nbatch + 1), 2 + i) for i in range(model.nu)]
-        now = kept * now + (1 - kept) * data.ctrl + scale * (2 * np.transpose(noise) - 1)
+        now = (
+            correlation * now
+            + (1 - correlation) * data.ctrl
+            + scale * (2 * np.transpose(noise) - 1)
+        )
         now = control[:, k] = np.clip(now, low, high)
     return Workload(model, np.tile(state, (nbatch, 1)), control, hold=1, seed=0)
 

@@ -213,7 +213,7 @@ def on_gpus() -> Iterator[str]:
     yield f"| our benchmarks' | {warp_ns:.0f} | {warp_ns * own.ratio:.0f} |"
     means = [speed.ns_per_step for speed in tally.testspeed]
     yield f"prints {min(means):.0f} to {max(means):.0f} ns"
-    yield f"the graph's first launch, of {by_step[0]:.0f} ns"
+    yield f"the first launch, of {by_step[0]:.0f} ns"
     iterations = [speed.solver_iterations for speed in tally.testspeed]
     run = runs.load(RUNS / "reference-gpu-h100.jsonl", RECORD_TYPES)
     (group,) = derive_all(run.records)

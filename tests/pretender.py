@@ -179,7 +179,7 @@ def _steps(
     """Take steps in C, with contacts and accelerations of the last one."""
     model, data = _spoilt(work.model, fault), mujoco.MjData(work.model)
     round_off = reference_trajectory.as_float32 if is_float32 else np.array
-    states, found = workload.states(work.model, fields), []
+    states, contacts = workload.states(work.model, fields), []
     qacc, forces = (np.zeros((len(states), model.nv)) for _ in range(2))
     step_control = round_off(np.repeat(control, work.hold, axis=1)[:, : max(nstep, 1)])
     contactless = _spoilt(model, "contactless")
@@ -192,11 +192,11 @@ def _steps(
                 compat.get_state(model, data, state)
                 compat.set_state(model, data, round_off(state))
         compat.get_state(model, data, state)
-        found.append([copy.copy(each) for each in data.contact[: data.ncon]])
+        contacts.append([copy.copy(each) for each in data.contact[: data.ncon]])
         qacc[i], forces[i] = data.qacc, data.qfrc_constraint
     after = workload.fields(work.model, states)
     after["ctrl"] = step_control[:, -1]
-    contacts_in_all = Contacts.of_c(found)
+    contacts_in_all = Contacts.of_c(contacts)
     rounded = (round_off(getattr(contacts_in_all, n)) for n in ("distance", "position", "frame"))
     return StepOutcome(
         {name: round_off(values) for name, values in after.items()},

@@ -71,11 +71,11 @@ def test_testspeed_starts_at_keyframe_0_and_its_controls_have_noise_of_a_halton_
     model = workload.model
     qpos = fields(model, workload.initial_state)["qpos"]
     assert np.array_equal(qpos, np.tile(model.key_qpos[0], (4, 1)))
-    kept = np.exp(-model.opt.timestep / NOISE_S)
-    scale = NOISE * np.sqrt(1 - kept**2) * np.ptp(model.actuator_ctrlrange[0]) / 2
+    correlation = np.exp(-model.opt.timestep / NOISE_S)
+    scale = NOISE * np.sqrt(1 - correlation**2) * np.ptp(model.actuator_ctrlrange[0]) / 2
     # in base 2: 1/2, 1/4, 3/4, 1/8; in the second step 1/4, 1/8, 3/8, 1/16
     first = scale * np.array([0.0, -0.5, 0.5, -0.75])
-    second = kept * first + scale * np.array([-0.5, -0.75, -0.25, -0.875])
+    second = correlation * first + scale * np.array([-0.5, -0.75, -0.25, -0.875])
     assert workload.control[:, :, 0] == pytest.approx(np.transpose([first, second]))
 
 
