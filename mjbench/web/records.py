@@ -10,7 +10,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, Version
+from mjbench.bounds import (
+    Int64,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    Version,
+)
 from mjbench.measuring import stats
 from mjbench.measuring.stats import Estimate
 from mjbench.simulation.reference_run import Work
@@ -131,7 +138,7 @@ class WebRecord:
     block_nbatch: PositiveInt | None = None
     block_nstep: PositiveInt | None = None
     hold: PositiveInt = 1
-    seed: NonNegativeInt = 0
+    seed: Int64 = 0
     workload_digest: str = ""
     starts: Starts | None = None
     work: Work | None = None

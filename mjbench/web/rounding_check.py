@@ -54,8 +54,8 @@ class PointDifference:
     """
 
     step: NonNegativeInt
-    difference: float
-    shadow: float
+    difference: AnyFloat
+    shadow: AnyFloat
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,10 @@ class StepErrors:
     """How far single steps are from those of C."""
 
     count: NonNegativeInt
-    error: float
-    shadow: float
-    median_error: float
-    median_shadow: float
+    error: AnyFloat
+    shadow: AnyFloat
+    median_error: AnyFloat
+    median_shadow: AnyFloat
 
 
 @dataclass(frozen=True, kw_only=True)
