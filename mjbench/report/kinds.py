@@ -1,7 +1,7 @@
 """The kinds of results: what a run file stores of each, and what each comes to.
 
-What is listed here is all that `show`, `--json`, `mjbench.load`, the JSON Schemas and the
-results of `import mjbench` know of a kind.
+What is listed here is all that `show`, `--json`, `mjbench.load` and the results of
+`import mjbench` know of a kind.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
