@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjbench.bounds import AnyFloat
 from mjbench.errors import InputError
 
 CONFIDENCE = 0.95
@@ -20,9 +21,9 @@ CONFIDENCE = 0.95
 class Estimate:
     """A median with the ends of its interval, which are None with too few samples."""
 
-    median: float
-    low: float | None
-    high: float | None
+    median: AnyFloat
+    low: AnyFloat | None
+    high: AnyFloat | None
 
 
 def median_of(samples: Sequence[float] | np.ndarray) -> Estimate:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from mjbench.bounds import Share
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, Share
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.hook.call_clock import COMPILE, DISPATCH, PROCESS_START
@@ -100,10 +100,10 @@ class LoopTime:
     loop: SourceLoop
     own_files: Sequence[str]
     threads: Sequence[str]
-    pids: Sequence[int]
+    pids: Sequence[NonNegativeInt]
     in_main: bool
-    samples: int
-    seconds: float
+    samples: NonNegativeInt
+    seconds: NonNegativeFloat
     activities: Mapping[Activity, Share]
     packages: Mapping[str, Share]
     lines: Sequence[LineTime]
