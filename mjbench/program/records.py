@@ -5,6 +5,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from mjbench.bounds import PositiveFloat
 from mjbench.host import machine
 from mjbench.program import (
     activities,
@@ -99,7 +100,7 @@ class ProgramRow:
     detail: str
     exit_code: int
     was_ended: bool
-    wall_s: float
+    wall_s: PositiveFloat
     rate_hz: int
     samples: int
     paused_share: float | None
