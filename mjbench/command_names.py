@@ -27,7 +27,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "profile": "the stages of a step; habits of loops: --habits",
         "latency": "the slowest steps, and which miss a deadline",
         "plan": "plans per second of a sampling planner",
-        "web": "MuJoCo in WebAssembly beside C",
         "models": "list the shipped models",
         "paths": "list the ways of stepping",
     },

@@ -25,7 +25,6 @@ from mjbench.cli import (  # each adds its command to the group
     tune,
     versions,
     versions_explain,
-    web,
 )
 from mjbench.cli.group import cli
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjbench.bounds import AnyFloat
 from mjbench.errors import InputError
 
 CONFIDENCE = 0.95
@@ -22,9 +23,9 @@ _LEAST = 1e-9
 class Estimate:
     """A median with the ends of its interval, which are None with too few samples."""
 
-    median: float
-    low: float | None
-    high: float | None
+    median: AnyFloat
+    low: AnyFloat | None
+    high: AnyFloat | None
 
 
 def median_of(samples: Sequence[float] | np.ndarray) -> Estimate:

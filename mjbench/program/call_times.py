@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mjbench.bounds import AnyFloat, Int64, NonNegativeFloat, NonNegativeInt
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place
 from mjbench.program.hook import call_clock
@@ -68,20 +69,20 @@ class CallTime:
     """
 
     callee: str
-    pid: int
-    thread: int
+    pid: NonNegativeInt
+    thread: Int64
     place: Place
     loop: SourceLoop | None
-    calls: float
-    seconds: float
-    first_ns: int
-    last_ns: int
-    steps: float
-    all_steps: float
-    clock_s: float = 0.0
-    frame: tuple[int, int] | None = None
+    calls: NonNegativeFloat
+    seconds: AnyFloat
+    first_ns: Int64
+    last_ns: Int64
+    steps: NonNegativeFloat
+    all_steps: NonNegativeFloat
+    clock_s: NonNegativeFloat = 0.0
+    frame: tuple[NonNegativeInt, NonNegativeInt] | None = None
     backend: str = ""
-    lines: Sequence[tuple[str, int]] = ()
+    lines: Sequence[tuple[str, NonNegativeInt]] = ()
 
     @property
     def activity(self) -> Activity:

@@ -100,7 +100,7 @@ class LoopTime:
     loop: SourceLoop
     own_files: Sequence[str]
     threads: Sequence[str]
-    pids: Sequence[int]
+    pids: Sequence[NonNegativeInt]
     in_main: bool
     samples: NonNegativeInt
     seconds: PositiveFloat
