@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mjbench.bounds import AnyFloat
 from mjbench.errors import InputError
@@ -54,7 +55,7 @@ def median_speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) ->
     return float(np.exp(np.median(_log_ratios(baseline_s[:count], candidate_s[:count]))))
 
 
-def logarithms(times: Sequence[float] | np.ndarray) -> np.ndarray:
+def logarithms(times: ArrayLike) -> np.ndarray:
     """Return natural logarithms of times, those that a clock did not see as finite ones."""
     return np.asarray(np.log(np.maximum(times, _LEAST)))
 
