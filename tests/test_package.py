@@ -40,8 +40,6 @@ def test_the_wheel_has_models_and_templates(packages: Path) -> None:
     shipped = {f"mjbench/_models/{path.name}" for path in (ROOT / "models").glob("*.xml")}
     assert shipped <= set(names)
     assert "mjbench/pages/templates/report.html.j2" in names
-    of_node = {"runner.mjs", "package.json"}
-    assert {f"mjbench/web/{name}" for name in of_node} <= set(names)
     assert not [name for name in names if name.startswith(("tests", "benchmarks", "results"))]
 
 
