@@ -13,6 +13,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-versi
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
+LAB_PACKAGE := build/lab/node_modules
 
 # Tests start a thousand processes, each of which would compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
@@ -22,8 +23,8 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
 	@echo "make test      run lint (see below) and the tests (10 minutes on two cores)"
-	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
-	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs an npm package)"
+	@echo "make site      write all reports and the documents as a static site to $(SITE)"
+	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs npm)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
 	@echo "make lint      check style, spelling, the layers of imports, types and pages"
 	@echo "make c-floor   compare the paths with a C program (needs a C compiler)"
@@ -77,11 +78,16 @@ upgrade: $(STAMP)
 	exit $$status
 
 site: $(STAMP)
-	$(BIN)/mjbench results site -o $(SITE)
+	$(BIN)/python docs/site.py -o $(SITE)
 
-# `make lab PACKAGE=FOLDER` names the folder into which npm installed it.
-lab: $(STAMP)
-	$(BIN)/python -m benchmarks.studies.lab -o $(LAB) $(if $(PACKAGE),--package $(PACKAGE))
+lab: $(STAMP) $(LAB_PACKAGE)
+	$(BIN)/python -m benchmarks.studies.lab -o $(LAB)
+
+# MuJoCo's WebAssembly build.
+$(LAB_PACKAGE): docs/lab/package.json
+	mkdir -p build/lab && cp $< build/lab
+	npm install --no-package-lock --no-audit --no-fund --silent --prefix build/lab
+	@touch $@
 
 c-floor: $(STAMP)
 	$(BIN)/python -m benchmarks.studies.c_floor

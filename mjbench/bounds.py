@@ -33,7 +33,12 @@ NonNegativeFloat = Annotated[float, Meta(ge=0, le=_LARGEST_FLOAT)]
 Timestep = Annotated[float, Meta(ge=1e-15, le=_LARGEST_FLOAT)]
 # No clock resolves less, and ratios of two of these do not overflow.
 Nanoseconds = Annotated[float, Meta(ge=1e-3, le=_LARGEST_FLOAT)]
-AnyFloat = Annotated[float, Meta(ge=-_LARGEST_FLOAT, le=_LARGEST_FLOAT)]
+# What may be far off, such as the states and energies of a simulation that diverges; products of
+# two do not overflow.
+AnyFloat = Annotated[float, Meta(ge=-1e100, le=1e100)]
+AnyInt = Annotated[int, Meta(ge=-_LARGEST_INT, le=_LARGEST_INT)]
+# A seed, the number of a thread, or nanoseconds of a clock that began long ago.
+Int64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 # A part of a whole: a difference of noisy times may be a little below 0, or above 1.
 Share = Annotated[float, Meta(ge=-10, le=10)]
 # So short that it cannot decompress to more than about 64 MiB.

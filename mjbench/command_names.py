@@ -27,14 +27,12 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "profile": "the stages of a step; habits of loops: --habits",
         "latency": "the slowest steps, and which miss a deadline",
         "plan": "plans per second of a sampling planner",
-        "web": "MuJoCo in WebAssembly beside C",
         "models": "list the shipped models",
         "paths": "list the ways of stepping",
     },
     "Many runs": {
         "history": "in which release speed changed, and why",
         "releases": "list, install and remove releases",
-        "results": "merge runs of machines; write a site of them",
         "sweep": "a matrix of models and releases on Ray",
     },
 }
@@ -49,13 +47,11 @@ EARLIER: Mapping[str, Sequence[str]] = {
     "diff": ("show", "--against="),  # the old run is the first one
     "explain": ("versions", "--explain"),
     "instructions": ("profile", "--instructions"),
-    "merge": ("results", "merge"),
     "overhead": ("profile", "--habits"),
     "placement": ("doctor", "--placement"),
     "report": ("show", "--format", "html"),  # a later --format counts
     "results export": ("show", "--format", "csv"),
     "selfcheck": ("doctor", "--verdicts"),
-    "site": ("results", "site"),
 }
 # Commands of groups, by what their results are named after.
 _OF_GROUPS: Mapping[str, Sequence[str]] = {

@@ -39,7 +39,6 @@ from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.store import runs
 from mjbench.testing import callables, fixture
 from mjbench.tuning import records, reference, solver_convergence, trajectories
-from mjbench.web import c_reference
 
 
 def percent(share: float, digits: int = 0) -> str:
@@ -272,12 +271,7 @@ def mjx_guide() -> Iterator[str]:
 PHRASES: dict[str, Callable[[], Iterator[str]]] = {
     "docs/method/README.md": readme,
     "docs/method/accelerated.md": accelerated,
-    "docs/method/c.md": lambda: iter(
-        (
-            f"in blocks of about {1000 * c_reference._BLOCK_S:.0f} ms",
-            f"with a {percent(stats.CONFIDENCE)} interval",
-        )
-    ),
+    "docs/method/c.md": lambda: iter(()),
     "docs/method/environments.md": lambda: iter(
         (f"by more than {percent(environment.SUM_TOLERANCE)}",)
     ),

@@ -34,17 +34,12 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
-def test_the_wheel_has_models_schemas_and_templates(packages: Path) -> None:
+def test_the_wheel_has_models_and_templates(packages: Path) -> None:
     (wheel,) = packages.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
     shipped = {f"mjbench/_models/{path.name}" for path in (ROOT / "models").glob("*.xml")}
     assert shipped <= set(names)
     assert "mjbench/pages/templates/report.html.j2" in names
-    of_node = {"runner.mjs", "package.json"}
-    assert {f"mjbench/web/{name}" for name in of_node} <= set(names)
-    assert {f"mjbench/schemas/{path.name}" for path in (ROOT / "mjbench/schemas").iterdir()} <= {
-        *names
-    }
     assert not [name for name in names if name.startswith(("tests", "benchmarks", "results"))]
 
 

@@ -25,7 +25,6 @@ from mjbench.api import checkup
 from mjbench.cli import cli
 from mjbench.counts import explain
 from mjbench.loop import capture
-from mjbench.measuring import stats
 from mjbench.paired import bisect_search, call_results, outcomes, race_record
 from mjbench.report import advice, checkup_items, program, run_differences
 from mjbench.report.kinds import RECORD_TYPES
@@ -152,16 +151,6 @@ def revisions() -> Iterator[str]:
     yield f"arrays above {call_results._MOST_BYTES / 2**20:.0f} MiB"
 
 
-def browser() -> Iterator[str]:
-    for build in json.loads((ROOT / "results/web-memory.json").read_text()):
-        usual, small = build["limits"]
-        assert usual["heap_bytes"] == small["heap_bytes"]
-        yield f"The heap ends at {usual['heap_bytes'] / 2**30:.0f} GiB"
-        yield f"{usual['count']:,} MjData of a box on a plane fill it"
-        yield f"{small['count']:,} fit (MuJoCo {build['release']})"
-    yield f"with a {percent(stats.CONFIDENCE)} interval"
-
-
 def results() -> Iterator[str]:
     (models,) = re.findall(r"For \d+ of (\d+) models", (ROOT / "docs/foreign.md").read_text())
     yield f"do all paths agree on {models} of them?"
@@ -193,7 +182,6 @@ PHRASES: dict[str, Callable[[], Iterator[str]]] = {
     "README.md": readme,
     "docs/faq.md": lambda: iter(()),
     "docs/results.md": results,
-    "docs/guides/browser.md": browser,
     "docs/guides/checkup.md": checkup_guide,
     "docs/guides/ci.md": lambda: iter(
         (

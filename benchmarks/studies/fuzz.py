@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.studies import tally_command
+from mjbench.host import neighbours
 from mjbench.simulation import models
 
 if TYPE_CHECKING:
@@ -199,7 +200,7 @@ def run(arguments: tuple[str, ...]) -> tuple[int, Problem | None]:
             **os.environ,
             "TMPDIR": str(temporary),
             "HOME": name,
-            "MJBENCH_LOCKS": f"{name}/measuring",
+            neighbours.IGNORE_VARIABLE: "1",
             "PYTHONPATH": str(models.shipped_folder().parent),
         }
         try:

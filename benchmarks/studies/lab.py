@@ -1,36 +1,34 @@
 """Build the lab: one HTML file in which MuJoCo's WebAssembly build runs in a browser, offline.
 
-    python -m benchmarks.studies.lab [-o FILE] [--package DIR] [--figures FILE]
+    python -m benchmarks.studies.lab [-o FILE] [--package DIR]
 
-puts together the sources in docs/lab, the shipped models, and the npm package that `mjbench web`
-measures. The package is the code of others: the page that is written holds it, not the project.
-Figures of C and of Node are those that `mjbench web --json results/web.json` wrote.
+puts together the sources in docs/lab, the shipped models, and the npm package that `make lab`
+installs. The package is the code of others: the page that is written holds it, not the project.
 """
 
 import base64
 import gzip
+import json
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mjbench
 from benchmarks.studies import tally_command
-from mjbench import extras, paths
-from mjbench.errors import InputError, MachineError, one_line, writing
+from mjbench import extras
+from mjbench.errors import InputError, MachineError, writing
 from mjbench.host import files
 from mjbench.simulation import models
 from mjbench.status import ExitCode
-from mjbench.web import npm_package
-from mjbench.web.npm_package import Build, NpmPackage
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "docs/lab"
 PAGE = ROOT / "build/lab/mujoco-lab.html"
-# What `mjbench web` measured, where it was committed.
-RESULTS = ROOT / "results/web.json"
+# Of the npm package, and the folder into which `make lab` has npm install it.
+NAME = "@mujoco/mujoco"
+INSTALLED = ROOT / "build/lab"
 MODELS = ("cartpole", "humanoid")
 # The one form in which the sources import each other.
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./([\w-]+)\.mjs";\n', flags=re.MULTILINE)
@@ -39,81 +37,28 @@ _LEFT_OVER = re.compile(r"^(import|export)\b.*|</script", flags=re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Figure:
-    """What a program reached on a model.
+class NpmPackage:
+    """MuJoCo's installed WebAssembly build: its folder has `mujoco.js` and `mujoco.wasm`."""
 
-    Attributes:
-      where: such as `C`.
-      steps_per_s: the median.
-      ratio: time over that of C; None for C.
-    """
-
-    model: str
-    where: str
-    steps_per_s: float
-    ratio: float | None
+    folder: Path
+    version: str
 
 
-@dataclass(frozen=True)
-class OtherFigures:
-    """What other programs than a browser reached.
-
-    Attributes:
-      contacts: contacts of a step, by model.
-    """
-
-    machine: str
-    figures: tuple[Figure, ...]
-    contacts: Mapping[str, float]
-
-
-def read_figures(file: Path, release: str) -> OtherFigures | None:
-    """Return what `mjbench web --json` wrote; None where there is no such file.
+def find_package(folder: Path) -> NpmPackage:
+    """Return the package that npm installed into a folder.
 
     Raises:
-      InputError: it is no such document, or of another release.
+      MachineError: it is not there.
     """
-    # late: asv imports this module where few packages are
-    import msgspec
-
-    from mjbench.report.kinds import WEB
-    from mjbench.store.json_form import json_type
-
-    if not file.exists():
-        return None
-    kind: Any = WEB.document_type
+    package = folder / "node_modules" / NAME
     try:
-        document = msgspec.json.decode(file.read_bytes(), type=json_type(kind))
-    except (OSError, msgspec.DecodeError) as error:
-        raise InputError(f"cannot read {file}: {one_line(error)}") from error
-    rows = [row for row in document.results if row.model in MODELS]
-    if others := sorted({row.release for row in rows} - {release}):
-        raise InputError(
-            f"{file} is of MuJoCo {', '.join(others)}, the page of {release}:"
-            f" mjbench web {' '.join(MODELS)} --json {file}"
-        )
-    machine = document.machine
-    return OtherFigures(
-        machine=f"{machine.cpu}, {machine.usable_cores} cores",
-        figures=tuple(figure for row in rows for figure in _figures(row)),
-        contacts={row.model: row.work.contacts for row in rows if row.work is not None},
-    )
-
-
-def _figures(row: Any) -> Iterator[Figure]:
-    """Yield what programs reached with the build that is in the page, and what C did; C first."""
-    from mjbench.web.records import C_PATH
-
-    names = {
-        C_PATH: "C",
-        paths.BASE: "Python",
-        Build.WASM.value: f"Node {row.node}",
-    }
-    for path in sorted(row.paths, key=lambda path: path.path != C_PATH):
-        if path.steps_per_s is None or path.path not in names:
-            continue
-        ratio = None if path.path == C_PATH or path.ratio is None else path.ratio.median
-        yield Figure(row.model, names[path.path], path.steps_per_s, ratio)
+        version = json.loads((package / "package.json").read_text(encoding="utf-8"))["version"]
+    except (OSError, ValueError, KeyError) as error:
+        raise MachineError(
+            f"{folder} has no npm package {NAME}: make lab installs the release that"
+            " docs/lab/package.json names"
+        ) from error
+    return NpmPackage(package, str(version))
 
 
 def bundle(entry: str, folder: Path = SOURCES) -> str:
@@ -144,12 +89,8 @@ def bundle(entry: str, folder: Path = SOURCES) -> str:
     return "\n\n".join(parts.values())
 
 
-def render(package: NpmPackage, others: OtherFigures | None) -> str:
-    """Return the page.
-
-    Args:
-      others: figures beside those of the browser.
-    """
+def render(package: NpmPackage) -> str:
+    """Return the page."""
     try:
         import jinja2
         from markupsafe import Markup
@@ -161,18 +102,16 @@ def render(package: NpmPackage, others: OtherFigures | None) -> str:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
     )
-    script = package.script(Build.WASM)
     return environment.get_template("index.html.j2").render(
         version=package.version,
-        package=npm_package.NAME,
+        package=NAME,
         mjbench_version=mjbench.__version__,
         style=Markup((SOURCES / "style.css").read_text(encoding="utf-8")),
         script=Markup(bundle("lab")),
         worker=Markup(bundle("worker")),
-        engine_script=_packed(script),
-        engine_wasm=_packed(script.with_suffix(".wasm")),
+        engine_script=_packed(package.folder / "mujoco.js"),
+        engine_wasm=_packed(package.folder / "mujoco.wasm"),
         models=[{"name": name, "xml": _mjcf(name)} for name in MODELS],
-        others=None if others is None else asdict(others),
     )
 
 
@@ -193,15 +132,17 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Build it."""
     parser = tally_command.parser(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE")
-    parser.add_argument("--package", type=Path, metavar="DIR", help="into which npm installed it")
-    parser.add_argument("--figures", type=Path, metavar="FILE")
+    parser.add_argument(
+        "--package",
+        type=Path,
+        default=INSTALLED,
+        metavar="DIR",
+        help="into which npm installed it",
+    )
     options = parser.parse_args(arguments)
 
     def action() -> ExitCode:
-        package = npm_package.find(folder=options.package)
-        if options.figures is not None and not options.figures.exists():
-            raise InputError(f"--figures: there is no {options.figures}")
-        page = render(package, read_figures(options.figures or RESULTS, package.version))
+        page = render(find_package(options.package))
         with writing(options.output):
             options.output.parent.mkdir(parents=True, exist_ok=True)
             with files.replacing(options.output) as file:

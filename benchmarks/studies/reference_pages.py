@@ -1,15 +1,16 @@
-"""Write what pages have of the code: commands, rules of lint, settings of tune, keys of files.
+"""Write what pages have of the code: commands, rules of lint, settings of tune, lines of files.
 
     python -m benchmarks.studies.reference_pages
 
-writes parts of docs/commands.md, docs/lint.md and docs/method/tune.md, and docs/keys.md. Do it
+writes parts of docs/commands.md, docs/lint.md, docs/method/tune.md and docs/formats.md. Do it
 again when a command's options, a rule, a setting or a record changed; a test compares.
 """
 
-import functools
-import inspect
+import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.studies.page_part import PagePart
@@ -22,9 +23,10 @@ WRITER = "benchmarks.studies.reference_pages"
 COMMANDS = PagePart("commands.md", "commands", WRITER)
 LINT_RULES = PagePart("lint.md", "rules", WRITER)
 SETTINGS = PagePart("method/tune.md", "settings", WRITER)
-KEYS = PagePart("keys.md", "keys", WRITER)
-# Characters of a line of help.
+RECORDS = PagePart("formats.md", "records", WRITER)
+# Characters of a line of help, or of an example.
 WIDTH = 96
+RUNS = Path(__file__).resolve().parents[1] / "results" / "runs"
 
 
 def main() -> None:
@@ -32,7 +34,7 @@ def main() -> None:
     COMMANDS.write(command_lines())
     LINT_RULES.write(rule_lines())
     SETTINGS.write(setting_lines())
-    KEYS.write(key_lines())
+    RECORDS.write(record_lines())
 
 
 def command_lines() -> Iterator[str]:
@@ -95,94 +97,61 @@ def setting_lines() -> Iterator[str]:
     yield from markdown.table_lines(["setting", "what it may change", "since MuJoCo"], rows)
 
 
-def key_lines() -> Iterator[str]:
-    """Yield which type each line and document has, then a section for each type."""
-    from mjbench.report.json_schemas import json_schemas
-    from mjbench.report.kinds import RECORD_TYPES
+def record_lines() -> Iterator[str]:
+    """Yield an example of each line of a run file, below the command that writes it.
+
+    Each is the first good one of the committed reference runs, in today's form. A record that none
+    of these has is shown by its keys.
+    """
+    from mjbench.host.neighbours import Disturbance
+    from mjbench.report.kinds import KINDS
     from mjbench.store.runs import RunHeader
 
-    schemas = json_schemas()
-    types: dict[str, dict[str, Any]] = {}
-    for schema in schemas.values():
-        types |= schema["$defs"]
-    link = functools.partial(_link, types)
-    yield "## Lines of a run file"
-    yield ""
-    kinds: dict[str, type[Any]] = {"run": RunHeader, **RECORD_TYPES}
-    records = ((f"`{name}`", link(_reference(kind.__name__))) for name, kind in kinds.items())
-    yield from markdown.table_lines(["type", "keys"], records)
-    yield ""
-    yield "## Documents"
-    yield ""
-    documents = ((f"`{s['title']}`", link(s)) for s in schemas.values() if "$ref" in s)
-    yield from markdown.table_lines(["written by", "keys"], documents)
-    yield ""
-    yield "## Types"
-    for name in sorted(types, key=str.lower):
-        if "enum" not in types[name]:
-            yield ""
-            yield from _type_lines(name, types[name], link)
-
-
-def _type_lines(
-    name: str, schema: Mapping[str, Any], link: Callable[[Mapping[str, Any]], str]
-) -> Iterator[str]:
-    """Yield what a type is, and its keys."""
-    summary, meanings = _described(schema.get("description", ""))
-    yield f"### {_title(name)}"
-    yield ""
-    if summary:
-        yield _cell(summary) + "."
+    examples = _examples()
+    sections: list[tuple[str, tuple[type[Any], ...]]] = [
+        ("every command", (RunHeader, Disturbance))
+    ]
+    sections += [(" and ".join(f"`{name}`" for name in k.commands), k.records) for k in KINDS]
+    for title, records in sections:
+        yield f"### Of {title}"
         yield ""
-    rows = (
-        (f"`{key}`", link(value), _cell(meanings.get(key, "")))
-        for key, value in schema["properties"].items()
-    )
-    yield from markdown.table_lines(["key", "value", "meaning"], rows)
+        for kind in records:
+            keys = examples.get(kind, {each.name: ... for each in fields(kind)})
+            yield "```text"
+            yield f'{{"type": "{kind.record_type}",'
+            yield from (f' "{key}": {_short(value)},' for key, value in keys.items())
+            yield "}"
+            yield "```"
+            yield ""
 
 
-def _described(description: str) -> tuple[str, dict[str, str]]:
-    """Return the first paragraph of a type's docstring, and what it says of the keys."""
-    text, _, attributes = inspect.cleandoc(description).partition("Attributes:\n")
-    entries = re.split(r"^ {2}(?=\w+: )", attributes, flags=re.M)[1:]
-    return text.partition("\n\n")[0], dict(entry.split(": ", 1) for entry in entries)
+def _examples() -> dict[type[Any], dict[str, Any]]:
+    from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import runs
+
+    examples: dict[type[Any], dict[str, Any]] = {}
+    for file in sorted(RUNS.glob("reference-*.jsonl")):
+        run = runs.load(file, RECORD_TYPES)
+        for record in (run.header, *run.records):
+            if getattr(record, "status", "ok") == "ok":
+                examples.setdefault(type(record), runs.to_json(record))
+    return examples
 
 
-def _link(types: Mapping[str, Mapping[str, Any]], schema: Mapping[str, Any]) -> str:
-    """Return the type of a value; a link to its section if it has keys of its own."""
-    link = functools.partial(_link, types)
-    match schema:
-        case {"$ref": str(reference)}:
-            name = reference.rpartition("/")[2]
-            title = _title(name)
-            is_enum = "enum" in types[name]
-            return (
-                link(types[name]) if is_enum else f"[{title}](#{title.lower().replace(' ', '-')})"
-            )
-        case {"anyOf": options}:
-            return " or ".join(map(link, options))
-        case {"const": value}:
-            return f"`{value}`"
-        case {"enum": words}:
-            return " or ".join(f"`{word}`" for word in words)
-        case {"type": "array", "items": dict(items)}:
-            return f"list of {link(items)}"
-        case {"type": "object", "additionalProperties": dict(values)}:
-            return f"map of {link(values)}"
-        case {"type": str(kind)}:
-            return kind
-    return "any"
+def _short(value: Any) -> str:
+    """Return a value as JSON that fits a line: of a list its beginning, of a text as well."""
+    text = "…" if value is ... else json.dumps(_first(value), ensure_ascii=False)
+    text = text.replace('"…"', "…")
+    return text if len(text) <= WIDTH - 20 else f"{text[: WIDTH - 21]}…"
 
 
-def _reference(name: str) -> dict[str, str]:
-    return {"$ref": f"#/$defs/{name}"}
-
-
-def _title(name: str) -> str:
-    """Return a type's name for people; those of generic types are long."""
-    generic, _, parameter = name.partition("_")
-    inner = re.findall(r"Work|int|float", parameter)
-    return f"{generic} of {inner[0].lower()}" if inner else name
+def _first(value: Any) -> Any:
+    """Return a JSON value with one item of each list, and four digits of each number."""
+    if isinstance(value, list):
+        return [*map(_first, value[:1]), *["…"][: len(value) - 1]]
+    if isinstance(value, dict):
+        return {key: _first(item) for key, item in value.items()}
+    return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def _cell(text: str) -> str:

@@ -28,7 +28,7 @@ export const start = guarded(async () => {
     guarded(async () => showGrowth(growHeap(await engine.start(), cartpole))),
   );
   grow.disabled = false;
-  const measuring = new Measuring(engine, text("worker"), models, JSON.parse(text("figures")));
+  const measuring = new Measuring(engine, text("worker"), models);
   measuring.onStart = () => fall.playback.isPlaying && fall.pause();
   followKeys({
     " ": fall.actions.play,

@@ -2,19 +2,17 @@
 
 import { BLOCKS, NSTEP } from "./stepping.mjs";
 import { announce, byId, guarded } from "./page.mjs";
-import { figureOf, figureOfOther, HERE, Measurement, shape, shown, writeTable } from "./speed.mjs";
+import { figureOf, Measurement, shape, shown, writeTable } from "./speed.mjs";
 
 export class Measuring {
   /**
    * @param {import("./engine.mjs").Engine} engine
    * @param {string} program of the worker
    * @param {readonly {name: string, xml: string}[]} models
-   * @param {import("./speed.mjs").OtherFigures | null} others
    */
-  constructor(engine, program, models, others) {
+  constructor(engine, program, models) {
     this.engine = engine;
     this.models = models;
-    this.others = others;
     this.measurement = new Measurement(`${engine.workerScript}\n${program}`);
     /** @type {Map<string, import("./speed.mjs").Figure>} */
     this.measured = new Map();
@@ -81,13 +79,9 @@ export class Measuring {
   draw() {
     const parent = byId("speeds");
     parent.replaceChildren();
-    const figures = [...this.measured.values(), ...(this.others?.figures ?? []).map(figureOfOther)];
-    const names = new Set([...this.models.map(({ name }) => name), ...this.measured.keys()]);
-    for (const name of names) {
-      const own = figures.filter(({ model }) => model === name);
-      if (own.length) writeTable(parent, name, own);
-    }
-    const [fast, slow] = names;
+    const figures = [...this.measured.values()];
+    if (figures.length) writeTable(parent, figures);
+    const [fast, slow] = this.models.map(({ name }) => name);
     byId("shape").textContent = slow ? shape(figures, slow, fast) : "";
     const refusals = [...this.refused].map(([name, message]) => {
       const item = document.createElement("p");
@@ -117,13 +111,9 @@ export class Measuring {
   conditions({ tickMs, blockMs }, wasHidden) {
     const tick = Number(tickMs.toPrecision(1));
     const error = (100 * tickMs) / blockMs;
-    const models = [...this.measured.keys()].map((model) => {
-      const there = this.others?.contacts[model];
-      const here = this.contacts.get(model)?.toFixed(1);
-      return `${model} ${here}${there === undefined ? "" : `, on the other machine ${there.toFixed(1)}`}`;
-    });
+    const models = [...this.contacts].map(([model, contacts]) => `${model} ${contacts.toFixed(1)}`);
     return (
-      `${HERE}: the median of ${BLOCKS} blocks of about ${Math.round(blockMs)} ms, after a second of warm-up. The ` +
+      `The median of ${BLOCKS} blocks of about ${Math.round(blockMs)} ms, after a second of warm-up. The ` +
       `clock ticks every ${tick} ms, which is at most ${error < 0.1 ? "0.1" : error.toFixed(1)} % of a block. ` +
       `Blocks repeat ${NSTEP} steps from a settled state, without control. Contacts of a step: ${models.join("; ")}.` +
       (wasHidden

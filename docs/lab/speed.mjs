@@ -8,29 +8,9 @@ import { quantile } from "./statistics.mjs";
  * A measured speed.
  * @typedef {object} Figure
  * @property {string} model
- * @property {string} where it ran, such as `C`
  * @property {number} stepsPerSecond the median
- * @property {string} note how far it is from others
+ * @property {string} note its spread
  */
-
-/**
- * What another program reached on a model.
- * @typedef {object} OtherFigure
- * @property {string} model
- * @property {string} where
- * @property {number} steps_per_s
- * @property {number | null} ratio its time over that of C; null for C itself
- */
-
-/**
- * What other programs reached, on the machine on which they were measured.
- * @typedef {object} OtherFigures
- * @property {string} machine
- * @property {readonly OtherFigure[]} figures
- * @property {Record<string, number>} contacts of a step, by model
- */
-
-export const HERE = "This browser";
 
 /**
  * Return the figure of some blocks.
@@ -41,41 +21,20 @@ export const HERE = "This browser";
 export function figureOf(model, stepsPerSecond) {
   const [low, median, high] = [0.25, 0.5, 0.75].map((share) => quantile(stepsPerSecond, share));
   const note = `middle half ${shown(low)} to ${shown(high)}`;
-  return { model, where: HERE, stepsPerSecond: median, note };
+  return { model, stepsPerSecond: median, note };
 }
 
 /**
- * Return the figure of another program.
- * @param {OtherFigure} other
- * @returns {Figure}
- */
-export function figureOfOther({ model, where, steps_per_s: stepsPerSecond, ratio }) {
-  return {
-    model,
-    where,
-    stepsPerSecond,
-    note: ratio === null ? "" : `${ratio.toPrecision(3)} × C's time`,
-  };
-}
-
-/**
- * Compare two models within each program: unlike speeds, these ratios may be compared between machines.
+ * Compare two models: unlike speeds, this ratio may be compared between machines.
  * @param {readonly Figure[]} figures
  * @param {string} slow model
  * @param {string} fast model
- * @returns {string} a sentence; empty where no program has both
+ * @returns {string} a sentence; empty unless both were measured
  */
 export function shape(figures, slow, fast) {
-  const speeds = new Map(
-    figures.map(({ model, where, stepsPerSecond }) => [`${model} ${where}`, stepsPerSecond]),
-  );
-  const ratios = [...new Set(figures.map(({ where }) => where))].flatMap((where) => {
-    const ratio = (speeds.get(`${fast} ${where}`) ?? NaN) / (speeds.get(`${slow} ${where}`) ?? NaN);
-    return ratio ? [`${ratio.toFixed(1)} in ${where === HERE ? "this browser" : where}`] : [];
-  });
-  return ratios.length
-    ? `Steps of ${fast} in the time of one of ${slow}: ${ratios.join("; ")}.`
-    : "";
+  const speeds = new Map(figures.map(({ model, stepsPerSecond }) => [model, stepsPerSecond]));
+  const ratio = (speeds.get(fast) ?? NaN) / (speeds.get(slow) ?? NaN);
+  return ratio ? `Steps of ${fast} in the time of one of ${slow}: ${ratio.toFixed(1)}.` : "";
 }
 
 /**
@@ -138,18 +97,16 @@ export class Measurement {
 }
 
 /**
- * Write the table of a model: where it ran, how fast, and a bar; the fastest has the longest.
+ * Write the table: each model, how fast, and a bar; the fastest has the longest.
  * @param {Element} parent
- * @param {string} model
  * @param {readonly Figure[]} figures
  */
-export function writeTable(parent, model, figures) {
+export function writeTable(parent, figures) {
   const fastest = Math.max(...figures.map((figure) => figure.stepsPerSecond));
   const table = document.createElement("table");
   table.className = "speeds";
-  table.createCaption().textContent = model;
   const head = table.createTHead().insertRow();
-  for (const title of ["program", "steps per second", "note"]) {
+  for (const title of ["model", "steps per second", "note"]) {
     const cell = document.createElement("th");
     cell.scope = "col";
     cell.textContent = title;
@@ -157,12 +114,10 @@ export function writeTable(parent, model, figures) {
   }
   fill(
     table,
-    figures.map(({ where, stepsPerSecond, note }) => [where, shown(stepsPerSecond), note]),
+    figures.map(({ model, stepsPerSecond, note }) => [model, shown(stepsPerSecond), note]),
   );
-  figures.forEach(({ where, stepsPerSecond }, i) => {
-    const row = table.tBodies[0].rows[i];
-    row.className = where === HERE ? "here" : "";
-    row.style.setProperty("--share", String(stepsPerSecond / fastest));
+  figures.forEach(({ stepsPerSecond }, i) => {
+    table.tBodies[0].rows[i].style.setProperty("--share", String(stepsPerSecond / fastest));
   });
   parent.append(table);
 }

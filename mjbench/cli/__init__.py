@@ -18,14 +18,12 @@ from mjbench.cli import (  # each adds its command to the group
     plan,
     profile,
     releases,
-    results,
     run,
     show,
     sweep,
     tune,
     versions,
     versions_explain,
-    web,
 )
 from mjbench.cli.group import cli
 

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
+from mjbench.bounds import PositiveFloat, PositiveInt
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.sampling_planners import (
     Algorithm,
@@ -84,17 +85,17 @@ class PlanningRow:
     model: str
     task: str | None = None
     algorithm: Algorithm
-    samples: int
-    horizon: int
+    samples: PositiveInt
+    horizon: PositiveInt
     path: str
     options: Mapping[str, Any]
     status: Status = Status.OK
     detail: str = ""
-    nplan: int | None = None
-    plan_s: float | None = None
-    plans_per_s: float | None = None
-    speedup: float | None = None
-    control_hz: float | None = None
+    nplan: PositiveInt | None = None
+    plan_s: PositiveFloat | None = None
+    plans_per_s: PositiveFloat | None = None
+    speedup: PositiveFloat | None = None
+    control_hz: PositiveFloat | None = None
     achieved: bool | None = None
     state_digest: str | None = None
     starts: Starts | None = None

@@ -9,7 +9,14 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from mjbench import paths
-from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.bounds import (
+    AnyFloat,
+    Int64,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 from mjbench.comparison.plan import Variant
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.accelerated_judgement import EngineAnswer, EngineJudgement, Precision
@@ -56,16 +63,16 @@ class ModelRecord:
     nstep: PositiveInt | None = None
     hold: PositiveInt | None = None
     returns: Product | None = None
-    seed: int | None = None
+    seed: Int64 | None = None
     reduced: bool | None = None
     diverged: NonNegativeInt | None = None
     divergence: str | None = None
     warnings: Mapping[str, NonNegativeInt] | None = None
-    spread: float | None = None
+    spread: AnyFloat | None = None
     starts: Starts | None = None
     workload_digest: str | None = None
     state_digest: str | None = None
-    start_contacts: int | None = None
+    start_contacts: NonNegativeInt | None = None
     work: Work | None = None
     nbatch_asked: PositiveInt | None = None
     usable_cores: PositiveInt = 1
@@ -109,7 +116,7 @@ class MeasurementRecord:
     nstep: PositiveInt | None = None
     hold: PositiveInt | None = None
     returns: Product | None = None
-    seed: int | None = None
+    seed: Int64 | None = None
     diverged: NonNegativeInt | None = None
     warnings: Mapping[str, NonNegativeInt] | None = None
     workload_digest: str | None = None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
-from mjbench.bounds import Version
+from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt, Share, Version
 from mjbench.paired.records import Pair, VerdictRow
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
@@ -26,8 +26,8 @@ class FunctionCount:
     """
 
     name: str
-    self: float
-    inclusive: float
+    self: NonNegativeFloat
+    inclusive: NonNegativeFloat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,16 +52,16 @@ class InstructionsRecord:
     release: Version
     status: Status = Status.OK
     detail: str = ""
-    instructions_per_step: float | None = None
-    outside_per_step: float | None = None
+    instructions_per_step: NonNegativeFloat | None = None
+    outside_per_step: NonNegativeFloat | None = None
     functions: Sequence[FunctionCount] = ()
-    stages: Mapping[str, float] | None = None
-    steps: int = 0
+    stages: Mapping[str, AnyFloat] | None = None
+    steps: NonNegativeInt = 0
     work: Work | None = None
-    repeats: float | None = None
-    diverged: int = 0
-    warnings: Mapping[str, int] | None = None
-    seconds: float = 0.0
+    repeats: NonNegativeFloat | None = None
+    diverged: NonNegativeInt = 0
+    warnings: Mapping[str, NonNegativeInt] | None = None
+    seconds: NonNegativeFloat = 0.0
     build: str = ""
     starts: Starts | None = None
 
@@ -108,9 +108,9 @@ class FunctionDifference:
 
     name: str
     old_name: str | None = None
-    old: float | None
-    new: float | None
-    difference: float
+    old: NonNegativeFloat | None
+    new: NonNegativeFloat | None
+    difference: AnyFloat
     code: CodeChange | None = None
     moved_with: Sequence[str] = ()
 
@@ -123,8 +123,8 @@ class CodeShare:
       share: of the instructions that both releases execute, from 0 to 1.
     """
 
-    functions: int
-    share: float
+    functions: NonNegativeInt
+    share: Share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,10 +152,10 @@ class ExplainRecord:
     old: Version
     new: Version
     status: Status
-    instructions_per_step: Pair[float | None]
-    outside_per_step: Pair[float | None]
+    instructions_per_step: Pair[NonNegativeFloat | None]
+    outside_per_step: Pair[NonNegativeFloat | None]
     work: Pair[Work | None]
-    stages: Mapping[str, Pair[float | None]]
+    stages: Mapping[str, Pair[AnyFloat | None]]
     functions: Sequence[FunctionDifference]
     code: Mapping[CodeChange, CodeShare] | None = None
     code_detail: str = ""

@@ -19,6 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjbench.bounds import NonNegativeInt
 from mjbench.environment import engine
 from mjbench.loop.engine_functions import STEPPING, EngineFunction
 from mjbench.simulation import agreement, compat
@@ -51,7 +52,7 @@ class ModelChange:
 
     field: str
     moment: Moment
-    count: int
+    count: NonNegativeInt
 
 
 @dataclass(frozen=True, eq=False)

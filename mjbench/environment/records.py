@@ -14,6 +14,7 @@ import numpy as np
 from mjbench import paths
 from mjbench.bounds import (
     AnyFloat,
+    Int64,
     Nanoseconds,
     NonNegativeFloat,
     NonNegativeInt,
@@ -60,7 +61,7 @@ class EnvironmentFacts:
     core: str
     wrappers: Sequence[str]
     versions: Mapping[str, str]
-    seed: NonNegativeInt
+    seed: Int64
     nstep: PositiveInt
     nepisode: PositiveInt
     episode_nstep: PositiveFloat | None

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.errors import InputError, one_line
 from mjbench.host import platforms
 
@@ -212,11 +213,11 @@ class Machine:
     cpu: str
     architecture: str
     system: str
-    cores: int | None
-    usable_cores: int
-    cgroup_quota_cores: float | None
-    memory_bytes: int
-    load_1min: float
+    cores: NonNegativeInt | None
+    usable_cores: PositiveInt
+    cgroup_quota_cores: NonNegativeFloat | None
+    memory_bytes: NonNegativeInt
+    load_1min: NonNegativeFloat
     governor: str
     hypervisor: bool
     python: str

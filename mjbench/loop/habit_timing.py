@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from mjbench.bounds import AnyFloat, Nanoseconds, NonNegativeInt
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import habits
@@ -51,12 +52,12 @@ class HabitCost:
     """
 
     source: str
-    ns: float
-    low: float
-    high: float
-    share: float
+    ns: AnyFloat
+    low: AnyFloat
+    high: AnyFloat
+    share: AnyFloat
     cheaper: str
-    saved_ns: float | None
+    saved_ns: AnyFloat | None
     code: str
 
 
@@ -80,10 +81,10 @@ class OverheadRow:
     model: str
     status: Status = Status.OK
     detail: str = ""
-    bare_ns: float | None = None
-    engine_ns: float | None = None
-    binding_ns: float | None = None
-    nstep: int | None = None
+    bare_ns: Nanoseconds | None = None
+    engine_ns: Nanoseconds | None = None
+    binding_ns: AnyFloat | None = None
+    nstep: NonNegativeInt | None = None
     costs: Sequence[HabitCost] | None = None
     starts: Starts | None = None
 

@@ -16,7 +16,14 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from mjbench.bounds import CompressedText, NonNegativeFloat, Share, check_measured
+from mjbench.bounds import (
+    AnyFloat,
+    CompressedText,
+    NonNegativeFloat,
+    NonNegativeInt,
+    Share,
+    check_measured,
+)
 from mjbench.errors import InputError, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -113,8 +120,8 @@ class SlowFeature:
     """
 
     name: str
-    slow: float
-    all: float
+    slow: AnyFloat
+    all: AnyFloat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,10 +150,10 @@ class LatencyRow:
     pace: Pace | None = None
     status: Status = Status.OK
     detail: str = ""
-    nstep: int | None = None
-    rate_hz: float | None = None
+    nstep: NonNegativeInt | None = None
+    rate_hz: NonNegativeFloat | None = None
     deadline_s: NonNegativeFloat | None = None
-    missed: int | None = None
+    missed: NonNegativeInt | None = None
     quantiles: Sequence[Quantile] = field(default=())
     max_ns: NonNegativeFloat | None = None
     slow: Sequence[SlowFeature] = field(default=())

@@ -8,6 +8,7 @@ import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt
 from mjbench.errors import InputError
 from mjbench.loop.lint_rule import Match, Rule
 from mjbench.loop.lint_rules import RULES
@@ -35,12 +36,12 @@ class Finding:
     """
 
     file: str
-    line: int
-    col: int
+    line: NonNegativeInt
+    col: NonNegativeInt
     code: str
     message: str
-    ns_per_step: float | None
-    cell: int | None
+    ns_per_step: NonNegativeFloat | None
+    cell: NonNegativeInt | None
     callee: str = ""
     instead: tuple[str, ...] = ()
     is_wrong_result: bool = False

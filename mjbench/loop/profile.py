@@ -17,7 +17,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjbench.bounds import AnyFloat, Nanoseconds, Share, Timestep, check_measured
+from mjbench.bounds import AnyFloat, Nanoseconds, NonNegativeInt, Share, Timestep, check_measured
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
@@ -112,13 +112,13 @@ class ProfileRow:
     clock_ns: AnyFloat | None = None
     work: Work | None = None
     stages: Mapping[str, Share] | None = None
-    warnings: Mapping[str, int] | None = None
+    warnings: Mapping[str, NonNegativeInt] | None = None
     starts: Starts | None = None
-    run_nstep: int | None = None
+    run_nstep: NonNegativeInt | None = None
     sensors: Sequence[SensorCost] = ()
     is_python_resolved: bool = True
     frames: Sequence[FrameTime] | None = None
-    simulated_second: Mapping[str, float] | None = None
+    simulated_second: Mapping[str, AnyFloat] | None = None
 
     def __post_init__(self) -> None:
         names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")

@@ -4,6 +4,7 @@ import statistics
 import sys
 from dataclasses import dataclass
 
+from mjbench.bounds import NonNegativeFloat, PositiveInt
 from mjbench.errors import MachineError, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -31,10 +32,10 @@ class FrameTime:
     """
 
     backend: str
-    seconds: float | None
+    seconds: NonNegativeFloat | None
     detail: str = ""
-    width: int = WIDTH
-    height: int = HEIGHT
+    width: PositiveInt = WIDTH
+    height: PositiveInt = HEIGHT
 
 
 def measure(

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.bounds import Share
+from mjbench.bounds import NonNegativeInt, Share
 from mjbench.measuring import timing
 from mjbench.simulation import compat
 
@@ -77,7 +77,7 @@ class SensorCost:
 
     type: str
     stage: SensorStage
-    count: int
+    count: NonNegativeInt
     share: Share
 
 

@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt
+
 Function = Callable[[], object]
 
 # Seconds of a block, at least. Where a core has other work, Linux lets a process run for some
@@ -31,10 +33,10 @@ class Compilation:
       is_cached: whether the compiler found all of them in its cache.
     """
 
-    trace_s: float | None
-    compile_s: float
-    first_run_s: float
-    programs: int | None = None
+    trace_s: NonNegativeFloat | None
+    compile_s: NonNegativeFloat
+    first_run_s: NonNegativeFloat
+    programs: NonNegativeInt | None = None
     is_cached: bool = False
 
     @property

@@ -10,7 +10,7 @@ from enum import StrEnum
 from statistics import fmean
 from typing import ClassVar
 
-from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
+from mjbench.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.status import FINISHED, Status
 from mjbench.store.json_form import in_json
@@ -55,7 +55,7 @@ class BisectTrial:
     version: VersionRow
     detail: str = ""
     first: NonNegativeInt = 0
-    log_ratios: Sequence[float] = ()
+    log_ratios: Sequence[LogRatio] = ()
     seconds: NonNegativeFloat = 0.0
 
     @property

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from mjbench.bounds import (
+    AnyFloat,
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
@@ -56,7 +57,7 @@ class TargetRow:
     path: str
     options: Mapping[str, Any]
     model_options: Mapping[str, str]
-    slowdown: float = 0.0
+    slowdown: AnyFloat = 0.0
     build: str = ""
     callback: str = ""
     has_timer: bool = True
@@ -222,7 +223,7 @@ class VerdictRow:
     placement: PlacementEffect | None = None
     changed_work: bool | None = None
     work: Pair[Work] | None = None
-    drift: float | None = None
+    drift: AnyFloat | None = None
     run_drift: Sequence[RunDrift] = ()
     diverged: Pair[NonNegativeInt] | None = None
     warnings: Pair[Mapping[str, NonNegativeInt]] | None = None
@@ -259,10 +260,10 @@ class LaunchRow:
       compilations: of both sides' processes; None for work that is not compiled first.
     """
 
-    core: int | None
+    core: NonNegativeInt | None
     cores: PositiveFloat | None
     orders: Sequence[str]
-    ns: Sequence[Sequence[int]]
+    ns: Sequence[Sequence[PositiveInt]]
     placements: PlacementPair = AS_SHIPPED
     layouts: Sequence[PositiveInt] = ()
     nsection: PositiveInt = 1

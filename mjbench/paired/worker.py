@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from mjbench.paired.race_blocks import RaceBlocks
     from mjbench.paired.timed_function import TimedFunction
     from mjbench.paths import Resources, States
-    from mjbench.simulation.rounding_reference import RoundingReference
     from mjbench.simulation.starts import StartPlan
     from mjbench.simulation.workload import PortableWorkload, Product, Workload
     from mjbench.simulation.workload_sampling import SampleRequest
@@ -201,21 +200,6 @@ class Worker:
             can_divide=loop_sections.can_divide(self.workload.only(observation.healthy), nsection),
             timestep_s=float(self.model.opt.timestep),
         )
-
-    @activity("stepping the model")
-    def trace(self, workload_file: Path, seed: int) -> "RoundingReference":
-        """Return what C does with a workload; the seed is of the shadow's moves."""
-        from mjbench.simulation import rounding_reference
-
-        self.read_workload(workload_file)
-        return rounding_reference.trace(self.workload, seed)
-
-    @activity("listing the model's files")
-    def list_files(self, file: Path) -> tuple[str, ...]:
-        """Return which files a model is compiled from: its own, and all that it names."""
-        from mjbench.simulation import models
-
-        return models.files_of(file)
 
     @activity("reading the workload")
     def equip(self, model_file: Path, workload_file: Path, path: str) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from mjbench.bounds import AnyInt
 from mjbench.program.py_spy import Frame
 from mjbench.program.source_loops import source_line
 
@@ -70,7 +71,7 @@ class Place:
     """
 
     file: str
-    line: int
+    line: AnyInt
     function: str
     text: str = ""
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mjbench.bounds import AnyFloat, Int64, NonNegativeFloat, NonNegativeInt
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place
 from mjbench.program.hook import call_clock
@@ -68,20 +69,20 @@ class CallTime:
     """
 
     callee: str
-    pid: int
-    thread: int
+    pid: NonNegativeInt
+    thread: Int64
     place: Place
     loop: SourceLoop | None
-    calls: float
-    seconds: float
-    first_ns: int
-    last_ns: int
-    steps: float
-    all_steps: float
-    clock_s: float = 0.0
-    frame: tuple[int, int] | None = None
+    calls: NonNegativeFloat
+    seconds: AnyFloat
+    first_ns: Int64
+    last_ns: Int64
+    steps: NonNegativeFloat
+    all_steps: NonNegativeFloat
+    clock_s: NonNegativeFloat = 0.0
+    frame: tuple[NonNegativeInt, NonNegativeInt] | None = None
     backend: str = ""
-    lines: Sequence[tuple[str, int]] = ()
+    lines: Sequence[tuple[str, NonNegativeInt]] = ()
 
     @property
     def activity(self) -> Activity:
@@ -249,7 +250,10 @@ def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
 
 
 def _estimated(timed: Sequence[tuple[CallTime, _Slot]], header: Header | None) -> list[CallTime]:
-    """Return the calls with those between bursts, which take no longer than there was time."""
+    """Return the calls with those between bursts, which take no longer than there was time.
+
+    The calls that were timed take what was measured, even where the clock seems to cost more.
+    """
     timed = _with_callbacks_between_bursts(timed)
     # callbacks are parts of steps
     fast = [slot for call, slot in timed if call.is_fast and not call.is_callback]
@@ -260,7 +264,8 @@ def _estimated(timed: Sequence[tuple[CallTime, _Slot]], header: Header | None) -
     span_ns = max(slot.last_ns for slot in [*fast, *slow]) - header.first_ns
     rest_ns = span_ns - header.cost_ns - sum(slot.ns for slot in slow)
     # a few long calls among those that were timed do not make all of them longer than the time
-    cap = min(1.0, max(0.0, rest_ns) / max(1, sum(slot.ns + slot.passed_ns for slot in fast)))
+    rest_ns = max(rest_ns, sum(slot.ns for slot in fast))
+    cap = min(1.0, rest_ns / max(1, sum(slot.ns + slot.passed_ns for slot in fast)))
     return [
         replace(
             call,

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mjbench.bounds import Share
+from mjbench.bounds import NonNegativeInt, Share
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.py_spy import Frame, ThreadSamples
@@ -112,7 +112,7 @@ class GilWait:
     """
 
     thread: str
-    pid: int
+    pid: NonNegativeInt
     share: Share
     holder: str
     holder_share: Share

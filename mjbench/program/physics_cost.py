@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.bounds import Share
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, Share
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile, step_parts
@@ -65,7 +65,7 @@ class Cost:
 
     kind: CostKind
     name: str
-    count: int
+    count: NonNegativeInt
     share: Share
 
 
@@ -80,7 +80,7 @@ class PhysicsCost:
       costs: parts of the model with a notable share, the largest first.
     """
 
-    step_ns: float
+    step_ns: NonNegativeFloat
     stages: Mapping[str, Share]
     costs: Sequence[Cost]
 

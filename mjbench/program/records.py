@@ -5,6 +5,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from mjbench.bounds import AnyInt, NonNegativeInt, PositiveFloat, Share
 from mjbench.host import machine
 from mjbench.program import (
     activities,
@@ -97,18 +98,18 @@ class ProgramRow:
     program: str
     status: Status
     detail: str
-    exit_code: int
+    exit_code: AnyInt
     was_ended: bool
-    wall_s: float
-    rate_hz: int
-    samples: int
-    paused_share: float | None
+    wall_s: PositiveFloat
+    rate_hz: NonNegativeInt
+    samples: NonNegativeInt
+    paused_share: Share | None
     loops: Sequence[LoopReport]
     steps: Sequence[StepTimes]
     wrong: Sequence[Remedy] = ()
     has_native: bool = True
     processor: ProcessorUse | None = None
-    memory_growth_bytes: int | None = None
+    memory_growth_bytes: AnyInt | None = None
     crash: Place | None = None
     physics: PhysicsCost | None = None
     gil_waits: Sequence[GilWait] = ()

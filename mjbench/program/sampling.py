@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.program import py_spy
@@ -45,9 +46,9 @@ class ProcessorUse:
       usable_cores: that all of them may use.
     """
 
-    program_cores: float
-    observer_cores: float
-    usable_cores: int
+    program_cores: NonNegativeFloat
+    observer_cores: NonNegativeFloat
+    usable_cores: NonNegativeInt
 
     @property
     def displaced_share(self) -> float:

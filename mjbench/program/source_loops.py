@@ -6,6 +6,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
 
+from mjbench.bounds import NonNegativeInt
+
 _LOOPS = (
     ast.For,
     ast.AsyncFor,
@@ -31,8 +33,8 @@ class SourceLoop:
     """
 
     file: str
-    first: int
-    last: int
+    first: NonNegativeInt
+    last: NonNegativeInt
 
     def holds(self, position: tuple[str, int]) -> bool:
         file, line = position

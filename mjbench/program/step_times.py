@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt, Share
 from mjbench.errors import InputError
 from mjbench.loop import step_parts
 from mjbench.program.hook import step_file
@@ -67,10 +68,10 @@ class Durations:
       max_ns: the longest.
     """
 
-    count: int
-    p50_ns: float
-    p99_ns: float
-    max_ns: float
+    count: NonNegativeInt
+    p50_ns: NonNegativeFloat
+    p99_ns: NonNegativeFloat
+    max_ns: NonNegativeFloat
 
     @classmethod
     def of(cls, durations_ns: np.ndarray) -> "Durations | None":
@@ -103,20 +104,20 @@ class StepTimes:
       startup_s: from the begin of Python to the first call of the engine.
     """
 
-    pid: int
-    span_s: float
-    nstep: int | None
-    steps_per_s: float | None
-    real_time_factor: float | None
+    pid: NonNegativeInt
+    span_s: NonNegativeFloat
+    nstep: NonNegativeInt | None
+    steps_per_s: NonNegativeFloat | None
+    real_time_factor: NonNegativeFloat | None
     step: Durations | None
     iteration: Durations | None
     of_environment: bool
-    stages: Mapping[str, float]
-    cost_share: float
-    collections: int
-    collections_s: float
-    longest_collection_s: float
-    startup_s: float = 0.0
+    stages: Mapping[str, Share]
+    cost_share: AnyFloat
+    collections: NonNegativeInt
+    collections_s: NonNegativeFloat
+    longest_collection_s: NonNegativeFloat
+    startup_s: NonNegativeFloat = 0.0
 
 
 def read_all(folder: Path) -> list[StepTimes]:

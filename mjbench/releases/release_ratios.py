@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from mjbench.bounds import (
+    AnyFloat,
     LogRatio,
     NonNegativeFloat,
     NonNegativeInt,
@@ -161,7 +162,7 @@ class RatioRecord:
     detail: str = ""
     launches: Sequence[LaunchRatio] = ()
     problem: str = ""
-    drift: float | None = None
+    drift: AnyFloat | None = None
     reference_s: PositiveFloat | None = None
     seconds: NonNegativeFloat = 0.0
 

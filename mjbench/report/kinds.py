@@ -1,7 +1,7 @@
 """The kinds of results: what a run file stores of each, and what each comes to.
 
-What is listed here is all that `show`, `--json`, `mjbench.load`, the JSON Schemas and the
-results of `import mjbench` know of a kind.
+What is listed here is all that `show`, `--json`, `mjbench.load` and the results of
+`import mjbench` know of a kind.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -44,14 +44,12 @@ from mjbench.report import (
     selfcheck,
     tuning,
     verdicts,
-    web,
 )
 from mjbench.report.content import Section, after_disturbances
 from mjbench.report.lint import LintDocument
 from mjbench.report.path_speedups import derive_all
 from mjbench.store.runs import SCHEMA, Record, Run
 from mjbench.tuning.records import TuneRecord
-from mjbench.web.records import WebRecord
 
 
 @dataclass(frozen=True)
@@ -180,13 +178,12 @@ HISTORY = Kind(
 EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)
 INSTRUCTIONS = _kind(InstructionsRecord, counts.sections, "instructions", has_machine=False)
 TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
-WEB = _kind(WebRecord, web.sections, "web", rows=web.rows)
 
 
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
     *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
-    *(PLACEMENT, BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE, WEB),
+    *(PLACEMENT, BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE),
 )
 
 # The records of a run file by their `type`.
@@ -206,7 +203,6 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "lint": LintDocument,
     "releases": listings.ReleasesDocument,
     "installs": listings.InstallsDocument,
-    "merge": documents.MergeDocument,
     "sweep": documents.SweepDocument,
 }
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt
 from mjbench.units import count_of, plain
 
 # Tangents that are turned by less, in degrees, are not worth a word.
@@ -55,9 +56,9 @@ class Measure:
     """
 
     name: str
-    value: float | None
-    limit: float | None = None
-    in_c: float | None = None
+    value: AnyFloat | None
+    limit: AnyFloat | None = None
+    in_c: AnyFloat | None = None
 
     @property
     def is_within(self) -> bool:
@@ -116,19 +117,19 @@ class PairContacts:
     """
 
     types: tuple[str, str]
-    states: int
-    other_counts: int
-    count: float
-    count_in_c: float
-    distance_m: float | None
-    position_m: float | None
-    normal_degrees: float | None
-    effect: float | None
-    largest_effect: float | None
+    states: NonNegativeInt
+    other_counts: NonNegativeInt
+    count: NonNegativeFloat
+    count_in_c: NonNegativeFloat
+    distance_m: AnyFloat | None
+    position_m: AnyFloat | None
+    normal_degrees: AnyFloat | None
+    effect: AnyFloat | None
+    largest_effect: AnyFloat | None
     answer: EngineAnswer
-    beside_flex: int = 0
-    unmet: int = 0
-    tangent_degrees: float | None = None
+    beside_flex: NonNegativeInt = 0
+    unmet: NonNegativeInt = 0
+    tangent_degrees: AnyFloat | None = None
 
     def __str__(self) -> str:
         text = "–".join(self.types)
@@ -173,8 +174,8 @@ class EngineJudgement:
     reason: str
     parts: tuple[JudgedPart, ...] = ()
     pairs: tuple[PairContacts, ...] = ()
-    states: int = 0
-    contact_states: int = 0
+    states: NonNegativeInt = 0
+    contact_states: NonNegativeInt = 0
 
     @classmethod
     def of(

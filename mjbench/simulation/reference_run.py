@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 import mujoco
 import numpy as np
 
+from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt
 from mjbench.simulation import compat, geom_pairs
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.workload import StepOutputs, Workload, start_data
@@ -48,19 +49,19 @@ class Work:
       flex_vertices: of deformable bodies.
     """
 
-    contacts: float
-    constraints: float
-    solver_iterations: float
-    degrees_of_freedom: float | None = None
-    actuators: float | None = None
-    sensors: float | None = None
-    rays: float | None = None
-    geom_pairs: float | None = None
-    tendons: float | None = None
-    plugins: float | None = None
-    mesh_vertices: float | None = None
-    hfield_cells: float | None = None
-    flex_vertices: float | None = None
+    contacts: NonNegativeFloat
+    constraints: NonNegativeFloat
+    solver_iterations: NonNegativeFloat
+    degrees_of_freedom: NonNegativeFloat | None = None
+    actuators: NonNegativeFloat | None = None
+    sensors: NonNegativeFloat | None = None
+    rays: NonNegativeFloat | None = None
+    geom_pairs: NonNegativeFloat | None = None
+    tendons: NonNegativeFloat | None = None
+    plugins: NonNegativeFloat | None = None
+    mesh_vertices: NonNegativeFloat | None = None
+    hfield_cells: NonNegativeFloat | None = None
+    flex_vertices: NonNegativeFloat | None = None
 
     def as_dict(self) -> dict[str, float]:
         return {name: value for name, value in asdict(self).items() if value is not None}
@@ -125,13 +126,13 @@ class ModelFacts:
       has_clock: whether a step reads the timer of MuJoCo's Python package; None in older files.
     """
 
-    nq: int
-    nv: int
-    nu: int
-    na: int
-    contacts: int
-    constraints: int
-    timestep: float
+    nq: NonNegativeInt
+    nv: NonNegativeInt
+    nu: NonNegativeInt
+    na: NonNegativeInt
+    contacts: NonNegativeInt
+    constraints: NonNegativeInt
+    timestep: AnyFloat
     integrator: str
     solver: str
     cone: str

@@ -14,6 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt
 from mjbench.errors import InputError, one_line, shown
 from mjbench.simulation import compat
 from mjbench.simulation.workload import (
@@ -100,8 +101,8 @@ class Later:
       contacts: per step, in the second half of the time since the last start.
     """
 
-    time_s: float
-    contacts: float
+    time_s: NonNegativeFloat
+    contacts: NonNegativeFloat
 
 
 @dataclass(frozen=True)
@@ -120,15 +121,15 @@ class Window:
       warnings: number of simulations that raised each warning, of those that did not diverge.
     """
 
-    nstart: int
-    nstep: int
-    contacts: float
-    solver_limited: float = 0.0
-    asleep: float | None = None
-    asleep_in_run: float | None = None
-    flat_hfields: int = 0
+    nstart: NonNegativeInt
+    nstep: NonNegativeInt
+    contacts: NonNegativeFloat
+    solver_limited: NonNegativeFloat = 0.0
+    asleep: NonNegativeFloat | None = None
+    asleep_in_run: NonNegativeFloat | None = None
+    flat_hfields: NonNegativeInt = 0
     later: Later | None = None
-    warnings: Mapping[str, int] = field(default_factory=dict)
+    warnings: Mapping[str, NonNegativeInt] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -147,8 +148,8 @@ class Starts:
       window: None in older files.
     """
 
-    settle_s: float
-    asked_s: float
+    settle_s: NonNegativeFloat
+    asked_s: NonNegativeFloat
     limit: SettleLimit | None = None
     file: str | None = None
     controls_file: str | None = None

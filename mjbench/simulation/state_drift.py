@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mjbench.bounds import AnyFloat, NonNegativeInt
 from mjbench.simulation import agreement, workload
 from mjbench.simulation.reference_run import states_after
 from mjbench.simulation.workload import PortableWorkload, Workload
@@ -48,8 +49,8 @@ class RunDrift:
       difference: the largest of qpos, qvel and act (see `StateDrift`).
     """
 
-    step: int
-    difference: float
+    step: NonNegativeInt
+    difference: AnyFloat
 
 
 @dataclass(frozen=True)

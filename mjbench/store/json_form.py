@@ -59,7 +59,7 @@ def _form(value: Any) -> Any:
 
 @cache
 def json_type(kind: Any) -> Any:
-    """Return the type of the JSON form of a dataclass, for schemas and for reading documents.
+    """Return the type of the JSON form of a dataclass, for reading documents.
 
     What a class declares by `in_json` is always there, so it has no defaults.
     """

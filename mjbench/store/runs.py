@@ -2,7 +2,7 @@
 
 A record is a frozen dataclass with a class variable `record_type`. It is appended and flushed when
 its measurement ends, so a killed run leaves every earlier record readable; a last line cut short
-is left out. docs/formats.md describes the records, and `mjbench/schemas` holds their JSON Schema.
+is left out. docs/formats.md has an example of each.
 """
 
 import contextlib

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjbench.bounds import AnyFloat
 from mjbench.tuning.trajectories import Trajectories
 
 # Motion that is smaller, in m or rad, counts as this much: errors of a model at rest are small.
@@ -26,8 +27,8 @@ class Units:
       rad: of hinges, balls and the orientations of free bodies, in rad, or in rad/s.
     """
 
-    m: float | None
-    rad: float | None
+    m: AnyFloat | None
+    rad: AnyFloat | None
 
     def larger(self, other: "Units") -> "Units":
         pairs = (self.m, other.m), (self.rad, other.rad)
@@ -47,7 +48,7 @@ class Distance:
       velocity: in m/s and rad/s.
     """
 
-    share: float
+    share: AnyFloat
     position: Units
     velocity: Units
 

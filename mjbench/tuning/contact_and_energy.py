@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjbench.bounds import AnyFloat
 from mjbench.comparison.accelerated_run_statistics import contact_force_n, penetration_m, violation
 from mjbench.simulation import compat
 
@@ -24,10 +25,10 @@ class Physics:
       contact_force_n: sum of the normal forces of a state's contacts, in N.
     """
 
-    penetration_m: float
-    violation: float
-    energy_drift_j: float
-    contact_force_n: float
+    penetration_m: AnyFloat
+    violation: AnyFloat
+    energy_drift_j: AnyFloat
+    contact_force_n: AnyFloat
 
 
 def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray) -> Physics:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjbench.bounds import Share
 from mjbench.simulation import geom_pairs
 
 # The hull's share of the primitive's volume, at least.
@@ -43,7 +44,7 @@ class MeshNote:
     geom: str
     mesh: str
     primitive: Primitive
-    share: float
+    share: Share
 
 
 def mesh_notes(model: mujoco.MjModel) -> list[MeshNote]:

@@ -8,7 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.bounds import (
+    AnyFloat,
+    Int64,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 from mjbench.measuring import launch_stats, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
@@ -65,7 +72,7 @@ class Accuracy:
     error: Distance | None
     distance: Distance
     physics: Physics | None
-    run_errors: Sequence[float]
+    run_errors: Sequence[AnyFloat]
     changed_sensors: NonNegativeInt = 0
     sensor_share: NonNegativeFloat = 0.0
 
@@ -84,7 +91,7 @@ class TunedProgram:
     error: Distance | None
     trace_s: NonNegativeFloat | None
     compile_s: NonNegativeFloat
-    buffer_sizes: Mapping[str, int]
+    buffer_sizes: Mapping[str, NonNegativeInt]
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ class Attempt:
     program: TunedProgram | None = None
     samples: LaunchRow | None = None
     launches: Sequence[LaunchRow] = ()
-    stages: Mapping[str, float] = field(default_factory=dict)
+    stages: Mapping[str, AnyFloat] = field(default_factory=dict)
 
     @property
     def gives_up(self) -> bool:
@@ -218,7 +225,7 @@ class TuneRecord:
     engine: str = "c"
     status: Status = Status.OK
     detail: str = ""
-    seed: int = 0
+    seed: Int64 = 0
     max_error: PositiveFloat | None = None
     only: Effect = Effect.APPROXIMATE
     present: Present | None = None
@@ -230,7 +237,7 @@ class TuneRecord:
     front: Sequence[Recommendation] = ()
     withdrawn: Sequence[Withdrawal] = ()
     meshes: Sequence[MeshNote] = ()
-    stages: Mapping[str, float] | None = None
+    stages: Mapping[str, AnyFloat] | None = None
     seconds: NonNegativeFloat = 0.0
 
     @property

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.simulation import compat, reference_run, starts, workload, workload_sampling
@@ -94,18 +95,18 @@ class Present:
       motion_rad: in rad.
     """
 
-    nrun: int
-    horizon_s: float
-    horizon_ncontrol: int
-    ncontrol: int
-    run_s: float
+    nrun: NonNegativeInt
+    horizon_s: NonNegativeFloat
+    horizon_ncontrol: NonNegativeInt
+    ncontrol: NonNegativeInt
+    run_s: NonNegativeFloat
     is_comparable: bool
     starts: Starts
     error: Distance | None
     rounding: Distance
     solver: Distance | None
-    motion_m: float | None
-    motion_rad: float | None
+    motion_m: AnyFloat | None
+    motion_rad: AnyFloat | None
     physics: Physics
     reference_physics: Physics | None
     converged_error: Distance | None = None

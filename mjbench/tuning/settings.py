@@ -4,6 +4,8 @@ import enum
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from mjbench.bounds import AnyFloat, NonNegativeInt
+
 # Simulations of a batched step of MJX or Warp, unless the user says.
 NBATCH = 64
 
@@ -18,7 +20,7 @@ class LoopChange:
     """
 
     is_clock_off: bool = False
-    engine_threads: int = 0
+    engine_threads: NonNegativeInt = 0
 
     @property
     def path(self) -> str:
@@ -84,8 +86,8 @@ class Setting:
     loop: LoopChange = NO_CHANGE
     loses: str = ""
     evidence: str = ""
-    saves: float = 0.0
-    buffer_sizes: Mapping[str, int] = field(default_factory=dict)
+    saves: AnyFloat = 0.0
+    buffer_sizes: Mapping[str, NonNegativeInt] = field(default_factory=dict)
 
 
 Settings = tuple[Setting, ...]

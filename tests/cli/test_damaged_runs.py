@@ -11,8 +11,6 @@ from click.testing import CliRunner
 from example_environment_records import record as environment_record
 from example_races import RAY, ROLLOUT, compared, raced
 from example_records import JUDGED, measurement, model_record
-from example_web_records import record as web_record
-from example_web_records import wasm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -86,7 +84,6 @@ KINDS = {
     "compare": (*COMPARISON, *RACE),
     "versions": VERDICTS, "selfcheck": TRIALS, "placement": SPREADS,
     "env": (environment_record(),),
-    "web": (web_record(wasm()),),
 }  # fmt: skip
 FOREIGN: list[Any] = [
     None, True, 0, -1, 1, 10**30, -0.0, 1e-320, 1e308, -1e308, "", "x", "NaN", "a\x1b]52;\nb",

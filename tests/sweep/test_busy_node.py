@@ -6,7 +6,7 @@ import pytest
 
 from mjbench.host import machine
 from mjbench.host.machine import ProcessorTime
-from mjbench.host.neighbours import Neighbour, Presence
+from mjbench.host.neighbours import Neighbour
 from mjbench.sweep import busy_node
 from mjbench.sweep.busy_node import Limits, NodeState
 
@@ -62,11 +62,3 @@ def test_it_sees_what_others_use_while_it_sleeps(monkeypatch: pytest.MonkeyPatch
     assert state.busy_cores == pytest.approx(1.5, rel=0.05)
     assert state.cores_had == pytest.approx(2.0)  # both pieces of work take one tick of the clock
     assert (state.usable_cores, state.stolen) == (2, 0.0)
-
-
-def test_it_sees_another_mjbench_that_measures() -> None:
-    with Presence("compare") as presence:
-        presence.enter(wait=False)
-        state = busy_node.calibrate(sleep=lambda seconds: None)
-        assert [neighbour.command for neighbour in state.neighbours] == ["compare"]
-        assert presence.later_neighbours() == [], "looking is not measuring"

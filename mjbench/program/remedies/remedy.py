@@ -3,6 +3,7 @@
 import enum
 from dataclasses import dataclass
 
+from mjbench.bounds import AnyFloat, NonNegativeInt
 from mjbench.measuring.ratio import Ratio
 from mjbench.program.activities import Activity, Place
 
@@ -64,12 +65,12 @@ class Remedy:
     activity: Activity | None
     place: Place | None
     text: str
-    gain: float | None
-    gain_error: float | None
+    gain: AnyFloat | None
+    gain_error: AnyFloat | None
     code: str = ""
     confirmed: "Confirmed | None" = None
     basis: Basis = Basis.BOUND
-    share: float | None = None
+    share: AnyFloat | None = None
     effect: str = ""
 
     @property
@@ -120,10 +121,10 @@ class Confirmed:
       runs: of each kind.
     """
 
-    gain: float
-    low: float
-    high: float
-    runs: int
+    gain: AnyFloat
+    low: AnyFloat
+    high: AnyFloat
+    runs: NonNegativeInt
 
     @property
     def is_certain(self) -> bool:

@@ -130,3 +130,14 @@ def test_a_row_has_medians_of_its_launches_and_the_range_of_their_ratios() -> No
 
 def test_the_page_says_what_the_committed_figures_say() -> None:
     assert c_floor_page.PART.text() == of_lines(c_floor_page.lines(c_floor.stored()))
+
+
+def test_blocks_take_turns_in_opposite_orders_until_the_budget_ends() -> None:
+    order: list[int] = []
+    blocks = {key: lambda key=key: order.append(key) or 10 * key for key in range(3)}
+    # each of these blocks takes 0.1 s
+    rows = c_floor.rounds(blocks, 3.05, clock=lambda: 0.1 * len(order))
+    assert rows == [{0: 0, 1: 10, 2: 20}] * 10
+    turns = [order[i : i + 3] for i in range(0, len(order), 3)]
+    assert all(turns[i] == turns[i + 1][::-1] for i in range(0, 10, 2))
+    assert len(c_floor.rounds(blocks, 0.0)) == c_floor.LEAST_ROUNDS

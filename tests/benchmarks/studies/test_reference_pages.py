@@ -5,7 +5,7 @@ import pytest
 from benchmarks.studies import reference_pages
 from benchmarks.studies.page_part import of_lines
 from mjbench.cli import cli
-from mjbench.report.kinds import DOCUMENTS
+from mjbench.report.kinds import RECORD_TYPES
 
 
 @pytest.mark.parametrize(
@@ -14,7 +14,7 @@ from mjbench.report.kinds import DOCUMENTS
         (reference_pages.COMMANDS, reference_pages.command_lines),
         (reference_pages.LINT_RULES, reference_pages.rule_lines),
         (reference_pages.SETTINGS, reference_pages.setting_lines),
-        (reference_pages.KEYS, reference_pages.key_lines),
+        (reference_pages.RECORDS, reference_pages.record_lines),
     ],
     ids=lambda each: getattr(each, "name", ""),
 )
@@ -29,11 +29,8 @@ def test_every_command_that_is_listed_has_its_options() -> None:
     assert text.count("Options:") >= len(listed)
 
 
-def test_every_document_and_every_type_that_is_named_has_its_keys() -> None:
-    lines = list(reference_pages.key_lines())
-    titles = {line.removeprefix("### ") for line in lines if line.startswith("### ")}
-    anchors = {title.lower().replace(" ", "-") for title in titles}
-    linked = {link.partition(")")[0] for line in lines for link in line.split("](#")[1:]}
-    assert linked <= anchors
-    documents = [line for line in lines if line.startswith("| `mjbench ")]
-    assert len(documents) == len(DOCUMENTS) + 1  # and that of a run set
+def test_every_record_of_a_run_file_has_an_example() -> None:
+    lines = list(reference_pages.record_lines())
+    assert {line for line in lines if line.startswith('{"type"')} == {
+        f'{{"type": "{name}",' for name in ["run", *RECORD_TYPES]
+    }

@@ -12,7 +12,7 @@ const { blockLength, clockTick } = await from("clock");
 const { withBallFirst } = await from("models");
 const { ticks } = await from("traces");
 const { points, scale } = await from("svg");
-const { figureOf, figureOfOther, shape, shown } = await from("speed");
+const { figureOf, shape, shown } = await from("speed");
 const { BLOCKS, measure, NSTEP } = await from("stepping");
 const { messageOf } = await from("engine");
 
@@ -68,22 +68,18 @@ test("axes have the multiples of a tenth, and dead values are not drawn", () => 
   );
 });
 
-test("a figure has the median and the middle half; others have their time over C's", () => {
+test("a figure has the median and the middle half", () => {
   const here = figureOf("cartpole", [100, 400, 200, 300]);
   assert.equal(here.stepsPerSecond, 250);
   assert.equal(here.note, "middle half 175 to 325");
-  const other = { model: "cartpole", where: "Node", steps_per_s: 200, ratio: 1.25 };
-  assert.equal(figureOfOther(other).note, "1.25 × C's time");
-  assert.equal(figureOfOther({ ...other, ratio: null }).note, "");
   assert.equal(shown(1234567), "1,230,000");
   assert.equal(shown(0.01234), "0.01");
 });
 
-test("the shape compares models within a program, where it has both", () => {
-  const figure = (model, where, stepsPerSecond) => ({ model, where, stepsPerSecond, note: "" });
-  const figures = [figure("a", "C", 300), figure("b", "C", 20), figure("a", "Node", 200)];
-  assert.equal(shape(figures, "b", "a"), "Steps of a in the time of one of b: 15.0 in C.");
-  assert.equal(shape(figures.slice(2), "b", "a"), "");
+test("the shape compares two models that were measured", () => {
+  const figures = [figureOf("a", [300]), figureOf("b", [20])];
+  assert.equal(shape(figures, "b", "a"), "Steps of a in the time of one of b: 15.0.");
+  assert.equal(shape(figures.slice(1), "b", "a"), "");
 });
 
 test("a message of MuJoCo is one line, without its prefix", () => {
