@@ -278,7 +278,7 @@ def test_steps_of_an_environment_are_iterations(started):
 
 def test_collections_count_from_the_first_step(started):
     model, data = simulation()
-    note = started.clock.note_collection
+    note = started.clock.collections.callback
     for begin in (True, False):
         note("start", {"generation": 2})
         started.fake.spend(3_000_000)
