@@ -130,6 +130,11 @@ def read_all(folder: Path) -> list[StepTimes]:
     return times
 
 
+def untimed_pids(folder: Path) -> set[int]:
+    """Return the processes that had no space for their file: they left it empty."""
+    return {int(file.stem) for file in folder.glob("*.steps") if not file.stat().st_size}
+
+
 def read_headers(folder: Path) -> dict[int, Header]:
     headers = {}
     for file in folder.glob("*.steps"):
