@@ -204,7 +204,7 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "releases": listings.ReleasesDocument,
     "installs": listings.InstallsDocument,
     "merge": documents.MergeDocument,
-    "sweep": documents.SweepDocument,
+    "sweep": documents.SWEEP,
 }
 
 
