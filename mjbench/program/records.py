@@ -5,7 +5,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from mjbench.bounds import AnyInt, NonNegativeFloat, NonNegativeInt, Share
+from mjbench.bounds import AnyInt, NonNegativeInt, PositiveFloat, Share
 from mjbench.host import machine
 from mjbench.program import (
     activities,
@@ -100,7 +100,7 @@ class ProgramRow:
     detail: str
     exit_code: AnyInt
     was_ended: bool
-    wall_s: NonNegativeFloat
+    wall_s: PositiveFloat
     rate_hz: NonNegativeInt
     samples: NonNegativeInt
     paused_share: Share | None

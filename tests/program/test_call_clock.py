@@ -285,6 +285,21 @@ def test_callbacks_between_bursts_are_those_of_the_steps_of_their_own_loop(clock
     assert callback.calls == 10
 
 
+@pytest.mark.parametrize("cost_ns", [0, 10**9])
+def test_steps_take_what_was_measured_however_much_the_clock_seems_to_cost(
+    clock, tmp_path, cost_ns
+):
+    burst = bursts.Burst(clock)
+    burst.add("mj_step", sys._getframe(), 1_000, 1_400, 1)
+    burst.pass_on(burst.write(), 9, until_ns=5_000)
+    header = dict.fromkeys(Header.__dataclass_fields__, 0)
+    header |= {"pid": os.getpid(), "first_ns": 1_000, "cost_ns": cost_ns}
+    step_file.StepFile(str(tmp_path)).write_header(*header.values())
+    (call,) = read(tmp_path).calls
+    assert call.calls == 10
+    assert call.seconds == pytest.approx(400e-9 if cost_ns else 4_000e-9)
+
+
 def test_a_damaged_file_is_left_out(tmp_path):
     (tmp_path / "1.calls").write_bytes(b"short")
     (tmp_path / "1.sites").write_text("{")
