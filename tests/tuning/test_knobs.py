@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import mujoco
 import pytest
 
-from benchmarks.tuning_planted import rods
+from benchmarks.studies.tuning_planted import rods
 from mjbench.loop.step_parts import OTHER, SENSORS, STAGES
 from mjbench.simulation import compat, model_options, models
 from mjbench.tuning import knob_values, knobs, usual_regime
