@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, make_dataclass
+from pathlib import Path
 
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
