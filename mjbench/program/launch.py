@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -63,6 +63,7 @@ class ProgramObservation:
     Attributes:
       paused_share: as that of `records.ProgramRow`.
       problem: why there are no samples, in one line; empty where there are.
+      untimed_pids: processes whose steps were not timed, since the disk is full.
     """
 
     wall_s: float
@@ -80,6 +81,7 @@ class ProgramObservation:
     models: Sequence[RecordedModel] = ()
     crash: Place | None = None
     gil_waits: Sequence[GilWait] = ()
+    untimed_pids: Collection[int] = ()
 
 
 def check(program: Program) -> None:
@@ -192,6 +194,7 @@ def _observation(
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
         gil_waits=waits,
+        untimed_pids=step_times.untimed_pids(folder),
     )
 
 
