@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeVar
 
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
 from mjbench.host import conditions, machine, neighbours, platforms
-from mjbench.host.machine import ProcessorTime
+from mjbench.host.machine import CoreChange, ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Progress
@@ -225,7 +225,7 @@ class Session:
         with contextlib.ExitStack() as closing:
             if self._wait is not None:
                 self._others = self._look(self._wait)
-            self._begin = ProcessorTime.now()
+            self._begin, self._cores = ProcessorTime.now(), machine.allowed_cores()
             self.header = self._new_header()
             if self._folder is not None:
                 self._file = self._open(self._folder)
@@ -310,8 +310,10 @@ class Session:
         others = dict.fromkeys([*self._others, *neighbours.measuring_now()])
         share = ProcessorTime.now().stolen_since(self._begin)
         stolen_share = share if share >= conditions.NOTABLE_STOLEN else None
-        if not others and stolen_share is None:
+        core_change = CoreChange.since(self._cores)
+        if not others and stolen_share is None and core_change is None:
             return None
-        disturbance = Disturbance([other.command for other in others], stolen_share)
+        commands = [other.command for other in others]
+        disturbance = Disturbance(commands, stolen_share, core_change)
         self.record(disturbance)
         return disturbance
