@@ -20,12 +20,11 @@ from mjbench.cli import cli
 from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.pages import exports, html, markdown, reports, terminal
 from mjbench.pages.reports import NamedRun
-from mjbench.report import advice_across, formats, machines_side_by_side
+from mjbench.report import formats, machines
 from mjbench.report.content import Report, Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.path_speedups import PathResult, derive_all
-from mjbench.store import run_set, runs
-from mjbench.store.run_set import RunSet
+from mjbench.store import runs
 from mjbench.store.runs import Run
 
 DESK, LAPTOP = labelled("desk"), labelled("laptop")
@@ -65,10 +64,6 @@ def read(file: Path) -> Run:
     return runs.load(file, RECORD_TYPES)
 
 
-def set_read(file: Path) -> RunSet:
-    return run_set.read(file, RECORD_TYPES)
-
-
 def report_of(file: Path) -> Report:
     return reports.build([NamedRun(file, read(file))])
 
@@ -99,13 +94,13 @@ def of_notebook_document(file: Path) -> list[Gain]:
 
 
 def of_csv(file: Path) -> list[Gain]:
-    return of_rows(list(csv.DictReader(exports.as_csv(set_read(file)).splitlines())))
+    return of_rows(list(csv.DictReader(exports.as_csv(read(file)).splitlines())))
 
 
 def of_parquet(file: Path) -> list[Gain]:
     frames = pytest.importorskip("polars")
     table = file.with_suffix(".parquet")
-    table.write_bytes(exports.as_parquet(set_read(file)))
+    table.write_bytes(exports.as_parquet(read(file)))
     return of_rows(frames.read_parquet(table).to_dicts())
 
 
@@ -149,11 +144,11 @@ def test_the_chart_has_the_numbers_of_the_table(tmp_path: Path) -> None:
 def test_other_tools_get_the_time_of_the_plain_loop_over_the_speed_up(tmp_path: Path) -> None:
     file = stored(tmp_path)
     times = [result.step_ns for result in results_of(file)]
-    action = json.loads(exports.as_github_action_benchmark(set_read(file)))
+    action = json.loads(exports.as_github_action_benchmark(read(file)))
     assert [entry["value"] for entry in action] == times
-    bencher = json.loads(exports.as_bencher(set_read(file)))
+    bencher = json.loads(exports.as_bencher(read(file)))
     assert [measures["latency"]["value"] for measures in bencher.values()] == times
-    _, row = csv.reader(exports.as_otava(set_read(file)).splitlines())
+    _, row = csv.reader(exports.as_otava(read(file)).splitlines())
     assert [float(cell) for cell in row[1:]] == times
 
 
@@ -161,10 +156,9 @@ def test_other_tools_get_the_time_of_the_plain_loop_over_the_speed_up(tmp_path: 
 
 
 def of_set(file: Path) -> str:
-    results = machines_side_by_side.side_by_side([read(file)])
-    section = machines_side_by_side.section(results)
+    section = machines.section(machines.of_runs([read(file)]))
     assert section is not None
-    return "\n".join([*advice_across.cautions(results.advice), terminal.text_of([section])])
+    return terminal.text_of([section])
 
 
 TEXTS: dict[str, Callable[[Path], str]] = {
@@ -260,7 +254,7 @@ def test_rows_documents_and_other_tools_say_what_disturbed_a_run(tmp_path: Path)
     document = json.loads(invoked("show", file, "--json", "-"))
     assert all(result["disturbances"] == [clause] for result in document["results"])
     assert not any(advice["is_certain"] for advice in document["advice"])
-    action = json.loads(exports.as_github_action_benchmark(set_read(file)))
+    action = json.loads(exports.as_github_action_benchmark(read(file)))
     assert {entry["extra"] for entry in action} == {f"Disturbed: {clause}. Measure again."}
     for form in ("csv", "bencher", "otava", "junit"):
         done = CliRunner().invoke(cli, ["report", str(file), "--format", form])

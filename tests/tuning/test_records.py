@@ -9,15 +9,14 @@ from tuning_values import ENGINE_TUNE, FEWER, stored
 from mjbench.errors import InputError
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
-from mjbench.store import run_set
+from mjbench.store import runs
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.settings import Edit, Part, label
 
 
 def read(file: Path) -> TuneRecord:
     """Return the only record of a run file."""
-    ((_, section),) = run_set.load_files([file], RECORD_TYPES)
-    (record,) = section.run.of_type(TuneRecord)
+    (record,) = runs.load(file, RECORD_TYPES).of_type(TuneRecord)
     return record
 
 
