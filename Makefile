@@ -23,7 +23,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
 	@echo "make test      run lint (see below) and the tests (10 minutes on two cores)"
-	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
+	@echo "make site      write all reports and the documents as a static site to $(SITE)"
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs npm)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
 	@echo "make lint      check style, spelling, the layers of imports, types and pages"
@@ -78,10 +78,10 @@ upgrade: $(STAMP)
 	exit $$status
 
 site: $(STAMP)
-	$(BIN)/mjbench results site -o $(SITE)
+	$(BIN)/python docs/site.py -o $(SITE)
 
 lab: $(STAMP) $(LAB_PACKAGE)
-	$(BIN)/python -m benchmarks.lab -o $(LAB)
+	$(BIN)/python -m benchmarks.studies.lab -o $(LAB)
 
 # MuJoCo's WebAssembly build.
 $(LAB_PACKAGE): docs/lab/package.json
@@ -90,28 +90,28 @@ $(LAB_PACKAGE): docs/lab/package.json
 	@touch $@
 
 c-floor: $(STAMP)
-	$(BIN)/python -m benchmarks.c_floor
+	$(BIN)/python -m benchmarks.studies.c_floor
 
 docs-commands: $(STAMP)
-	$(BIN)/python -m benchmarks.page_commands
+	$(BIN)/python -m benchmarks.studies.page_commands
 
 slowdown: $(STAMP)
-	$(BIN)/python -m benchmarks.slowdown
+	$(BIN)/python -m benchmarks.studies.slowdown
 
 soak: $(STAMP)
-	$(BIN)/python -m benchmarks.soak
+	$(BIN)/python -m benchmarks.studies.soak
 
 fuzz: $(STAMP)
-	$(BIN)/python -m benchmarks.fuzz
+	$(BIN)/python -m benchmarks.studies.fuzz
 
 verdicts: $(STAMP)
 	$(BIN)/python -m benchmarks.studies.verdict_simulation
 
 gpu: $(STAMP)
-	$(BIN)/python -m benchmarks.gpu
+	$(BIN)/python -m benchmarks.studies.gpu
 
 foreign: $(STAMP)
-	$(BIN)/python -m benchmarks.foreign
+	$(BIN)/python -m benchmarks.studies.foreign
 
 # Rebuilt when its inputs change, or when an earlier set-up did not finish.
 $(EMPTY): pyproject.toml constraints.txt

@@ -104,9 +104,9 @@ def _take_signals() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _no_traces(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """Keep tests out of sight of other mjbench on this machine, and out of the user's tables."""
+    """Take no notice of other mjbench on this machine; keep out of the user's tables."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(neighbours.FOLDER_VARIABLE, str(tmp_path_factory.mktemp("measuring")))
+        patch.setenv(neighbours.IGNORE_VARIABLE, "1")
         costs = tmp_path_factory.mktemp("step_costs") / "costs.json"
         patch.setenv(step_costs.FILE_VARIABLE, str(costs))
         # a thread of OpenBLAS, which waits busily, costs more than it saves in a short process

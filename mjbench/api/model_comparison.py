@@ -8,7 +8,6 @@ do the verified work (see `paired.race`). Accelerated paths, which compile first
 """
 
 import itertools
-import os
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
@@ -238,9 +237,8 @@ class ComparedModel:
         self._show_known()
 
     def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
-        others = [each for each in neighbours.measuring_now() if each.pid != os.getpid()]
         earlier = self._race.neighbours if self._race is not None else ()
-        names = sorted({*earlier, *(each.command for each in others)})
+        names = sorted({*earlier, *(each.command for each in neighbours.measuring_now())})
         return replace(
             record,
             stolen_share=ProcessorTime.now().stolen_since(self._processor_time),

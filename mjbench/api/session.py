@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
 from mjbench.host import conditions, machine, neighbours, platforms
 from mjbench.host.machine import ProcessorTime
-from mjbench.host.neighbours import Disturbance, Neighbour, Presence
+from mjbench.host.neighbours import Disturbance, Neighbour
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Progress
 from mjbench.releases.release_names import ReleaseSpec
@@ -213,7 +213,6 @@ class Session:
         self._folder, self._resume = folder, resume
         self._command_line, self._report = command_line, report
         self._file: RunFile | None = None
-        self._presence: Presence | None = None
         self._others: Sequence[Neighbour] = ()
 
     def __enter__(self) -> "Session":
@@ -225,8 +224,7 @@ class Session:
         """
         with contextlib.ExitStack() as closing:
             if self._wait is not None:
-                self._presence = closing.enter_context(Presence(self._measurement.command))
-                self._others = self._enter(self._presence, self._wait)
+                self._others = self._look(self._wait)
             self._begin = ProcessorTime.now()
             self.header = self._new_header()
             if self._folder is not None:
@@ -238,11 +236,16 @@ class Session:
     def __exit__(self, *exception: object) -> None:
         self._closing.close()
 
-    def _enter(self, presence: Presence, wait: bool) -> Sequence[Neighbour]:
+    def _look(self, wait: bool) -> Sequence[Neighbour]:
+        """Return the other mjbench that measure now; `wait`: once there are none."""
+
         def on_wait(others: Sequence[Neighbour]) -> None:
             self._report(f"waiting for {neighbours.describe(others)} to finish measuring")
 
-        others = presence.enter(wait, on_wait)
+        if wait:
+            neighbours.wait_for_others(on_wait)
+            return []
+        others = neighbours.measuring_now()
         if others:
             self._report(
                 f"another mjbench is measuring on this machine ({neighbours.describe(others)}):"
@@ -302,9 +305,9 @@ class Session:
         Raises:
           MachineError: it cannot be stored.
         """
-        if self._presence is None:
+        if self._wait is None:
             return None
-        others = dict.fromkeys([*self._others, *self._presence.later_neighbours()])
+        others = dict.fromkeys([*self._others, *neighbours.measuring_now()])
         share = ProcessorTime.now().stolen_since(self._begin)
         stolen_share = share if share >= conditions.NOTABLE_STOLEN else None
         if not others and stolen_share is None:

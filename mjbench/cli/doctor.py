@@ -40,15 +40,14 @@ def doctor(budget_s: float, json_file: str | None) -> None:
       mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
     """
     from mjbench.api.doctor import all_conditions, compare_with_itself
-    from mjbench.host import machine
+    from mjbench.host import machine, neighbours
     from mjbench.host.conditions import Grade
-    from mjbench.host.neighbours import Presence
     from mjbench.pages.terminal import print_lines
     from mjbench.report.doctor import condition_lines, noise_section
     from mjbench.report.documents import DoctorDocument
 
-    with Presence("doctor") as presence, RunContext(json_file) as run:
-        rows = all_conditions(presence.enter(wait=False))
+    with RunContext(json_file) as run:
+        rows = all_conditions(neighbours.measuring_now())
         print_lines(run.out, [*condition_lines(rows)])
         noise = compare_with_itself(budget_s)
         run.show([noise_section(noise, rows)])

@@ -275,7 +275,7 @@ def _operation_count(
         empty,
         instructions_per_step=both.total / (2 * repeats),
         functions=both.counts(executed, 2 * repeats),
-        repeats=abs(repeated.total / profile.total - 1),
+        repeats=abs(repeated.total - profile.total) / max(1, profile.total),
         places={name: both.places[name] for name in executed},
         calls={arc for arc in both.arcs if executed.issuperset(arc)},
     )

@@ -99,7 +99,7 @@ class LayerTimes:
         added_ns: float,
         cost: TimerCost,
     ):
-        self._samples, self._plain_ns = samples, np.array(plain_ns)
+        self._samples, self._plain_ns = samples, np.maximum(plain_ns, _LEAST_NS)
         self._calls = sum(sample.timed_calls for sample in samples)
         self._call_ns = max(cost.total_ns, added_ns / self._calls if self._calls else 0.0)
         inside = cost.inside_ns / cost.total_ns if cost.total_ns else 0.5

@@ -31,6 +31,7 @@ from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import Failure, InputError, describe
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel, Ended
+from mjbench.measuring.timing import LEAST_S
 from mjbench.paired.launches import StopRule, Targets, launch
 from mjbench.status import Status
 
@@ -241,7 +242,7 @@ class _Single:
                 is_over = returned[2] or returned[3]
                 if is_over and not resets_next:
                     returned = (environment.reset()[0], *returned[1:])
-                seconds += time.perf_counter() - begin
+                seconds += max(LEAST_S, time.perf_counter() - begin)
                 self.returned.append(_copied(returned))
         return seconds
 
@@ -301,7 +302,7 @@ class _VectorEnvironment:
         begin = time.perf_counter()
         for actions in self.batched:
             returned = step(actions)
-        seconds = time.perf_counter() - begin
+        seconds = max(LEAST_S, time.perf_counter() - begin)
         self.returned = returned[:-1]
         return seconds
 

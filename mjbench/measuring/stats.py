@@ -10,11 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mjbench.bounds import AnyFloat
 from mjbench.errors import InputError
 
 CONFIDENCE = 0.95
+# Shorter than any clock resolves, in seconds and in nanoseconds.
+_LEAST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -52,11 +55,16 @@ def median_speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) ->
     return float(np.exp(np.median(_log_ratios(baseline_s[:count], candidate_s[:count]))))
 
 
+def logarithms(times: ArrayLike) -> np.ndarray:
+    """Return natural logarithms of times, those that a clock did not see as finite ones."""
+    return np.asarray(np.log(np.maximum(times, _LEAST)))
+
+
 def _log_ratios(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> np.ndarray:
     counts = len(baseline_s), len(candidate_s)
     if counts[0] != counts[1] or not counts[0]:
         raise ValueError(f"need samples of the same rounds, got {counts[0]} and {counts[1]}")
-    return np.asarray(np.log(np.asarray(baseline_s)) - np.log(np.asarray(candidate_s)))
+    return np.asarray(logarithms(baseline_s) - logarithms(candidate_s))
 
 
 def pair_log_ratios(orders: Sequence[str], times: np.ndarray) -> np.ndarray:
@@ -69,7 +77,7 @@ def pair_log_ratios(orders: Sequence[str], times: np.ndarray) -> np.ndarray:
       orders: `ABBA` or `BAAB` of each quad; A is the baseline.
       times: (quads, 4) of each block, in the order they ran.
     """
-    logs = np.log(times)
+    logs = logarithms(times)
     sign = np.array([[1 if letter == "B" else -1 for letter in order] for order in orders])
     pairs = (logs * sign).reshape(-1, 2, 2).sum(axis=2)
     candidate_first = np.array([order[0] == "B" for order in orders])
@@ -104,7 +112,7 @@ def total_log_ratio(orders: Sequence[str], times: np.ndarray, parts: np.ndarray)
     pairs = pair_log_ratios(orders, times)
     order_effect = np.median(pairs[:, 0] - pairs[:, 1]) / 2
     aligned = pairs - [order_effect, -order_effect]
-    baseline, candidate = blocks_by_target(orders, np.log(times))
+    baseline, candidate = blocks_by_target(orders, logarithms(times))
     masks = [parts == number for number in np.unique(parts)]
     half_ratios = np.array([np.median(aligned[m]) / 2 for m in masks])
     # robust geometric means of both targets' times
@@ -144,7 +152,7 @@ def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False
     if differing and not across:
         raise InputError(f"not comparable, they differ in {', '.join(differing)}")
     confidence = 1 - (1 - CONFIDENCE) / 2
-    logs = [np.log(np.asarray(blocks.seconds)) for blocks in (baseline, candidate)]
+    logs = [logarithms(blocks.seconds) for blocks in (baseline, candidate)]
     (baseline_low, baseline_high), (candidate_low, candidate_high) = (
         median_interval(values, confidence) for values in logs
     )

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from mjbench.measuring.calls import nothing
 
 Clock = Callable[[], float]
+# A block takes at least this long, even by a clock that does not see it: ratios divide by it.
+LEAST_S = 1e-9
 
 # Called with what is measured now, and the share of all work that is done.
 Progress = Callable[[str, float], None]
@@ -33,7 +35,7 @@ def block_s(contender: Contender, clock: Clock = time.perf_counter) -> float:
     contender.run()
     elapsed = clock() - start
     contender.after()
-    return elapsed
+    return max(LEAST_S, elapsed)
 
 
 def rounds(

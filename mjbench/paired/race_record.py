@@ -16,7 +16,7 @@ import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
-from mjbench.measuring import launch_stats
+from mjbench.measuring import launch_stats, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paths.base import nthread
 from mjbench.simulation import engine_clock
@@ -80,7 +80,7 @@ class RaceLaunch:
         Rounds run in both orders, so what a block leaves in the caches for the next one weighs the
         same both ways.
         """
-        medians = np.median(np.log(np.asarray(self.ns, dtype=float)), axis=0)
+        medians = np.median(stats.logarithms(self.ns), axis=0)
         return dict(zip(self.variants, medians.tolist(), strict=True))
 
 

@@ -19,6 +19,7 @@ from typing import Any
 from mjbench.errors import InputError, MachineError, UnavailableError, describe
 from mjbench.measuring import calls
 from mjbench.measuring.calls import Compilation
+from mjbench.measuring.timing import LEAST_S
 from mjbench.paired import memory_blocks
 from mjbench.paired.call_results import Leaf, leaves
 from mjbench.paired.loop_sections import LoopSection
@@ -309,7 +310,7 @@ def _results(function: calls.Function, count: int) -> tuple[list[list[Leaf]], st
 def _timed(function: calls.Function, count: int) -> tuple[float, float]:
     begin_s, busy_s = time.perf_counter(), time.process_time()
     _block(function, count)
-    all_s = time.perf_counter() - begin_s
+    all_s = max(LEAST_S, time.perf_counter() - begin_s)
     return all_s / count, (time.process_time() - busy_s) / all_s
 
 

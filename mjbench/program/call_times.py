@@ -250,7 +250,10 @@ def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
 
 
 def _estimated(timed: Sequence[tuple[CallTime, _Slot]], header: Header | None) -> list[CallTime]:
-    """Return the calls with those between bursts, which take no longer than there was time."""
+    """Return the calls with those between bursts, which take no longer than there was time.
+
+    The calls that were timed take what was measured, even where the clock seems to cost more.
+    """
     timed = _with_callbacks_between_bursts(timed)
     # callbacks are parts of steps
     fast = [slot for call, slot in timed if call.is_fast and not call.is_callback]
@@ -261,7 +264,8 @@ def _estimated(timed: Sequence[tuple[CallTime, _Slot]], header: Header | None) -
     span_ns = max(slot.last_ns for slot in [*fast, *slow]) - header.first_ns
     rest_ns = span_ns - header.cost_ns - sum(slot.ns for slot in slow)
     # a few long calls among those that were timed do not make all of them longer than the time
-    cap = min(1.0, max(0.0, rest_ns) / max(1, sum(slot.ns + slot.passed_ns for slot in fast)))
+    rest_ns = max(rest_ns, sum(slot.ns for slot in fast))
+    cap = min(1.0, rest_ns / max(1, sum(slot.ns + slot.passed_ns for slot in fast)))
     return [
         replace(
             call,

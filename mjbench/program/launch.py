@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -60,6 +60,7 @@ class ProgramObservation:
 
     Attributes:
       problem: why there are no samples, in one line; empty where there are.
+      untimed_pids: processes whose steps were not timed, since the disk is full.
     """
 
     wall_s: float
@@ -75,6 +76,7 @@ class ProgramObservation:
     models: Sequence[RecordedModel] = ()
     crash: Place | None = None
     gil_waits: Sequence[GilWait] = ()
+    untimed_pids: Collection[int] = ()
 
 
 def check(program: Program) -> None:
@@ -163,6 +165,7 @@ def _observation(
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
         gil_waits=waits,
+        untimed_pids=step_times.untimed_pids(folder),
     )
 
 

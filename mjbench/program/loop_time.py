@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from mjbench.bounds import NonNegativeFloat, NonNegativeInt, Share
+from mjbench.bounds import NonNegativeInt, PositiveFloat, Share
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.hook.call_clock import COMPILE, DISPATCH, PROCESS_START
@@ -102,7 +102,7 @@ class LoopTime:
     pids: Sequence[NonNegativeInt]
     in_main: bool
     samples: NonNegativeInt
-    seconds: NonNegativeFloat
+    seconds: PositiveFloat
     activities: Mapping[Activity, Share]
     packages: Mapping[str, Share]
     lines: Sequence[LineTime]
@@ -140,13 +140,17 @@ def large(times: Iterable[LineTime]) -> list[LineTime]:
 
 
 def shares_of(parts: Iterable[tuple[_Key, float]], total: float | None = None) -> dict[_Key, float]:
-    """Return shares of a total by key, largest first; the total is that of all parts if None."""
+    """Return shares of a total by key, largest first; the total is that of all parts if None.
+
+    Of a total of nothing, such as calls that are shorter than what it costs to time them, no part
+    has a share.
+    """
     seconds: dict[_Key, float] = defaultdict(float)
     for key, part in parts:
         seconds[key] += part
     total = sum(seconds.values()) if total is None else total
     ordered = sorted(seconds.items(), key=lambda item: -item[1])
-    return {key: value / total for key, value in ordered}
+    return {key: value / total if total else 0.0 for key, value in ordered}
 
 
 def with_calls(

@@ -200,7 +200,9 @@ def spread_over(threads: Sequence[ThreadSamples], seconds: float) -> list[Thread
     it samples all threads; the one that has most samples was there from the begin to the end.
     """
     most = max((len(thread.stacks) for thread in threads), default=0)
-    return [replace(thread, interval_s=seconds / most) for thread in threads] if most else []
+    return [
+        replace(thread, interval_s=seconds / most) for thread in threads if most and seconds > 0
+    ]
 
 
 def _thread_samples(profile: _Profile, frames: Sequence[Frame | None]) -> ThreadSamples:

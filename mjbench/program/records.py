@@ -5,7 +5,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from mjbench.bounds import AnyInt, NonNegativeFloat, NonNegativeInt
+from mjbench.bounds import AnyInt, NonNegativeInt, PositiveFloat
 from mjbench.host import machine
 from mjbench.program import (
     activities,
@@ -87,6 +87,7 @@ class ProgramRow:
         whose waits look alike.
       outside_loops: lines that take time outside the loops, such as imports and set-up, with all
         that they call; shares are of `wall_s`.
+      untimed_processes: that step, and whose steps were not timed, since the disk is full.
     """
 
     record_type: ClassVar[str] = "program"
@@ -95,7 +96,7 @@ class ProgramRow:
     detail: str
     exit_code: AnyInt
     was_ended: bool
-    wall_s: NonNegativeFloat
+    wall_s: PositiveFloat
     rate_hz: NonNegativeInt
     samples: NonNegativeInt
     loops: Sequence[LoopReport]
@@ -107,6 +108,7 @@ class ProgramRow:
     physics: PhysicsCost | None = None
     gil_waits: Sequence[GilWait] = ()
     outside_loops: Sequence[LineTime] = ()
+    untimed_processes: NonNegativeInt = 0
 
     @classmethod
     def of(cls, name: str, observation: ProgramObservation) -> "ProgramRow":
@@ -119,6 +121,7 @@ class ProgramRow:
             calls,
             {step.pid: step.collections_s for step in steps},
         )
+        stepping = {pid for time in times for pid in time.pids} or {observation.pid}
         of_main = {time.loop for time in times if time.in_main}
         in_loops = {file for time in times for file in time.own_files}
         files = sorted(
@@ -161,6 +164,7 @@ class ProgramRow:
                 observation.threads, observation.pid, times, observation.wall_s, calls
             ),
             physics=physics,
+            untimed_processes=len(stepping.intersection(observation.untimed_pids)),
         )
 
     @property

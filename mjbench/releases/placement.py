@@ -12,8 +12,6 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mjbench.bounds import NonNegativeInt
-
 PAGE_BYTES, CACHE_LINE_BYTES = 4096, 64
 # Linux maps libraries that are larger at multiples of this.
 HUGE_PAGE_BYTES = 1 << 21
@@ -34,8 +32,8 @@ class Placement:
       ValueError: one is not a multiple of STEP_BYTES below HUGE_PAGE_BYTES.
     """
 
-    engine_bytes: NonNegativeInt
-    extension_bytes: NonNegativeInt
+    engine_bytes: int
+    extension_bytes: int
 
     def __post_init__(self) -> None:
         for shift in (self.engine_bytes, self.extension_bytes):

@@ -1,6 +1,6 @@
 """The documents that `--json` writes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 
@@ -25,12 +25,8 @@ from mjbench.report.path_speedups import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.verdicts_across import AcrossMachines
 from mjbench.status import Status
-from mjbench.store.machine_identity import identify
-from mjbench.store.run_set import Merged
 from mjbench.store.runs import SCHEMA, Run
-from mjbench.sweep.cells import Cell, CellKind
-from mjbench.sweep.results import CellOutcome
-from mjbench.units import count_of
+from mjbench.sweep import Cell, CellResult
 
 
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
@@ -119,82 +115,30 @@ class DoctorDocument:
     noise: NoiseRow
 
 
-@dataclass(frozen=True, kw_only=True)
-class MergeDocument:
-    """What `mjbench results merge --json` writes.
-
-    Attributes:
-      runs: of the set now; `machines` likewise.
-      repeated: that the set held already.
-      earlier: of which the set holds a later state.
-      torn: files whose end was cut short, and left out.
-    """
-
-    schema: int = SCHEMA
-    file: str
-    runs: int
-    machines: int
-    added: int
-    repeated: int
-    earlier: int
-    torn: Sequence[str]
-
-    @classmethod
-    def of(cls, file: Path, merged: Merged) -> "MergeDocument":
-        return cls(
-            file=str(file),
-            runs=len(merged.runs),
-            machines=len(set(identify([run.header.machine for run in merged.runs]))),
-            added=merged.added,
-            repeated=merged.repeated,
-            earlier=merged.earlier,
-            torn=[str(path) for path in merged.torn],
-        )
-
-    @property
-    def summary(self) -> str:
-        skipped = []
-        if self.repeated:
-            skipped.append(f"{self.repeated} that it already holds")
-        if self.earlier:
-            skipped.append(f"{self.earlier} of which it holds a later state")
-        end = f", skipped {' and '.join(skipped)}" if skipped else ""
-        runs, machines = count_of(self.runs, "run"), count_of(self.machines, "machine")
-        return f"{runs} of {machines}; added {self.added}{end}"
-
-
 @dataclass(frozen=True)
 class SweepRow:
     """A result that a plan asks for.
 
     Attributes:
-      status: how it ended; None where it is missing.
+      machine: label of the nodes that may measure it; empty for any.
+      file: its run file; None where there is none.
+      status: how it ended; None where it was not measured now.
     """
 
-    name: str
-    kind: CellKind
-    model: str
-    release: str
-    baseline: str
-    status: Status | None = None
-    detail: str = ""
+    command: str
+    machine: str
+    file: str | None
+    status: Status | None
+    detail: str
 
     @classmethod
-    def of(cls, cell: Cell, outcome: CellOutcome | None) -> "SweepRow":
-        ended = (outcome.status, outcome.detail) if outcome else ()
-        return cls(cell.name, cell.kind, cell.model, cell.release, cell.baseline, *ended)
+    def of(cls, cell: Cell, file: Path, result: CellResult | None) -> "SweepRow":
+        stored = str(file) if file.is_file() else None
+        ended = (None, "") if result is None else (result.status, result.detail)
+        return cls(cell.command, cell.machine, stored, *ended)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SweepDocument:
-    """What `mjbench sweep --json` writes."""
-
-    schema: int = SCHEMA
-    results: Sequence[SweepRow]
-
-    @classmethod
-    def of(cls, cells: Sequence[Cell], outcomes: Mapping[Cell, CellOutcome]) -> "SweepDocument":
-        return cls(results=[SweepRow.of(cell, outcomes.get(cell)) for cell in cells])
+SWEEP = results_document(SweepRow, has_machine=False)
 
 
 @dataclass(frozen=True)

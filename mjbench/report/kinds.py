@@ -203,8 +203,7 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "lint": LintDocument,
     "releases": listings.ReleasesDocument,
     "installs": listings.InstallsDocument,
-    "merge": documents.MergeDocument,
-    "sweep": documents.SweepDocument,
+    "sweep": documents.SWEEP,
 }
 
 

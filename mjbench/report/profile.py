@@ -128,7 +128,7 @@ def _frame_line(frame: FrameTime, loop_ns: float) -> str:
 
 
 def _simulated_second(parts: Mapping[str, float]) -> DataTable:
-    longest = max(parts.values(), default=1.0)
+    longest = max([1e-12, *parts.values()])
     return DataTable.of(
         f"A second of simulated time, with {FRAMES_PER_S} frames",
         parts.items(),

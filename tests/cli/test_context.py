@@ -8,8 +8,9 @@ import pytest
 from mjbench.api.session import Item, Items, Measurement, Observer, Session
 from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.errors import Failure, MachineError
+from mjbench.host import neighbours
 from mjbench.host.machine import ProcessorTime
-from mjbench.host.neighbours import Disturbance
+from mjbench.host.neighbours import Disturbance, Neighbour
 from mjbench.loop.habit_timing import OverheadRow
 from mjbench.report import kinds
 from mjbench.report.content import Section, Tone
@@ -185,6 +186,19 @@ def test_a_command_that_measures_no_time_says_nothing_of_the_host(
     with RunContext(session=Session(Measurement("instructions", {}, [], nothing), wait=None)):
         pass
     assert capsys.readouterr().out == ""
+
+
+def test_others_that_measure_are_named_at_the_beginning_and_at_the_end(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, later = Neighbour(7, "compare"), Neighbour(8, "ab")
+    seen = iter([[first], [first, later]])
+    monkeypatch.setattr(neighbours, "measuring_now", lambda: next(seen))
+    with RunContext(session=Session(Measurement("versions", {}, [], nothing), report=print)):
+        assert (
+            "is measuring on this machine (mjbench compare, process 7)" in capsys.readouterr().out
+        )
+    assert "at the same time (mjbench compare, mjbench ab)" in capsys.readouterr().out
 
 
 def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:

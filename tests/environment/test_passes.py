@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -42,6 +43,11 @@ def test_a_pass_has_the_times_of_steps_and_resets() -> None:
     assert (times.step_ns > 0).all()
     assert len(times.reset_ns) == 3
     assert times.lengths == [15, 15]
+
+
+def test_a_step_takes_a_nanosecond_by_a_clock_that_does_not_see_it() -> None:
+    times = replace(passes(examples.make()), clock_ns=lambda: 0).plain()
+    assert {*times.step_ns, *times.reset_ns} == {1}
 
 
 def differing(one: EnvironmentPasses, other: EnvironmentPasses) -> list[str]:

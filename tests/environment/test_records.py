@@ -1,5 +1,6 @@
 """What follows from the samples of an environment."""
 
+import numpy as np
 import pytest
 from example_environment_records import ROUNDS, facts, record, steady
 
@@ -44,6 +45,12 @@ def test_a_timed_call_costs_at_least_what_a_loop_of_them_shows() -> None:
     assert row.timer is not None
     assert row.timer.call_ns == 400.0
     assert row.timer.sum.median > 1  # and then the layers do not add up to the plain step
+
+
+def test_steps_that_the_clock_did_not_see_have_shares() -> None:
+    row = record(step_ns=[0.0] * ROUNDS)
+    assert row.timer is not None
+    assert np.isfinite(row.timer.sum.median)
 
 
 def test_what_the_layers_lack_is_seen_in_their_sum() -> None:

@@ -1,131 +1,122 @@
-"""Two that measure at once: each hears of the other; one that waits begins when the other ends."""
+"""Other mjbench that measure are found by their command lines; one that waits lets others begin."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
+from dataclasses import dataclass
+from typing import Any
 
 import pytest
 
-from mjbench.host import neighbours, platforms
-from mjbench.host.neighbours import Neighbour, Presence
+from mjbench.host import neighbours
+from mjbench.host.neighbours import Disturbance, Neighbour
 
-ME = os.getpid()
-
-
-def test_one_alone_hears_of_nobody(tmp_path: Path) -> None:
-    with Presence("compare", tmp_path) as alone:
-        assert alone.enter(wait=False) == []
-        assert alone.later_neighbours() == []
+ME = 20
 
 
-def test_each_of_two_hears_of_the_other(tmp_path: Path) -> None:
-    with Presence("compare", tmp_path) as first, Presence("versions", tmp_path) as second:
-        first.enter(wait=False)
-        assert second.enter(wait=False) == [Neighbour(ME, "compare")]
-        assert first.later_neighbours() == [Neighbour(ME, "versions")]
-        assert second.later_neighbours() == []
+@dataclass
+class Process:
+    """What is read of a process."""
+
+    pid: int
+    words: list[str] | None
+    began_s: float | None = 0.0
+
+    @property
+    def info(self) -> dict[str, Any]:
+        return {"cmdline": self.words, "create_time": self.began_s}
+
+    def cmdline(self) -> list[str]:
+        return self.words or []
+
+    def create_time(self) -> float:
+        return self.began_s or 0.0
 
 
-def test_who_only_looks_is_not_heard_of(tmp_path: Path) -> None:
-    assert neighbours.measuring_now(tmp_path) == []
-    with Presence("compare", tmp_path) as first:
-        first.enter(wait=False)
-        assert neighbours.measuring_now(tmp_path) == [Neighbour(ME, "compare")]
-        assert first.later_neighbours() == []
-    assert neighbours.measuring_now(tmp_path) == []
-
-
-def test_who_cannot_look_sees_nobody(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    assert neighbours.measuring_now(tmp_path / "file") == []
-
-
-def test_one_that_waits_begins_when_the_other_has_ended(tmp_path: Path) -> None:
-    events: list[object] = []
-    with Presence("ab", tmp_path) as waiting:
-        with Presence("compare", tmp_path) as first:
-            first.enter(wait=False)
-
-            def sleep(seconds: float) -> None:
-                events.append("sleep")
-                if len(events) == 3:
-                    first.__exit__()
-
-            assert waiting.enter(True, events.append, sleep) == []
-        assert events == [[Neighbour(ME, "compare")], "sleep", "sleep"]
-
-
-def test_one_that_was_killed_is_forgotten(tmp_path: Path) -> None:
-    code = (
-        "import os, sys; from pathlib import Path\n"
-        "from mjbench.host.neighbours import Presence\n"
-        "Presence('compare', Path(sys.argv[1])).__enter__().enter(wait=False); os._exit(1)"
-    )
-    subprocess.run([sys.executable, "-c", code, tmp_path], check=False)
-    assert list(tmp_path.glob("*.json"))
-    with Presence("versions", tmp_path) as second:
-        assert second.enter(wait=True) == []
-        assert len(list(tmp_path.glob("*.json"))) == 1
-    assert not list(tmp_path.glob("*.json"))
+def others(*processes: Any, me: Process | None = None) -> list[Neighbour]:
+    me = me or Process(ME, ["mjbench", "tune"], 10.0)
+    return neighbours.select([me, *processes], me)  # type: ignore[arg-type, list-item]
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x", "{}", "[1]", '{"pid": "x"}', '{"pid": Infinity, "command": ""}', "[" * 1_500]
+    "words",
+    [
+        ["/usr/bin/python3.12", "/home/me/.venv/bin/mjbench", "compare", "robot.xml"],
+        ["python", "-m", "mjbench", "compare"],
+        ["/Library/Python.app/Contents/MacOS/Python", "-P", "-m", "mjbench", "compare"],
+        ["mjbench", "compare"],
+    ],
 )
-def test_a_file_that_says_nothing_is_still_a_neighbour(tmp_path: Path, text: str) -> None:
-    with Presence("compare", tmp_path) as first, Presence("ab", tmp_path) as second:
-        first.enter(wait=False)
-        (file,) = tmp_path.glob("*.json")
-        file.write_text(f"{text}\n{text}\n")
-        assert len(second.enter(wait=False)) == 1
-        assert first.later_neighbours() == [Neighbour(ME, "ab")]
+def test_an_mjbench_that_measures_is_found(words: list[str]) -> None:
+    assert others(Process(7, words)) == [Neighbour(7, "compare")]
 
 
-def test_a_folder_that_cannot_be_used_notices_nobody(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with Presence("compare", tmp_path / "file") as alone:
-        assert alone.enter(wait=True) == []
-        assert alone.later_neighbours() == []
+@pytest.mark.parametrize(
+    "words",
+    [
+        None,
+        [],
+        [""],
+        ["mjbench"],
+        ["mjbench", "--help"],
+        ["mjbench", "lint", "train.py"],
+        ["mjbench", "sweep", "plan.toml"],
+        ["vim", "mjbench", "compare"],
+        ["python", "train.py", "mjbench", "compare"],
+        ["python", "-c", "import mjbench", "compare"],
+        ["python"],
+    ],
+)
+def test_what_measures_nothing_is_not(words: list[str] | None) -> None:
+    assert others(Process(7, words)) == []
 
 
-def test_the_folder_is_shared_by_all_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv(neighbours.FOLDER_VARIABLE)
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    assert tmp_path not in neighbours.shared_folder().parents
-    monkeypatch.setenv(neighbours.FOLDER_VARIABLE, str(tmp_path))
-    assert neighbours.shared_folder().parent == tmp_path
-    with Presence("compare", tmp_path / "new") as alone:
-        alone.enter(wait=False)
-        assert (tmp_path / "new").stat().st_mode & 0o7777 == 0o1777
-        assert {file.stat().st_mode & 0o777 for file in (tmp_path / "new").iterdir()} == {0o666}
+def test_a_check_up_is_named_by_its_target_in_one_short_line() -> None:
+    (other,) = others(Process(7, ["mjbench", f"a\n{'x' * 100}.xml"]))
+    assert len(other.command) <= 40 and "\n" not in other.command
 
 
-def test_foreign_files_are_left_alone_and_do_not_hang(tmp_path: Path) -> None:
-    (tmp_path / "results.json").write_text("{}")
-    (tmp_path / "1-2.json").symlink_to(tmp_path / "results.json")
-    os.mkfifo(tmp_path / "3-4.json")
-    (tmp_path / "5-6.json").mkdir()
-    with Presence("compare", tmp_path) as alone:
-        assert alone.enter(wait=True) == []
-    names = {"1-2.json", "3-4.json", "5-6.json", "results.json", "entry"}
-    assert {file.name for file in tmp_path.iterdir()} == names
-    assert (tmp_path / "results.json").read_text() == "{}"
+def test_this_process_is_no_other() -> None:
+    assert others() == []
 
 
-def test_a_link_in_place_of_the_folder_is_not_followed(tmp_path: Path) -> None:
-    (tmp_path / "home").mkdir()
-    (tmp_path / "link").symlink_to("home")
-    with Presence("compare", tmp_path / "link") as alone:
-        assert alone.enter(wait=False) == []
-    assert list((tmp_path / "home").iterdir()) == []
+def test_of_two_that_wait_the_earlier_begins() -> None:
+    early = Process(7, ["mjbench", "compare", "--wait"], 1.0)
+    late = Process(8, ["mjbench", "ab", "--wait"], 2.0)
+    assert others(late, me=early) == []
+    assert others(early, me=late) == [Neighbour(7, "compare")]
 
 
-def test_a_turn_that_never_ends_is_not_awaited_for_long(tmp_path: Path) -> None:
-    slept: list[float] = []
-    with Presence("compare", tmp_path) as first, Presence("ab", tmp_path) as second:
-        first.enter(wait=False)
-        with (tmp_path / "entry").open() as turn:
-            platforms.lock_file(turn.fileno(), shared=False, wait=False)
-            assert second.enter(True, sleep=slept.append) == []
-    assert 1 < sum(slept) < 10
+def test_two_that_began_at_once_do_not_wait_for_each_other() -> None:
+    two = [Process(pid, ["mjbench", "compare", "--wait"]) for pid in (7, 8)]
+    assert others(two[1], me=two[0]) == []
+    assert others(two[0], me=two[1]) == [Neighbour(7, "compare")]
+
+
+def test_nobody_waits_for_a_program_that_imports_mjbench_so_it_does() -> None:
+    program = Process(ME, ["python", "train.py"], 1.0)
+    late = Process(8, ["mjbench", "ab", "--wait"], 2.0)
+    assert others(late, me=program) == [Neighbour(8, "ab")]
+
+
+def test_the_processes_of_this_machine_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(neighbours.IGNORE_VARIABLE)
+    monkeypatch.setattr(neighbours, "mjbench_words", lambda words: list(words[:1]))
+    assert neighbours.measuring_now()
+    monkeypatch.setenv(neighbours.IGNORE_VARIABLE, "1")
+    assert neighbours.measuring_now() == []
+
+
+def test_one_that_waits_looks_until_the_others_have_ended() -> None:
+    events: list[object] = []
+    seen = iter([[Neighbour(7, "compare")], [Neighbour(7, "compare")], []])
+    neighbours.wait_for_others(events.append, lambda: next(seen), events.append)
+    assert events == [[Neighbour(7, "compare")], 1.0, 1.0]
+
+
+def test_one_that_is_alone_waits_for_nobody() -> None:
+    calls: list[object] = []
+    neighbours.wait_for_others(calls.append, list, calls.append)
+    assert calls == []
+
+
+def test_a_disturbance_names_each_command_once() -> None:
+    (sentence,) = Disturbance(["compare", "ab", "compare"]).sentences
+    assert "(mjbench compare, mjbench ab)" in sentence

@@ -22,6 +22,10 @@ def test_rounds_must_match() -> None:
         stats.speedup([1.0, 2.0], [1.0])
 
 
+def test_times_of_zero_have_finite_ratios() -> None:
+    assert stats.pair_log_ratios(["ABBA"], np.zeros((1, 4))).tolist() == [[0.0, 0.0]]
+
+
 @pytest.mark.parametrize("n", [7, 20])
 def test_the_interval_covers_the_true_median_as_often_as_it_says(n: int) -> None:
     rng = np.random.default_rng(0)

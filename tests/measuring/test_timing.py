@@ -33,11 +33,18 @@ def test_only_the_block_itself_is_timed() -> None:
     assert log == ["before a", "run a", "after a"]
 
 
+def test_a_clock_that_does_not_see_a_block_leaves_ratios_finite() -> None:
+    blind = FakeClock()
+    rounds = timing.rounds([timing.Contender(lambda: None)] * 2, 1.0, 8, 8, clock=blind)
+    first, second = zip(*rounds, strict=True)
+    assert stats.speedup(first, second).median == 1.0
+
+
 def test_every_round_times_every_contender_once_in_their_order() -> None:
     clock, log = FakeClock(), list[str]()
-    contenders = [contender(clock, float(i), log, str(i)) for i in range(3)]
+    contenders = [contender(clock, float(i + 1), log, str(i)) for i in range(3)]
     rounds = list(timing.rounds(contenders, budget_s=0.0, least=4, most=4, clock=clock))
-    assert rounds == [[0.0, 1.0, 2.0]] * 4
+    assert rounds == [[1.0, 2.0, 3.0]] * 4
     runs = [entry for entry in log if entry.startswith("run")]
     assert all(sorted(runs[i : i + 3]) == ["run 0", "run 1", "run 2"] for i in range(0, 12, 3))
 

@@ -79,3 +79,8 @@ def test_samples_stand_for_the_time_in_which_they_were_taken():
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="profiler's samples"):
         py_spy.read(tmp_path / "missing.json")
+
+
+def test_samples_that_took_no_time_are_none():
+    thread = py_spy.ThreadSamples(Thread(1, 1, "Main"), [[]], 0.01)
+    assert py_spy.spread_over([thread], 0.0) == []

@@ -193,6 +193,21 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
     assert (bound.basis, bound.gain) == (Basis.BOUND, pytest.approx(0.4))
 
 
+def test_an_object_whose_creation_no_clock_saw_saves_no_more_than_its_lines():
+    time = replace(loop_of(step(seconds=2.0), call("MjData", seconds=4.0)), samples=10)
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
+    measured = MeasuredRatios({trial: replace(ratio(0.25), created_share=0.0)})
+    (remedy,) = [each for each in listing.remedies(time, [], measured) if each.kind == "call"]
+    assert remedy.gain <= 1.0
+
+
+def test_functions_that_no_clock_saw_save_nothing():
+    found = finding("MJB007", instead=("mj_kinematics",))
+    time = loop_of(step(seconds=0.0), call("mj_forward", calls=1000, seconds=0.0))
+    measured = MeasuredRatios({Trial(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)})
+    assert listing.remedies(time, [found], measured) == []
+
+
 def test_a_new_mjdata_costs_only_its_first_steps():
     """Of 250 steps that follow each MjData, 50 are in the pair."""
     time = loop_of(step(seconds=8.0), call("MjData", calls=4, seconds=1.99))

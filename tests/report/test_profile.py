@@ -68,3 +68,10 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     )
     assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[2].text
     assert "collision" in drawn(section)[0]
+
+
+def test_a_simulated_second_of_nothing_has_no_bars() -> None:
+    steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, {"collision": 1.0}, {})
+    row = replace(loop_profile.row("m", steps, ()), simulated_second={"engine": 0.0})
+    (section,) = profile.sections([row])
+    assert section.tables

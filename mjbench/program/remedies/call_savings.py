@@ -135,7 +135,8 @@ def of_functions(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     calls_s, steps_s = seconds_of(calls.calls), seconds_of(steps_of(loop.calls))
     pair_s = calls_s + calls.count * (steps_s / nstep if nstep else 0.0)
     both = share_with_python(loop, [*calls.calls, *steps_of(loop.calls)])
-    return _paired(ratio.saved * both * pair_s / (calls_s + steps_s), calls.share, ratio)
+    per_call = pair_s / (calls_s + steps_s) if calls_s + steps_s else 0.0
+    return _paired(ratio.saved * both * per_call, calls.share, ratio)
 
 
 def of_renderers(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
@@ -162,7 +163,7 @@ def _of_objects(
     """
     stands_for = _stands_for(calls.loop, [*calls.calls, *users])
     if calls.loop.samples < FEW_SAMPLES:
-        gain = min(stands_for, ratio.saved * calls.share / ratio.created_share)
+        gain = min(stands_for, ratio.saved * calls.share / max(1e-9, ratio.created_share))
     else:
         of_users = stands_for - calls.share  # with what Python does to call them
         gain = ratio.saved * (stands_for - left_out * of_users)
