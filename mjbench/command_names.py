@@ -47,7 +47,6 @@ EARLIER: Mapping[str, Sequence[str]] = {
     "explain": ("versions", "--explain"),
     "instructions": ("profile", "--instructions"),
     "overhead": ("profile", "--habits"),
-    "placement": ("doctor", "--placement"),
     "report": ("show", "--format", "html"),  # a later --format counts
     "results export": ("show", "--format", "csv"),
     "selfcheck": ("doctor", "--verdicts"),

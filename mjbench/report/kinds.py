@@ -19,7 +19,6 @@ from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
 from mjbench.paired import selfcheck as trials
 from mjbench.paired.bisect_records import BisectComparison, BisectRecord, BisectTrial
-from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
@@ -35,7 +34,6 @@ from mjbench.report import (
     habit_costs,
     latency,
     listings,
-    placement,
     profile,
     program,
     release_ratios,
@@ -154,7 +152,6 @@ SELFCHECK = Kind(
     ),
     _selfcheck_rows,
 )
-PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
 _BISECTIONS = documents.results_document(BisectRecord, schema=2)
 BISECT = Kind(
     ("bisect",),
@@ -180,7 +177,7 @@ TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
     *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, ENVIRONMENT, VERDICT, SELFCHECK),
-    *(PLACEMENT, BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE),
+    *(BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE),
 )
 
 # The records of a run file by their `type`.

@@ -25,7 +25,6 @@ TAKES_STATES = (
     ("ab", "model=cartpole", "model=cartpole"),
     ("versions", "--explain", "installed", "installed", "cartpole"),
     ("doctor", "--verdicts", "cartpole"),
-    ("doctor", "--placement", "cartpole"),
     ("profile", "--instructions", "cartpole"),
     ("latency", "cartpole"),
     ("profile", "cartpole"),
