@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterator
 from commands import ROOT
 from committed_trials import RUNS, trial_counts
 
-from benchmarks import gpu
-from benchmarks.odd_programs import ODD_PROGRAMS
-from benchmarks.studies import tally_file
+from benchmarks.studies import gpu, tally_file
+from benchmarks.studies.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
 from mjbench.comparison import (
     accelerated_agreement,
@@ -133,7 +132,6 @@ def tune() -> Iterator[str]:
     yield "a timestep of 2, 4 or 8 times yours"
     same, none = percent(records.SAME_ERROR), percent(records.NO_ERROR, 1)
     yield f"{same} more counts as the same, and {none} of the motion counts as none"
-    yield f"at most {same} larger than that of your present settings"
 
 
 def work() -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The tally of `benchmarks.checkups`: what check-ups list, beside what longer commands measure."""
+"""The tally of `benchmarks.studies.checkups`: check-ups beside longer commands."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from mjbench.paired.race_record import RaceRecord
 from mjbench.report import formats
 from mjbench.report.checkup_item import CheckupItem, ResultChange
 from mjbench.tuning.records import Effect, TuneRecord
-from mjbench.tuning.search_base import LEAST_GAIN
+from mjbench.tuning.search_plan import LEAST_GAIN
 
 if TYPE_CHECKING:
     from mjbench.store.runs import Run

@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
 _COMMENT = "comment"
-FORMATS = (
-    *(*_PAGES, _COMMENT, "csv", "parquet", "github-action-benchmark", "bencher", "otava"),
-    "junit",
-)
+FORMATS = (*_PAGES, _COMMENT, "csv", "github-action-benchmark", "junit")
 
 
 def write(files: Sequence[Path], form: str, output: str | None) -> None:
@@ -31,9 +28,7 @@ def write(files: Sequence[Path], form: str, output: str | None) -> None:
     """
     target = output or ("report.html" if form == "html" else "-")
     if form not in _PAGES and len(files) > 1:
-        raise InputError(f"--format {form} takes one RUN;")
-    if form == "parquet" and target == "-":
-        raise InputError("--format parquet needs a file: give -o FILE")
+        raise InputError(f"--format {form} takes one RUN")
     file = OutputFile("-o", target, files)
     with RunContext(inputs=files) as run, contextlib.closing(file):
         file.open()
@@ -54,7 +49,7 @@ def _stored(file: Path) -> "Run":
     return stored
 
 
-def _content(form: str, files: Sequence[Path]) -> str | bytes:
+def _content(form: str, files: Sequence[Path]) -> str:
     from mjbench.pages import comment, exports, reports
 
     if form == _COMMENT:

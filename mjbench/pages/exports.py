@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from mjbench.comparison.records import ModelRecord
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError
 from mjbench.paired import family
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
@@ -119,29 +119,6 @@ def as_github_action_benchmark(run: Run) -> str:
     return json.dumps(entries, indent=1) + "\n"
 
 
-def as_bencher(run: Run) -> str:
-    """Return metrics in the Bencher Metric Format, for `bencher run --adapter json`."""
-    measures = {"ns/step": "latency", "ratio": "ratio"}
-    report: dict[str, dict[str, dict[str, float]]] = {}
-    for metric in metrics(run):
-        value = {"value": metric.value}
-        if metric.low is not None and metric.high is not None:
-            value |= {"lower_value": metric.low, "upper_value": metric.high}
-        report[metric.name] = {measures[metric.unit]: value}
-    return json.dumps(report, indent=1) + "\n"
-
-
-def as_otava(run: Run) -> str:
-    """Return metrics as one row of CSV, as Apache Otava reads it: a time, then a column each.
-
-    Rows of several runs make the series in which Otava detects changes. The time is when the run
-    began.
-    """
-    all_metrics = metrics(run)
-    heading = ["time", *(metric.name for metric in all_metrics)]
-    return csv_text([heading, [run.header.began, *(metric.value for metric in all_metrics)]])
-
-
 def as_junit(run: Run) -> str:
     """Return what was compared as JUnit XML, one test case each.
 
@@ -200,36 +177,9 @@ def _path_cases(run: Run) -> Iterator[_Case]:
         yield _Case(r.model, str(r.variant), _OUTCOMES.get(r.status, "error"), r.detail)
 
 
-def as_parquet(run: Run) -> bytes:
-    """Return results as a file of Parquet.
-
-    Raises:
-      MachineError: neither pandas with pyarrow nor polars is installed.
-    """
-    table: Sequence[Mapping[str, rows.Cell]] = rows.of_run(run)
-    file = io.BytesIO()
-    try:
-        import polars
-    except ImportError:
-        pass
-    else:
-        polars.DataFrame(table, infer_schema_length=None, strict=False).write_parquet(file)
-        return file.getvalue()
-    try:
-        import pandas
-
-        pandas.DataFrame(table).to_parquet(file)
-        return file.getvalue()
-    except ImportError as error:
-        raise MachineError("--format parquet needs polars, or pandas with pyarrow") from error
-
-
 # The formats by name.
-FORMATS: Mapping[str, Callable[[Run], str | bytes]] = {
+FORMATS: Mapping[str, Callable[[Run], str]] = {
     "csv": as_csv,
-    "parquet": as_parquet,
     "github-action-benchmark": as_github_action_benchmark,
-    "bencher": as_bencher,
-    "otava": as_otava,
     "junit": as_junit,
 }

@@ -1,9 +1,9 @@
 """The step clock: when the user's program calls the engine, and for how long.
 
 It replaces `mujoco.mj_step`, `mj_step1` and `mj_step2` by functions that note when each call begins
-and ends, once the program has imported MuJoCo. It also notes when an environment begins a step, and
-how long garbage collections take. Records go into a file that is mapped into memory, one for each
-process, so they survive any end of the program.
+and ends, once the program has imported MuJoCo. It also notes when an environment begins a step.
+Records go into a file that is mapped into memory, one for each process, so they survive any end of
+the program.
 
 The clock must cost little. It times bursts of calls; between them, calls pass through. Where even
 that would cost too much, it takes its functions away until the program resets a simulation.
@@ -11,7 +11,6 @@ that would cost too much, it takes its functions away until the program resets a
 `step_file` has the format of the files.
 """
 
-import gc
 import os
 import sys
 import time
@@ -23,13 +22,11 @@ from typing import Any
 
 from .bursts import BURST_CALLS, Burst, CallBursts, Pacer, Written, cold_cost_ns
 from .call_clock import FAST, STEPS, CallClock
+from .collection_clock import CollectionClock
 from .other_functions import OtherFunctions
 from .replaced import engine_function, named_like
 from .step_file import BURST, ITERATION, STEP, StepFile
 from .watch import Watch, write_engine
-
-# What `mjbench run --confirm` has the clock change, to see what it saves.
-NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
 
 # Bursts from which the cost of a timed call is learned, and times the calibrated cost at most.
 _MOST_COSTS, _MOST_COST = 15, 5
@@ -49,14 +46,14 @@ class StepClock:
         folder: str,
         calls: CallClock,
         watch: Watch,
-        change: str = "",
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Begin the process's file; `change` is `NO_ENGINE_CLOCK`, `NO_COLLECTION` or empty."""
-        self._folder, self._change = folder, change
+        """Begin the process's file."""
+        self._folder = folder
         self._now_ns, self._pacer = now_ns, Pacer(now_ns, processor_ns)
         self._file, self._calls, self._watch = StepFile(folder), calls, watch
+        self.collections = CollectionClock(now_ns)
         self._burst = Burst(calls)
         bursts = CallBursts(calls, now_ns, processor_ns)
         self._others = OtherFunctions(self, self._burst, bursts, watch, now_ns)
@@ -89,9 +86,8 @@ class StepClock:
         self._halves_seen = False
         self._burst_period_ns = self._burst_end_ns = 0
         self._costs_ns: list[int] = []  # of a timed call, as bursts have shown
-        self._is_away = self._was_away = self._was_left = self._has_ended = False
-        self._collections = self._collections_ns = self._longest_collection_ns = 0
-        self._collection_begin_ns = 0
+        self._is_away = self._was_away = self._was_left = False
+        self.collections.begin(self._file.write_collections)
         self._write_header()
 
     def begin_process(self) -> None:
@@ -99,13 +95,18 @@ class StepClock:
         try:
             self._file.open()
         except OSError:
-            self._file.close()
-            self._go_away()
-            self._module = None
+            self.leave()
             return
         self._burst.begin_process()
         self._reset_totals()
         self._come_back()
+
+    def leave(self) -> None:
+        """Leave the process alone: it has no file."""
+        self._file.close()
+        self.collections.end()
+        self._go_away()
+        self._module = None
 
     # MuJoCo
 
@@ -113,11 +114,6 @@ class StepClock:
         """Replace the engine's functions in the module `mujoco`, which was just imported."""
         self._module = module
         write_engine(self._folder, module)
-        if self._change == NO_ENGINE_CLOCK:
-            from mjbench.simulation.engine_clock import engine_clock
-
-            engine_clock(False)
-            self._note_change()
         for name in STEPS:
             self._originals[name] = getattr(module, name)
             self._timed[name] = self._timing(self._originals[name], name)
@@ -140,10 +136,6 @@ class StepClock:
         """Note whether steps are timed from now on; write what was timed."""
         self._latest_burst = self._burst.write() or self._latest_burst
         self._calls.is_observing = is_observing
-
-    def _note_change(self) -> None:
-        with open(os.path.join(self._folder, self._change), "w", encoding="utf-8"):
-            pass
 
     def _timing(self, function: Any, name: str) -> Any:
         """Return what stands for a function of the engine: it notes when it begins and ends.
@@ -210,13 +202,8 @@ class StepClock:
         self._observe(True)
         if not self._first_ns:
             self._first_ns = self._burst_begin_ns
-            self._collections = self._collections_ns = self._longest_collection_ns = 0
+            self.collections.begin(self._file.write_collections)
             self._write_header()
-            if self._change == NO_COLLECTION:
-                gc.collect()
-                gc.freeze()
-                gc.disable()
-                self._note_change()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
     def _pass_on(self, passed: int, since_ns: int, until_ns: int) -> None:
@@ -336,13 +323,16 @@ class StepClock:
         def nothing(*args: Any, **kwargs: Any) -> None:
             return None
 
-        self._calls.is_own[__file__] = True
-        call, costs = self._timing(nothing, "nothing"), []
+        # by clocks that write into no file: what they time is not the program's
+        calls = CallClock(os.devnull, self._now_ns)
+        calls.is_own[__file__] = True
+        clock = StepClock(os.devnull, calls, Watch(os.devnull, calls), now_ns=self._now_ns)
+        call, costs = clock._timing(nothing, "nothing"), []
         # one call more than a burst has: none ends while calls are calibrated
-        for to_pass, calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
+        for to_pass, burst_calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
             blocks = []
             for _ in range(5):
-                self.to_pass, self.burst_calls = to_pass, calls
+                clock.to_pass, clock.burst_calls = to_pass, burst_calls
                 begin_ns = self._now_ns()
                 for _ in range(CALIBRATION_CALLS // 5):
                     call(None, None)
@@ -353,18 +343,13 @@ class StepClock:
                 blocks.append((middle_ns - begin_ns) - (end_ns - middle_ns))
             costs.append(max(0, min(blocks)) // (CALIBRATION_CALLS // 5))
         self.timed_ns, self.passed_ns = costs
-        self.to_pass, self.burst_calls = 0, BURST_CALLS + 1
+        clock.to_pass, clock.burst_calls = 0, BURST_CALLS + 1
         cold_ns = cold_cost_ns(lambda: call(None, None), lambda: nothing(None, None), self._now_ns)
         self.cold_ns = max(self.timed_ns, cold_ns)
-        self.burst_calls = 0
-        self._file.open()  # without the records of the calibration
-        self._calls.is_own[__file__] = False
-        self._calls.begin_process()
-        self._burst.begin_process()
         self._pacer.begin()
         self._write_header()
 
-    # Environments and garbage collection
+    # Environments
 
     def install_environment(self, module: ModuleType, class_name: str, method: str) -> None:
         owner = getattr(module, class_name, None)
@@ -380,21 +365,6 @@ class StepClock:
 
         setattr(owner, method, named_like(original, call))
 
-    def note_collection(self, phase: str, info: Any) -> None:
-        """Note how long a garbage collection takes; Python calls this at its start and stop."""
-        if self._has_ended:  # what Python frees when it ends is not the program's
-            return
-        now_ns = self._now_ns()
-        if phase == "start":
-            self._collection_begin_ns = now_ns
-            return
-        duration_ns = now_ns - self._collection_begin_ns
-        self._collections += 1
-        self._collections_ns += duration_ns
-        self._longest_collection_ns = max(self._longest_collection_ns, duration_ns)
-        if info.get("generation") == 2:  # the slow ones
-            self._write_header()
-
     def _write_header(self) -> None:
         self._file.write_header(
             os.getpid(),
@@ -404,15 +374,12 @@ class StepClock:
             self._was_away,
             self._cost_ns(),
             self.timed_ns,
-            self._collections,
-            self._collections_ns,
-            self._longest_collection_ns,
             self._process_ns,
         )
 
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
-        self._has_ended = True
+        self.collections.end()  # what Python frees when it ends is not the program's
         passed = self._planned_to_pass - self.to_pass
         if passed > 0 or self._was_left:
             # the last of these calls may have ended any time ago, but not before it could
