@@ -156,6 +156,8 @@ def _print_several(run: RunContext, stored: "Sequence[Run]", code: bool) -> None
 
     compared = machines.of_runs(stored)
     if compared.has_several:
+        for line in compared.cautions:
+            run.out.print(line, soft_wrap=True)
         run.show(filter(None, [machines.section(compared)]))
     names = [machine.name for machine in compared.identities]
     if len(stored) > _MOST_RUNS:

@@ -241,7 +241,6 @@ def section(machines: Machines) -> Section | None:
     return Section(
         "Across machines",
         conclusions=[
-            *(Conclusion(caution, Tone.CAUTION) for caution in machines.cautions),
             *([Conclusion(machines.together)] if machines.together else ()),
             *_sentences(machines.by_question),
         ],

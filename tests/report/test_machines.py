@@ -169,13 +169,12 @@ def test_a_machine_that_was_asked_twice_has_both_answers() -> None:
     assert row[1] == "✓ rollout threads=2 pool=kept 2.00× (2.00 to 2.00); ✓ python_loop"
 
 
-def test_what_disturbed_a_machine_comes_first_and_makes_its_advice_uncertain() -> None:
+def test_what_disturbed_a_machine_is_said_and_makes_its_advice_uncertain() -> None:
     runs = run("a", *compared(cores=1.2)), run("b", *compared())
     cells = answers(*runs)["m, 10 × 100 steps, open loop"]
     assert [cells[name][0] for name in "ab"] == ["?", "✓"]
-    first = section(*runs).conclusions[0]
-    assert first.text == "a, m: Disturbed: threads had 1.20 of 2 cores. Measure again."
-    assert first.tone == Tone.CAUTION
+    (caution,) = machines.of_runs(runs).cautions
+    assert caution == "a, m: Disturbed: threads had 1.20 of 2 cores. Measure again."
 
 
 def test_a_model_that_failed_on_a_machine_says_so_there() -> None:
