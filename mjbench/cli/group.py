@@ -12,8 +12,8 @@ import click
 import mjbench
 from mjbench.checkups.targets import may_be_target
 from mjbench.cli import standard_streams
-from mjbench.command_names import LISTED, REMOVED, with_mode
-from mjbench.errors import InputError, MachineError, MjbenchError, describe, one_line, printable
+from mjbench.command_names import LISTED, with_mode
+from mjbench.errors import MachineError, MjbenchError, describe, one_line, printable
 from mjbench.host import platforms
 from mjbench.status import ExitCode
 
@@ -64,8 +64,6 @@ class Cli(CommandGroup):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return a command with its arguments; refuse what cannot run here, but not its help."""
-        if args[0] in REMOVED:
-            raise InputError(REMOVED[args[0]])
         words = with_mode(args, self.commands)
         if words[0] not in self.commands and may_be_target(words[0]):
             words = ["checkup", *words]

@@ -107,12 +107,10 @@ def show(
         else:
             _print(chosen, code, json_file, fail_on)
         return
-    olds = [Path(against)] if against else files[:1]  # the first RUN of `diff OLD NEW`
-    news = files if against else files[1:]
-    if len(olds) != 1 or len(news) > 1:
+    if len(files) > 1:
         raise InputError("--against compares one RUN with OLD")
-    new = news[0] if news else runs.latest(results)
-    _show_differences(olds[0], new, across, fail_on, json_file)
+    new = files[0] if files else runs.latest(results)
+    _show_differences(Path(against), new, across, fail_on, json_file)
 
 
 def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: FailOn) -> None:

@@ -231,7 +231,7 @@ class Machine:
       versions: of the packages that a result depends on, by name.
       flags: environment variables that change speed or results, by name.
       label: the user's name for this machine, from MJBENCH_MACHINE.
-      host: see `host_hash`; empty in older files.
+      host: see `host_hash`.
     """
 
     cpu: str

@@ -42,13 +42,8 @@ class NamedRun:
 
     @property
     def command(self) -> str:
-        """The command that wrote it, as it was typed where that is known."""
-        return shlex.join(["mjbench", *(self.run.header.command_line or self.present_name.split())])
-
-    @property
-    def present_name(self) -> str:
-        """What the command is called by now."""
-        return command_names.present_name(self.run.header.command)
+        """The command that wrote it, as it was typed."""
+        return shlex.join(["mjbench", *self.run.header.command_line])
 
 
 @dataclass(frozen=True)
@@ -135,13 +130,10 @@ def _has_content(section: Section) -> bool:
 
 def title(named_runs: Sequence[NamedRun]) -> str:
     if len(named_runs) != 1:
-        return f"mjbench {', '.join(dict.fromkeys(n.present_name for n in named_runs))}"
+        names = (command_names.command_of(named.run.header.command) for named in named_runs)
+        return f"mjbench {', '.join(dict.fromkeys(names))}"
     (named,) = named_runs
-    text = named.command
-    if not named.run.header.command_line:  # models as the records name them
-        models = dict.fromkeys(getattr(record, "model", "") for record in named.run.records)
-        text += " ".join(["", *filter(None, models)])
-    return one_line(text, _TITLE_LENGTH)
+    return one_line(named.command, _TITLE_LENGTH)
 
 
 def _subtitle(named_runs: Sequence[NamedRun]) -> str:

@@ -92,7 +92,7 @@ def program() -> str:
     path = str(beside) if beside.is_file() else shutil.which("py-spy")
     if path is None:
         raise UnavailableError(
-            f"py-spy is not installed; install it with {extras.install_command('run')}"
+            f"py-spy is not installed; install it with {extras.install_command()}"
         )
     return path
 

@@ -167,16 +167,16 @@ def test_the_command_writes_a_file_or_markdown(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = run_file_here(tmp_path / "results/runs", *compared("cartpole"))
-    result = CliRunner().invoke(cli, ["report", "-o", "page.html"])
+    result = CliRunner().invoke(cli, ["show", "--html", "-o", "page.html"])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "page.html").read_text().startswith("<!doctype html>")
-    result = CliRunner().invoke(cli, ["report", str(file), "--markdown"])
+    result = CliRunner().invoke(cli, ["show", str(file), "--markdown"])
     assert result.exit_code == 0, result.output
     assert result.stdout.startswith("## mjbench compare")
-    result = CliRunner().invoke(cli, ["report", str(file), "-o", str(file)])
+    result = CliRunner().invoke(cli, ["show", str(file), "--html", "-o", str(file)])
     assert result.exit_code == 2
     assert "a file that this command reads" in result.output
-    result = CliRunner().invoke(cli, ["report", "missing.jsonl"])
+    result = CliRunner().invoke(cli, ["show", "--html", "missing.jsonl"])
     assert result.exit_code == 2
 
 

@@ -12,7 +12,6 @@ from example_records import JUDGED, measurement
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
-from mjbench.report import path_speedups
 from mjbench.report.advice import (
     Reason,
     ThreadAdvice,
@@ -274,18 +273,6 @@ def test_the_timer_is_advised_on_where_turning_it_off_certainly_gains() -> None:
     assert clock is not None
     assert clock.speedup.estimate == pytest.approx(1.2, rel=0.01)
     assert advise_clock(derived(raced([*CLEAR, (WITHOUT_TIMER, 1.01)]))) is None
-
-
-def test_a_run_of_an_earlier_version_has_speed_ups_without_an_interval_and_no_advice() -> None:
-    records = [measurement(samples_s=[1.0] * 7), measurement(path="rollout", samples_s=[0.5] * 7)]
-    former = path_speedups.derive(derived(raced()).model, records, None)
-    assert former.is_former
-    assert all(result.is_former for result in former.results)
-    speedup = former.results[1].speedup
-    assert speedup is not None
-    assert (speedup.estimate, speedup.low, speedup.high) == (2.0, None, None)
-    assert advise(former) == []
-    assert advise_clock(former) is None
 
 
 def test_a_model_whose_plain_loop_was_not_timed_gets_no_advice() -> None:
