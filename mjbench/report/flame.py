@@ -12,6 +12,7 @@ from pathlib import Path
 
 from mjbench.errors import InputError, printable, shown, writing
 from mjbench.program import activities
+from mjbench.program.hook import file_owners
 from mjbench.program.py_spy import Frame, ThreadSamples
 
 # Of the picture, in pixels; frames narrower than the last are left out.
@@ -116,9 +117,9 @@ def _box(node: _Node, left: float, top: float, scale: float, total_s: float) -> 
     if frame is not None:
         place = f"{activities.shown_path(frame.file)}:{frame.line}" if frame.line else frame.file
         name = f"{frame.function} ({place})"
-        package = activities.package_of(frame.file)
+        package = file_owners.package_of(frame.file)
         colour = _OWN if activities.is_own(frame) else _OTHER
-        if package and package != activities.STANDARD_LIBRARY:
+        if package and package != file_owners.STANDARD_LIBRARY:
             colour = _PACKAGE
     title = f"{name}: {node.seconds:.3g} s, {100 * node.seconds / total_s:.1f} %"
     text = printable(name)[: int(width / _LETTER)]

@@ -6,12 +6,13 @@ import pytest
 
 from mjbench.program import activities
 from mjbench.program.activities import Activity
+from mjbench.program.hook import step_clock
 from mjbench.program.py_spy import Frame
 
 STANDARD = sysconfig.get_paths()["stdlib"]
 SITE = "/env/lib/python3.11/site-packages"
 OWN = Frame("main", "/home/user/train.py", 10)
-CLOCK = Frame("call", "/anywhere/mjbench/program/hook/step_clock.py", 100)
+CLOCK = Frame("call", step_clock.__file__, 100)
 ENGINE = f"{SITE}/mujoco/libmujoco.so.4.0.0"
 LIBC = "/usr/lib/libc.so.6"
 NUMPY = f"{SITE}/numpy/_core/_multiarray_umath.cpython-311-x86_64-linux-gnu.so"
@@ -113,20 +114,6 @@ def test_the_timer_of_the_python_package_is_seen():
     assert activities.activity(stack) == Activity.PHYSICS
     assert activities.is_engine_clock(stack)
     assert not activities.is_engine_clock([OWN, CLOCK, library("mj_step", ENGINE)])
-
-
-@pytest.mark.parametrize(
-    ("file", "package"),
-    [
-        ("/home/user/train.py", ""),
-        (f"{SITE}/gymnasium/core.py", "gymnasium"),
-        (f"{SITE}/six.py", "six"),
-        (f"{STANDARD}/json/decoder.py", activities.STANDARD_LIBRARY),
-    ],
-)
-def test_package_of_a_file(file, package):
-    assert activities.package_of(file) == package
-    assert activities.is_own(Frame("f", file, 1)) == (package == "")
 
 
 def test_paths_are_shown_short(monkeypatch, tmp_path):
