@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterator
 from commands import ROOT
 from committed_trials import RUNS, trial_counts
 
-from benchmarks import gpu
-from benchmarks.odd_programs import ODD_PROGRAMS
-from benchmarks.studies import tally_file
+from benchmarks.studies import gpu, tally_file
+from benchmarks.studies.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
 from mjbench.comparison import (
     accelerated_agreement,

@@ -1,4 +1,4 @@
-"""What docs/guides/machines.md has of the tally of `benchmarks.ray_crossover`."""
+"""What docs/guides/machines.md has of the tally of `benchmarks.studies.ray_crossover`."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""What `benchmarks.ray_crossover` measures: calls of `ray` and of other paths, by their work."""
+"""What `benchmarks.studies.ray_crossover` measures: calls of `ray` and other paths, by work."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
 _COMMENT = "comment"
-FORMATS = (
-    *(*_PAGES, _COMMENT, "csv", "parquet", "github-action-benchmark", "bencher", "otava"),
-    "junit",
-)
+FORMATS = (*_PAGES, _COMMENT, "csv", "github-action-benchmark", "junit")
 
 
 def write(files: Sequence[Path], form: str, output: str | None) -> None:
@@ -34,8 +31,6 @@ def write(files: Sequence[Path], form: str, output: str | None) -> None:
         raise InputError(
             f"--format {form} takes one RUN; `mjbench results merge` makes one of several"
         )
-    if form == "parquet" and target == "-":
-        raise InputError("--format parquet needs a file: give -o FILE")
     file = OutputFile("-o", target, files)
     with RunContext(inputs=files) as run, contextlib.closing(file):
         file.open()
@@ -56,7 +51,7 @@ def _stored(file: Path) -> "RunSet":
     return stored
 
 
-def _content(form: str, files: Sequence[Path]) -> str | bytes:
+def _content(form: str, files: Sequence[Path]) -> str:
     from mjbench.pages import comment, exports, reports
 
     if form == _COMMENT:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
 from mjbench.comparison.records import ModelRecord
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError
 from mjbench.paired import family
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
@@ -151,35 +151,6 @@ def as_github_action_benchmark(stored: RunSet) -> str:
     return json.dumps(entries, indent=1) + "\n"
 
 
-def as_bencher(stored: RunSet) -> str:
-    """Return metrics in the Bencher Metric Format, for `bencher run --adapter json`."""
-    measures = {"ns/step": "latency", "ratio": "ratio"}
-    report: dict[str, dict[str, dict[str, float]]] = {}
-    for metric in metrics(stored):
-        value = {"value": metric.value}
-        if metric.low is not None and metric.high is not None:
-            value |= {"lower_value": metric.low, "upper_value": metric.high}
-        report[metric.name] = {measures[metric.unit]: value}
-    return json.dumps(report, indent=1) + "\n"
-
-
-def as_otava(stored: RunSet) -> str:
-    """Return metrics as one row of CSV, as Apache Otava reads it: a time, then a column each.
-
-    Rows of several runs make the series in which Otava detects changes. The time is when the run
-    began; of a set, the last one.
-
-    Raises:
-      InputError: a run is of an earlier version, and does not say when it began.
-    """
-    began = [run.header.began for run in stored.runs]
-    if not all(began):
-        raise InputError("this run file is of an earlier version, and does not say when it began")
-    all_metrics = metrics(stored)
-    heading = ["time", *(metric.name for metric in all_metrics)]
-    return csv_text([heading, [max(began), *(metric.value for metric in all_metrics)]])
-
-
 def as_junit(stored: RunSet) -> str:
     """Return what was compared as JUnit XML, one test case each.
 
@@ -265,36 +236,9 @@ def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
             yield _Case(comparison.model, f"{verdict.machine}: {name}", outcome, detail)
 
 
-def as_parquet(stored: RunSet) -> bytes:
-    """Return results as a file of Parquet.
-
-    Raises:
-      MachineError: neither pandas with pyarrow nor polars is installed.
-    """
-    table: Sequence[Mapping[str, rows.Cell]] = rows.of_set(stored)
-    file = io.BytesIO()
-    try:
-        import polars
-    except ImportError:
-        pass
-    else:
-        polars.DataFrame(table, infer_schema_length=None, strict=False).write_parquet(file)
-        return file.getvalue()
-    try:
-        import pandas
-
-        pandas.DataFrame(table).to_parquet(file)
-        return file.getvalue()
-    except ImportError as error:
-        raise MachineError("--format parquet needs polars, or pandas with pyarrow") from error
-
-
 # The formats by name.
-FORMATS: Mapping[str, Callable[[RunSet], str | bytes]] = {
+FORMATS: Mapping[str, Callable[[RunSet], str]] = {
     "csv": as_csv,
-    "parquet": as_parquet,
     "github-action-benchmark": as_github_action_benchmark,
-    "bencher": as_bencher,
-    "otava": as_otava,
     "junit": as_junit,
 }

@@ -26,7 +26,6 @@ class Activity(enum.StrEnum):
     """The interpreter, and what has no activity of its own."""
     NUMPY = "NumPy"
     """NumPy and SciPy compute."""
-    ALLOCATION = "NumPy allocation"
     POLICY = "policy"
     """A framework for neural networks: PyTorch, JAX, TensorFlow, ONNX Runtime."""
     RENDERING = "rendering"
@@ -84,32 +83,6 @@ class Place:
         return f"{self.file}:{self.line}"
 
 
-# Libraries, by what their path holds.
-_ENGINE = re.compile(r"(^|/)(libmujoco\.|libmujoco-|mujoco\.dll)")
-_BINDINGS = re.compile(r"/mujoco/_\w+\.")
-_NUMPY_LIBRARY = re.compile(r"/(numpy|scipy)(\.libs)?/|openblas|libblas|libmkl")
-_INTERPRETER = re.compile(r"/(libpython3|python3?(\.\d+)?$|_\w+\.cpython-)|/lib-dynload/")
-_CLOCK = re.compile(r"\[vdso\]|linux-vdso")
-_POLICY_LIBRARY = re.compile(r"/(torch|jaxlib|tensorflow|onnxruntime)/|libtorch")
-_GL_LIBRARY = re.compile(
-    r"lib(OSMesa|EGL|GL|GLX|GLdispatch|OpenGL|gallium|glapi|glfw|LLVM)[\w.-]*\.so|swrast|_dri\.so"
-    r"|nvidia-(gl|egl)"
-)
-# Functions of libraries.
-_DRAWS = re.compile(r"mjr_|mjv_|glReadPixels|_mesa_|llvmpipe_|lp_rast")
-_ALLOCATES = re.compile(
-    r"PyArray_(NewFromDescr|Zeros|Empty|NewLikeArray|NewCopy)|array_(dealloc|zeros|empty|new)"
-    r"|npy_(alloc|free)_cache|PyDataMem_|default_(malloc|calloc|free)"
-)
-_LOADS = re.compile(
-    r"mj[CX][A-Z]|mjXReader|tinyxml2|qh_|lodepng|std::|mj_(load|parse|compile|saveLast|copyModel)"
-    r"|mjs_"
-)
-_COLLECTS = re.compile(r"gc_collect|deduce_unreachable|subtract_refs|gc_freeze|visit_reachable")
-_WRITES = re.compile(r"_io_|fileio_|textiowrapper|buffered_|bufferedwriter|builtin_print|__write$")
-_LOCKS = re.compile(r"(__)?pthread_cond|take_gil|sem_(timed)?wait|sem_clockwait")
-_SLEEPS = re.compile(r"(clock_)?nanosleep|pysleep|time_sleep")
-_WAITS = re.compile(r"^(read|recv\w*|poll|ppoll|select|epoll_wait|wait4|waitpid|waitid)$")
 # Python files.
 _DRAWING_FILE = re.compile(
     r"/mujoco/(renderer|viewer)\.py$|/mujoco/rendering/|/mujoco/(egl|osmesa|cgl|glfw)/|mujoco_rendering\.py$"
@@ -135,7 +108,7 @@ _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
 _CLOCK_OF_JAX, _CALL_CLOCK = "jax_functions.py", "call_clock.py"
-# What a line of Python does that calls libraries, where their stacks were not read.
+# What a line of Python does that calls libraries.
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),
     (re.compile(r"\bmj[uvdr]?_\w+\(|\.contact\b"), Activity.BINDINGS),
@@ -156,32 +129,24 @@ _LINES = (
 _NEAR = 4
 
 
-def activity(
-    stack: Sequence[Frame], has_native: bool = True, has_thread_pool: bool = False
-) -> Activity | None:
-    """Return what a stack shows; None where only the line's other samples can tell.
+def activity(stack: Sequence[Frame], has_thread_pool: bool = False) -> Activity:
+    """Return what a stack shows.
 
     Args:
-      has_native: whether stacks of libraries were read. Where they were not, a line of Python that
-        steps counts as physics.
       has_thread_pool: whether pools of `multiprocessing` are of threads in this process.
     """
-    python = [frame for frame in stack if frame.is_python]
-    library = _libraries_at_end(stack)
     return (
-        _by_engine(python, library)
-        or _by_caller(python, library, has_thread_pool)
-        or _by_library(library)
-        or (None if has_native else _by_line(python))
-        or _by_python(python, library)
-        or _interpreter(library)
+        _by_caller(stack, has_thread_pool)
+        or _by_line(stack)
+        or _by_python(stack)
+        or Activity.PYTHON
     )
 
 
-def _by_line(python: Sequence[Frame]) -> Activity | None:
-    if not python:
+def _by_line(stack: Sequence[Frame]) -> Activity | None:
+    if not stack:
         return None
-    frame = python[-1]
+    frame = stack[-1]
     if is_step_clock(frame):
         is_of_jax = Path(frame.file).name == _CLOCK_OF_JAX
         return Activity.DISPATCH if is_of_jax else Activity.PHYSICS
@@ -189,55 +154,21 @@ def _by_line(python: Sequence[Frame]) -> Activity | None:
     return next((activity for pattern, activity in _LINES if pattern.search(text)), None)
 
 
-def _interpreter(library: Sequence[Frame]) -> Activity | None:
-    """Return Python where the interpreter is on top; None for a library such as that of C."""
-    is_interpreter = not library or _INTERPRETER.search(library[0].file)
-    return Activity.PYTHON if is_interpreter else None
-
-
-def _libraries_at_end(stack: Sequence[Frame]) -> list[Frame]:
-    """Return the frames of libraries that the innermost line of Python called, innermost first."""
-    return list(itertools.takewhile(lambda frame: not frame.is_python, reversed(stack)))
-
-
-def _by_engine(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
-    """Return what MuJoCo does for any caller; None where it is not on top of the stack.
-
-    A renderer is the exception: what it calls of the engine draws.
-    """
-    if library and _LOCKS.match(library[0].function):
-        return None
-    called = list(_called_by_own(python))
-    draws = any(_DRAWING_FILE.search(frame.file) for frame in called)
-    if draws and not any(map(imports, called)):
-        return Activity.RENDERING
-    for frame in library:
-        if _DRAWS.match(frame.function):
-            return Activity.RENDERING
-        if _ENGINE.search(frame.file):
-            return Activity.LOADING if _LOADS.match(frame.function) else Activity.PHYSICS
-        if _BINDINGS.search(frame.file):
-            return Activity.BINDINGS
-    return None
-
-
-def _called_by_own(python: Sequence[Frame]) -> Iterator[Frame]:
+def _called_by_own(stack: Sequence[Frame]) -> Iterator[Frame]:
     """Return the lines that the innermost line of the user's code has called, innermost first."""
-    return itertools.takewhile(lambda frame: not is_own(frame), reversed(python))
+    return itertools.takewhile(lambda frame: not is_own(frame), reversed(stack))
 
 
-def _by_caller(
-    python: Sequence[Frame], library: Sequence[Frame], has_thread_pool: bool
-) -> Activity | None:
+def _by_caller(stack: Sequence[Frame], has_thread_pool: bool) -> Activity | None:
     """Return the activity of what is one whole, whatever it calls.
 
     Callers beyond the innermost line of the user's code do not count: that line is what they run.
     """
-    if any(_COLLECTS.match(frame.function) for frame in library):
-        return Activity.COLLECTION
-    called = list(_called_by_own(python))
+    called = list(_called_by_own(stack))
     if any(map(imports, called)):
         return Activity.IMPORT
+    if any(_DRAWING_FILE.search(frame.file) for frame in called):
+        return Activity.RENDERING
     for frame in called:
         file = frame.file
         if _POLICY_FILE.search(file):
@@ -253,40 +184,17 @@ def _by_caller(
     return None
 
 
-def _by_library(library: Sequence[Frame]) -> Activity | None:
-    if library and _LOCKS.match(library[0].function):
-        return Activity.THREADS
-    for frame in library:
-        if _GL_LIBRARY.search(frame.file) or _DRAWS.match(frame.function):
-            return Activity.RENDERING
-        if _POLICY_LIBRARY.search(frame.file):
-            return Activity.POLICY
-        if _NUMPY_LIBRARY.search(frame.file):
-            allocates = any(_ALLOCATES.match(each.function) for each in library)
-            return Activity.ALLOCATION if allocates else Activity.NUMPY
-        if _SLEEPS.match(frame.function):
-            return Activity.SLEEPING
-        if _WRITES.match(frame.function):
-            return Activity.LOGGING
-    return None
-
-
-def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
-    if not python:
+def _by_python(stack: Sequence[Frame]) -> Activity | None:
+    if not stack:
         return None
-    names = [file_owners.standard_name(frame.file) for frame in reversed(python)][:_NEAR]
-    waits = any(_WAITS.match(frame.function) for frame in library)
+    names = [file_owners.standard_name(frame.file) for frame in reversed(stack)][:_NEAR]
     if any(_STANDARD_PROCESSES.match(name) for name in names) and (
-        waits or _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
+        _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
     ):
         return Activity.PROCESSES
     if _STANDARD_THREADS.match(names[0]) or _STANDARD_WAITING.match(names[0]):
         return Activity.THREADS
-    if library and library[0].function in ("write", "__write", "fsync", "open", "openat"):
-        return Activity.LOGGING
-    if is_step_clock(python[-1]):
-        return Activity.BINDINGS if _interpreter(library) else Activity.PHYSICS
-    return Activity.NUMPY if file_owners.package_of(python[-1].file) in ("numpy", "scipy") else None
+    return Activity.NUMPY if file_owners.package_of(stack[-1].file) in ("numpy", "scipy") else None
 
 
 @cache
@@ -301,7 +209,7 @@ def shown_path(file: str) -> str:
 
 
 def is_own(frame: Frame) -> bool:
-    return frame.is_python and file_owners.is_own(frame.file)
+    return file_owners.is_own(frame.file)
 
 
 def place_of(frame: Frame) -> Place:
@@ -327,13 +235,8 @@ def steps_on_threads(stack: Sequence[Frame]) -> bool:
     return any(_THREADED_ENGINE.search(frame.file) for frame in stack)
 
 
-def is_engine_clock(stack: Sequence[Frame]) -> bool:
-    """Return whether a stack of physics is in the timer of MuJoCo's Python package."""
-    return any(_CLOCK.search(frame.file) for frame in _libraries_at_end(stack)[:2])
-
-
 def is_step_clock(frame: Frame) -> bool:
-    return frame.is_python and file_owners.is_of_clocks(frame.file)
+    return file_owners.is_of_clocks(frame.file)
 
 
 def is_slow_call(frame: Frame) -> bool:

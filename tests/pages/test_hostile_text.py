@@ -175,10 +175,7 @@ def test_cells_of_csv_are_no_formulas(files: list[Path]) -> None:
     cells = 0
     for file in files:
         stored = run_set.read(file, RECORD_TYPES)
-        texts = [exports.as_csv(stored)]
-        if file.stem in ("compare", "versions"):
-            texts.append(exports.as_otava(stored))
-        for row in itertools.chain(*(csv.reader(io.StringIO(text)) for text in texts)):
+        for row in csv.reader(io.StringIO(exports.as_csv(stored))):
             for cell in row:
                 assert_printable(cell)
                 assert not cell.startswith(tuple("=+@\t\r")), cell
@@ -187,7 +184,7 @@ def test_cells_of_csv_are_no_formulas(files: list[Path]) -> None:
     assert cells > len(files)
 
 
-@pytest.mark.parametrize("form", ["junit", "bencher", "github-action-benchmark"])
+@pytest.mark.parametrize("form", ["junit", "github-action-benchmark"])
 def test_documents_for_other_tools_parse(files: list[Path], form: str) -> None:
     for file in files:
         if file.stem in ("compare", "versions"):

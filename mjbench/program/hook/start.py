@@ -33,11 +33,11 @@ _ENVIRONMENTS = (
 _HIGH_DESCRIPTOR = 500
 
 
-def start(folder: str, change: str = "") -> None:
+def start(folder: str) -> None:
     calls = CallClock(folder)
     watch = Watch(folder, calls)
     steps, slow, of_jax = (
-        StepClock(folder, calls, watch, change),
+        StepClock(folder, calls, watch),
         SlowFunctions(calls, watch),
         JaxFunctions(calls),
     )
