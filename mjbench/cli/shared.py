@@ -435,7 +435,6 @@ SETTLE = click.option(
 )
 STARTS = as_one("starts", _start_plan, SETTLE, STATES, ACTIONS)
 LOOP_STARTS = as_one("starts", _start_plan, SETTLE, STATES)
-PLANNING_STARTS = as_one("starts", _start_plan, STATES)
 SIZES_OF_STARTS = as_one("sizes", _sizes, STARTS)
 SIZES = as_one(
     "sizes",

@@ -10,7 +10,6 @@ from typing import Any
 
 from mjbench.checkups.records import CheckedPart
 from mjbench.comparison import records as comparison_records
-from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.host.neighbours import Disturbance
@@ -35,7 +34,6 @@ from mjbench.report import (
     habit_costs,
     latency,
     listings,
-    planning,
     profile,
     program,
     release_ratios,
@@ -135,7 +133,6 @@ OVERHEAD = _kind(OverheadRow, habit_costs.sections, "overhead")
 PROFILE = _kind(ProfileRow, profile.sections, "profile")
 PROGRAM = _kind(ProgramRow, program.sections, "run", rows=program.program_rows)
 LATENCY = _kind(LatencyRow, latency.sections, "latency")
-PLAN = _kind(PlanningRow, planning.sections, "plan")
 ENVIRONMENT = _kind(EnvironmentRecord, environment.sections, "env")
 VERDICT = Kind(
     ("versions", "ab"),
@@ -179,7 +176,7 @@ TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
 
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
-    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
+    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, ENVIRONMENT, VERDICT, SELFCHECK),
     *(BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE),
 )
 
