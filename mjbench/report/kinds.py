@@ -19,7 +19,7 @@ from mjbench.loop.latency import LatencyRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
 from mjbench.paired import selfcheck as trials
-from mjbench.paired.bisect_records import BisectComparison, BisectRecord, BisectTrial
+from mjbench.paired.bisect import BisectComparison, BisectRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
@@ -161,7 +161,7 @@ PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placeme
 _BISECTIONS = documents.results_document(BisectRecord, schema=2)
 BISECT = Kind(
     ("bisect",),
-    (BisectRecord, BisectTrial, BisectComparison),
+    (BisectRecord, BisectComparison),
     _BISECTIONS,
     lambda run: _BISECTIONS(machine=run.header.machine, results=run.of_type(BisectRecord)),
     lambda run: after_disturbances(run, bisect.sections(run.records)),
