@@ -19,31 +19,28 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
-from mjbench.store import run_set, runs
-from mjbench.store.run_set import RunSection, RunSet
-from mjbench.store.runs import Record
+from mjbench.store import runs
+from mjbench.store.runs import Record, Run
 
 COMPARISON = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
 
 
-def file_of(run: runs.Run, *records: Record, **header: str) -> RunSet:
-    """Return a run file with other records, or another header."""
-    changed = runs.Run(dataclasses.replace(run.header, **header), records or run.records)
-    return RunSet((RunSection("", changed, (b"\n",)),), is_run_file=True)
+def file_of(run: Run, *records: Record, **header: str) -> Run:
+    """Return a run with other records, or another header."""
+    return Run(dataclasses.replace(run.header, **header), records or run.records)
 
 
 @pytest.fixture(scope="module")
-def comparison() -> RunSet:
-    return run_set.read(COMPARISON, RECORD_TYPES)
+def comparison() -> Run:
+    return runs.load(COMPARISON, RECORD_TYPES)
 
 
-def empty(comparison: RunSet) -> RunSet:
-    """Return a run file in which nothing was measured."""
-    header = comparison.runs[0].header
-    return RunSet((RunSection("", runs.Run(header, ()), (b"\n",)),), is_run_file=True)
+def empty(comparison: Run) -> Run:
+    """Return a run in which nothing was measured."""
+    return Run(comparison.header, ())
 
 
-def verdict_run(comparison: RunSet) -> RunSet:
+def verdict_run(comparison: Run) -> Run:
     """Return a run with a slower, an undecided and a failed comparison."""
     sides = [TargetRow(release, "m", "python_loop", {}, {}) for release in ("3.17.0", "4.0.0")]
     fields = {"model": "m", "path": "python_loop", "old": "3.17.0", "new": "4.0.0", "sides": sides}
@@ -55,7 +52,7 @@ def verdict_run(comparison: RunSet) -> RunSet:
         VerdictRecord(**fields, status=Status.OK, verdict=Verdict.INCONCLUSIVE, ratio=ratio),
         VerdictRecord(**fields, status=Status.FAILED, detail="it crashed"),
     )
-    return file_of(comparison.runs[0], *records)
+    return file_of(comparison, *records)
 
 
 def test_a_run_is_a_flat_table() -> None:
@@ -79,13 +76,13 @@ def test_every_committed_run_is_a_table(file: Path) -> None:
     assert cells <= {str, int, float, bool, type(None)}
 
 
-def test_csv_has_a_line_for_each_result(comparison: RunSet) -> None:
+def test_csv_has_a_line_for_each_result(comparison: Run) -> None:
     lines = list(csv.DictReader(exports.as_csv(comparison).splitlines()))
     assert len(lines) == len(mjbench.load(COMPARISON))
     assert exports.as_csv(empty(comparison)) == "\r\n"
 
 
-def test_benchmark_tools_get_names_units_and_values(comparison: RunSet) -> None:
+def test_benchmark_tools_get_names_units_and_values(comparison: Run) -> None:
     entries = json.loads(exports.as_github_action_benchmark(comparison))
     assert {entry["unit"] for entry in entries} == {"ns/step"}
     assert len({entry["name"] for entry in entries}) == len(entries)
@@ -98,12 +95,12 @@ def test_benchmark_tools_get_names_units_and_values(comparison: RunSet) -> None:
     }
 
 
-def test_a_run_without_times_or_ratios_has_no_benchmark_form(comparison: RunSet) -> None:
+def test_a_run_without_times_or_ratios_has_no_benchmark_form(comparison: Run) -> None:
     with pytest.raises(InputError, match="has no such form"):
         exports.as_junit(empty(comparison))
 
 
-def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: RunSet) -> None:
+def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: Run) -> None:
     suite = ElementTree.fromstring(exports.as_junit(verdict_run(comparison)).encode())
     assert [suite.get(name) for name in ("tests", "failures", "errors", "skipped")] == [
         *("3", "1", "1", "1")
