@@ -9,7 +9,6 @@ This module runs in the user's program, in any environment: it needs the standar
 `mjbench.program.call_times` reads the files.
 """
 
-import contextlib
 import itertools
 import json
 import mmap
@@ -23,7 +22,7 @@ from types import FrameType
 from typing import Any
 
 from . import file_owners
-from .replaced import named_like
+from .replaced import named_like, suppress
 from .step_file import map_file
 
 # A slot: calls, their ns, calls while steps were timed, their ns, when the first began and the last
@@ -103,7 +102,7 @@ class CallClock:
         self.inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self.is_observing = True  # until the first step, all is seen
         path = os.path.join(self._folder, f"{os.getpid()}.calls")
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             self._map = map_file(path, SLOT.size * MAX_SLOTS)
             self._names = f"{path[:-6]}.sites"
             self._write_line("")
@@ -245,7 +244,7 @@ class CallClock:
         It does not stay open: the program may close what it has not opened itself, and its own
         files then get the same numbers.
         """
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             flags = os.O_WRONLY | os.O_CREAT | (os.O_APPEND if line else os.O_TRUNC)
             descriptor = os.open(self._names, flags, 0o600)
             try:
@@ -287,12 +286,12 @@ class CallClock:
             thread = get_ident()
             if thread in self.inside:
                 return function(*args, **kwargs)
-            self.inside.add(thread)
             if before is not None:
-                with contextlib.suppress(Exception):
+                with suppress(Exception):
                     before(args)
             if steps is not None:
                 self.before_steps()
+            self.inside.add(thread)
             begin_ns = now_ns()
             result = None
             try:
@@ -304,7 +303,7 @@ class CallClock:
                 counts: tuple[int, int] = (0, 0)
                 details: Sequence[Any] = ()
                 frame = sys._getframe(1)
-                with contextlib.suppress(Exception):
+                with suppress(Exception):
                     counts = steps(args, kwargs, result) if steps is not None else counts
                     details = detail(args, frame) if detail is not None else details
                 self.add(callee, frame, begin_ns, end_ns, *counts, detail=details)
