@@ -330,25 +330,3 @@ def decide(
       BuildError: what a side needs cannot be installed.
     """
     return _Decision(pool, targets, plan, on_launch, clock).run()
-
-
-def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) -> list[float]:
-    """Return the log ratios of some launches, whatever they say.
-
-    Raises:
-      InputError: a side cannot do it, or their results differ.
-    """
-    try:
-        observed = _observe(pool, targets)
-    except _NewError as error:
-        raise InputError(str(error)) from error
-    if observed.results.outcome == ResultsOutcome.DIFFERENT:
-        raise InputError(f"results differ: {observed.results.detail}")
-    calls = CallPlan.of((observed.baseline, observed.candidate))
-    pair = FunctionPair(pool, targets, calls, TimeLimit())
-    _launch(pair, count)
-    if pair.ending.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    if pair.ending.status != Status.OK:
-        raise MachineError(pair.ending.detail)
-    return [launch.log_ratio for launch in pair.launches]

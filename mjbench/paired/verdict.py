@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.errors import MachineError
 from mjbench.measuring import launch_stats
 from mjbench.measuring.launch_stats import Evidence, Interval
 from mjbench.measuring.ratio import Ratio
@@ -353,24 +352,6 @@ def launch_until_certain(
         assert judgement is not None, "there is a launch"
         on_launch(judgement)
         is_enough, has_answer = judgement.enough, judgement.launches >= MIN_LAUNCHES
-
-
-def launch_log_ratios(
-    pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
-) -> list[float]:
-    """Return the log ratios of some launches, whatever they say, as `decide` would judge them."""
-    limit = TimeLimit(plan.time_limit_s, count, purpose="a ratio")
-    with TargetPair(pool, baseline, candidate, plan.sizes, limit) as pair:
-        pair.prepare(_averaging(pool, baseline, candidate, plan).placements())
-        while len(launches_to_judge(pair.launches)) < count and pair.has_time(has_answer=False):
-            pair.launch()
-    if pair.ending.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    judged = launches_to_judge(pair.launches)
-    if len(judged) < count:
-        raise MachineError(pair.ending.detail)
-    log_scale = _log_scale(pair, plan)
-    return [launch.log_ratio + log_scale for launch in judged]
 
 
 def _averaging(

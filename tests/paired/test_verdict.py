@@ -43,24 +43,6 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
     assert result.judgement.ratio.estimate > 1.5  # twice the work
 
 
-def test_a_few_launches_give_their_ratios(pool: WorkerPool) -> None:
-    plan = replace(BRIEF, sizes=Sizes(4, 50, starts=KEYFRAME_STARTS), time_limit_s=60.0)
-    candidate = replace(CARTPOLE, slowdown=1.0)
-    log_ratios = verdict.launch_log_ratios(pool, CARTPOLE, candidate, plan, 2)
-    assert len(log_ratios) == 2
-    assert min(log_ratios) > math.log(1.5)  # twice the work
-
-
-def test_launches_of_what_cannot_be_measured_give_no_ratios(
-    pool: WorkerPool, tmp_path: Path
-) -> None:
-    file = tmp_path / "broken.xml"
-    file.write_text("<mujoco>")
-    target = Target(INSTALLED, models.resolve(str(file)))
-    with pytest.raises(MachineError, match="cannot load it"):
-        verdict.launch_log_ratios(pool, target, target, BRIEF, 2)
-
-
 def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:
     ticks = iter(range(0, 10_000, 100))
     plan = verdict.VerdictPlan(time_limit_s=350.0, as_shipped=True)
