@@ -26,7 +26,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
     "A closer look": {
         "profile": "the stages of a step; habits of loops: --habits",
         "latency": "the slowest steps, and which miss a deadline",
-        "plan": "plans per second of a sampling planner",
         "models": "list the shipped models",
         "paths": "list the ways of stepping",
     },
@@ -48,7 +47,6 @@ EARLIER: Mapping[str, Sequence[str]] = {
     "explain": ("versions", "--explain"),
     "instructions": ("profile", "--instructions"),
     "overhead": ("profile", "--habits"),
-    "placement": ("doctor", "--placement"),
     "report": ("show", "--format", "html"),  # a later --format counts
     "results export": ("show", "--format", "csv"),
     "selfcheck": ("doctor", "--verdicts"),

@@ -7,7 +7,7 @@ from typing import Any
 
 from mjbench.host.machine import Machine
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store import run_set, runs
+from mjbench.store import runs
 from mjbench.store.run_set import RunSection, RunSetFile
 from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Record, RunHeader
@@ -56,8 +56,7 @@ def section_of(
     path: Path, record_types: Mapping[str, type] = RECORD_TYPES, cell: str = ""
 ) -> RunSection:
     """Return a run file as a section."""
-    (section,) = run_set.read(path, record_types).sections
-    return replace(section, cell=cell)
+    return RunSection(cell, runs.load(path, record_types), tuple(runs.read_lines(path)))
 
 
 def set_of(path: Path, files: Sequence[Path]) -> Path:

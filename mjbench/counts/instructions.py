@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.counts import callgrind, counted_program
-from mjbench.counts.callgrind import CallgrindProfile, CodePlace
+from mjbench.counts.callgrind import CallgrindProfile
 from mjbench.counts.counted_program import (
     CountAnswer,
     CountedOperation,
@@ -69,15 +69,15 @@ class ModelCount(InstructionsRecord):
     Of an operation around the step, it is what doing it once costs.
 
     Attributes:
-      places: where the code of each of the functions lies that were executed, by name.
-      calls: (caller, callee) of them.
+      libraries: a file that has the code of each function, by name.
+      calls: (caller, callee) of the functions that were executed.
       healthy: (nbatch,) bool: the simulations that did not diverge; None where the model was not
         counted.
       followed: what the release did from the states of the workload's probe; None likewise.
     """
 
     operation: str = ""
-    places: Mapping[str, Sequence[CodePlace]] = field(default_factory=dict)
+    libraries: Mapping[str, str] = field(default_factory=dict)
     calls: AbstractSet[tuple[str, str]] = frozenset()
     healthy: np.ndarray | None = None
     followed: Followed | None = None
@@ -233,7 +233,6 @@ def _program(
 def _callgrind(folder: Path) -> list[str]:
     return [
         *("valgrind", "--tool=callgrind", "--quiet"),
-        "--dump-instr=yes",  # addresses, by which explain finds the code of functions
         f"--dump-before={counted_program.MARKER}",
         f"--instr-atstart={'no' if counted_program.can_switch_instrumentation() else 'yes'}",
         f"--callgrind-out-file={folder / 'callgrind.out'}",
@@ -275,7 +274,7 @@ def _operation_count(
         instructions_per_step=both.total / (2 * repeats),
         functions=both.counts(executed, 2 * repeats),
         repeats=abs(repeated.total - profile.total) / max(1, profile.total),
-        places={name: both.places[name] for name in executed},
+        libraries=both.libraries,
         calls={arc for arc in both.arcs if executed.issuperset(arc)},
     )
 
@@ -300,7 +299,7 @@ def _model_count(
         diverged=counted.diverged,
         warnings=counted.warnings,
         starts=counted.starts,
-        places={name: profile.places[name] for name in executed},
+        libraries=profile.libraries,
         calls={arc for arc in profile.arcs if executed.issuperset(arc)},
         healthy=counted.healthy,
         followed=counted.followed,

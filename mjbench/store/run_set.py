@@ -1,4 +1,4 @@
-"""The run set: runs of one or several machines in one file, each once and as its run file has it.
+"""The run set of a sweep: runs of its cells in one file, each as its run file has it.
 
 The first line says that it is a set. Then follow sections: a line that says how many lines follow
 and which SHA-256 they have, and those lines, which are a run file's. A section is written at once;
@@ -13,8 +13,7 @@ import json
 import os
 import re
 import stat
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
@@ -68,61 +67,17 @@ class RunSection:
     def sha256(self) -> str:
         return hashlib.sha256(b"".join(self.lines)).hexdigest()
 
-    def continues(self, other: "RunSection") -> bool:
-        """Return whether this is a later state of the same run file: it begins with the other."""
-        count = len(other.lines)
-        return len(self.lines) > count and self.lines[:count] == other.lines
-
 
 @dataclass(frozen=True)
 class RunSet:
     """A run set, read back.
 
     Attributes:
-      is_torn: whether the last section, or the last line of a run file, was cut short and left out.
-      is_run_file: whether it was read from a run file, as a set of one section.
+      is_torn: whether the last section was cut short, and left out.
     """
 
     sections: tuple[RunSection, ...]
     is_torn: bool = False
-    is_run_file: bool = False
-
-    @property
-    def runs(self) -> tuple[Run, ...]:
-        """Each run once: a section that another repeats or continues is left out.
-
-        Cells of a sweep that one command measured are one run, as they were in its run file.
-        """
-        whole: dict[bytes, list[RunSection]] = {}
-        for section in distinct(self.sections):
-            # the header of a run file has the second in which it began
-            whole.setdefault(
-                section.lines[0] if section.cell else section.sha256.encode(), []
-            ).append(section)
-        return tuple(_joined(sections) for sections in whole.values())
-
-
-def distinct(sections: Iterable[RunSection]) -> tuple[RunSection, ...]:
-    """Return the sections without those that an earlier one repeats or another continues."""
-    unique = tuple({section.sha256: section for section in sections}.values())
-    of_header: dict[bytes, list[RunSection]] = defaultdict(list)
-    for section in unique:
-        of_header[section.lines[0]].append(section)
-    return tuple(
-        s for s in unique if not any(other.continues(s) for other in of_header[s.lines[0]])
-    )
-
-
-def _joined(sections: Sequence[RunSection]) -> Run:
-    first, *others = sections
-    if not others:
-        return first.run
-    records = {
-        line: record
-        for section in sections
-        for line, record in zip(section.lines[1:], section.run.records, strict=True)
-    }
-    return Run(first.run.header, tuple(records.values()))
 
 
 class RunSetFile:
@@ -172,11 +127,8 @@ class RunSetFile:
 
 
 def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
-    """Read a run set, or a run file as a set of one section; InputError for what is neither."""
+    """Read a run set; InputError for what is none."""
     lines = read_lines(path)
-    if not lines or not _OWN_LINE.match(lines[0]):
-        section = _section(path, lines, record_types)
-        return RunSet((section,), section.run.is_torn, is_run_file=True)
     headers, end = _headers(path, lines)
     sections = []
     for begin, header in headers.items():
@@ -184,32 +136,6 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
         run = parse(path, own, record_types, begin + 1, may_be_torn=False)
         sections.append(RunSection(printable(header.cell), run, tuple(own)))
     return RunSet(tuple(sections), end < len(lines))
-
-
-def read_together(paths: Sequence[Path], record_types: Mapping[str, type]) -> RunSet:
-    """Return what a file holds, or what several hold as one set."""
-    if len(paths) == 1:
-        return read(paths[0], record_types)
-    return RunSet(tuple(section for _, section in load_files(paths, record_types)))
-
-
-def load_files(
-    paths: Iterable[Path], record_types: Mapping[str, type]
-) -> list[tuple[Path, RunSection]]:
-    """Read run files and run sets: each run once, with the first file that holds it."""
-    by_digest: dict[str, tuple[Path, RunSection]] = {}
-    for path in paths:
-        for section in read(path, record_types).sections:
-            by_digest.setdefault(section.sha256, (path, section))
-    return [by_digest[s.sha256] for s in distinct(s for _, s in by_digest.values())]
-
-
-def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> RunSection:
-    """Return a run file as a section, without a last line that was cut short."""
-    run = parse(path, lines, record_types)
-    whole = lines[: 1 + len(run.records)]
-    # the last line break may be missing: the writer was killed before it, or an editor left it out
-    return RunSection("", run, tuple(line.rstrip(b"\n") + b"\n" for line in whole))
 
 
 def _open(path: Path, flags: int = 0) -> FileIO:
@@ -259,7 +185,7 @@ def _headers(path: Path, lines: Sequence[bytes]) -> tuple[dict[int, SectionHeade
         if is_whole != (digest == header.sha256):
             raise InputError(
                 f"{path}, line {at + 1}: the section is not as it was written"
-                f" (its {header.lines} lines have another SHA-256); merge its run file again"
+                f" (its {header.lines} lines have another SHA-256)"
             )
         if not is_whole:
             break

@@ -69,7 +69,7 @@ def document(name='Process 7 Thread 8 "Main"'):
             "frames": [
                 {"name": 'process 7:"python x.py"', "file": "", "line": 0},
                 {"name": "main", "file": "/x.py", "line": 3},
-                {"name": "mj_step", "file": "libmujoco.so", "line": 0},
+                {"name": "step", "file": "/y.py", "line": 5},
             ]
         },
     }
@@ -81,8 +81,8 @@ def test_stacks_are_read_without_labels(tmp_path):
     (thread,) = py_spy.read(file)
     assert thread.thread == Thread(7, 8, "Main")
     assert thread.interval_s == 0.02
-    step = Frame("mj_step", "libmujoco.so", 0)
-    assert thread.stacks == [[Frame("main", "/x.py", 3), step], [Frame("main", "/x.py", 3)]]
+    main, step = Frame("main", "/x.py", 3), Frame("step", "/y.py", 5)
+    assert thread.stacks == [[main, step], [main]]
 
 
 @pytest.mark.parametrize(

@@ -174,7 +174,7 @@ def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatc
         of_calls = call_clock.CallClock(str(folder), fake)
         looks = watch.Watch(str(folder), of_calls, fake)
         processor = lambda: int(share * fake())  # noqa: B023, E731
-        clock = step_clock.StepClock(str(folder), of_calls, looks, "", fake, processor)
+        clock = step_clock.StepClock(str(folder), of_calls, looks, fake, processor)
         module = engine(fake, calls)
         clock.install(module)
         clock.timed_ns = clock.cold_ns = CALL_NS // 100
@@ -509,16 +509,6 @@ def test_random_streams_and_the_module_path_are_as_without_the_clock(tmp_path):
     assert done.stdout == plain.stdout
     assert done.stderr == ""
     assert all(each.step is None for each in steps)
-
-
-def test_changes_are_applied_and_noted(tmp_path):
-    text = STEPS + "\nimport gc\nprint(gc.isenabled(), any(data.timer.duration))"
-    for change, printed in (("no-collection", "False True"), ("no-engine-clock", "True False")):
-        folder = tmp_path / change
-        folder.mkdir()
-        done, _ = program(folder, text, MJBENCH_CHANGE=change)
-        assert done.stdout.strip() == printed, done.stderr
-        assert (folder / "clock" / change).exists()
 
 
 def test_the_names_of_timers_are_written(started):

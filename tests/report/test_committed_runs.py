@@ -10,8 +10,7 @@ import pytest
 from commands import ROOT
 from committed_trials import BETWEEN_BUILDS, INSIDE_STEP, RUNS, SELFCHECKS, trials_of
 
-from benchmarks import history_repeats
-from benchmarks.studies import selfcheck_page
+from benchmarks.studies import history_repeats, selfcheck_page
 from benchmarks.studies.page_part import of_lines
 from mjbench.paired import selfcheck
 from mjbench.paired.outcomes import Verdict

@@ -69,8 +69,8 @@ def two_sections(folder: Path) -> Path:
 def test_sections_come_back_in_order_with_their_cells(tmp_path: Path) -> None:
     read = run_set.read(two_sections(tmp_path), TYPES)
     assert [one.cell for one in read.sections] == ["A", ""]
-    assert [run.records for run in read.runs] == [(Note("a"),), (Note("b"),)]
-    assert all(run.header == HEADER for run in read.runs)
+    assert [one.run.records for one in read.sections] == [(Note("a"),), (Note("b"),)]
+    assert all(one.run.header == HEADER for one in read.sections)
     assert not read.is_torn
 
 
@@ -99,59 +99,6 @@ def test_a_set_is_no_program(tmp_path: Path) -> None:
     assert two_sections(tmp_path).stat().st_mode & 0o111 == 0
 
 
-def test_a_run_file_is_read_as_a_set_of_one(tmp_path: Path) -> None:
-    (run,) = run_set.read(written(tmp_path), TYPES).runs
-    assert run == runs.Run(HEADER, RECORDS)
-
-
-def test_a_set_without_sections_has_no_runs(tmp_path: Path) -> None:
-    assert run_set.read(set_of(tmp_path / "set.jsonl"), TYPES).runs == ()
-
-
-def test_a_run_that_is_there_twice_counts_once(tmp_path: Path) -> None:
-    one = section(tmp_path, "a")
-    path = set_of(tmp_path / "set.jsonl", one, section(tmp_path, "b"), one)
-    read = run_set.read(path, TYPES)
-    assert len(read.sections) == 3
-    assert [run.records for run in read.runs] == [(Note("a"),), (Note("b"),)]
-
-
-def test_an_earlier_state_of_a_run_is_left_out(tmp_path: Path) -> None:
-    early, late, other = (section(tmp_path, *notes) for notes in (["a"], ["a", "b"], ["c", "b"]))
-    assert late.continues(early)
-    assert not late.continues(other)
-    assert run_set.distinct([late, other, early]) == (late, other)
-
-
-def test_cells_that_one_command_measured_are_one_run(tmp_path: Path) -> None:
-    cells = [section(tmp_path, note, cell=note.upper()) for note in ("a", "b")]
-    path = set_of(tmp_path / "set.jsonl", cells[0], section(tmp_path, "c"), cells[1])
-    read = run_set.read(path, TYPES)
-    assert [one.cell for one in read.sections] == ["A", "", "B"]
-    assert read.runs == (
-        runs.Run(HEADER, (Note("a"), Note("b"))),
-        runs.Run(HEADER, (Note("c"),)),
-    )
-
-
-def test_a_run_file_cut_short_loses_its_last_line(tmp_path: Path) -> None:
-    source = written(tmp_path)
-    whole = source.read_bytes().splitlines(keepends=True)
-    source.write_bytes(b"".join(whole)[:-5])
-    cut = section_of(source, TYPES)
-    assert cut.lines == tuple(whole[:-1])
-    assert cut.run.is_torn
-    (run,) = run_set.read(set_of(tmp_path / "set.jsonl", cut), TYPES).runs
-    assert run == runs.Run(HEADER, RECORDS[:2])
-
-
-def test_a_last_line_break_that_is_missing_is_added(tmp_path: Path) -> None:
-    source = written(tmp_path)
-    whole = section_of(source, TYPES)
-    source.write_bytes(source.read_bytes()[:-1])
-    assert section_of(source, TYPES) == whole
-
-
 # a writer that was killed
 
 
@@ -176,7 +123,7 @@ def test_what_is_appended_stands_behind_the_last_whole_section(tmp_path: Path) -
     file.close()
     read = run_set.read(path, TYPES)
     assert not read.is_torn
-    assert [run.records for run in read.runs] == [(Note("a"),), (Note("c"),)]
+    assert [one.run.records for one in read.sections] == [(Note("a"),), (Note("c"),)]
 
 
 @pytest.mark.parametrize("length", [0, 1, 20, len('{"type": "set", "schema": 1}')])
@@ -340,7 +287,7 @@ def test_a_section_that_is_no_run_is_refused(
 @pytest.mark.parametrize("text", ["", "\n", "x", "[]\n", '{"type": "other"}\n', "\0" * 9])
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "x.jsonl").write_text(text)
-    with pytest.raises(InputError, match=r"not a run file|not JSON"):
+    with pytest.raises(InputError, match=r"not a run set|not JSON"):
         run_set.read(tmp_path / "x.jsonl", TYPES)
 
 
