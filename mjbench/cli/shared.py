@@ -289,12 +289,8 @@ def _verdict_plan(
 def metric_option(*metrics: Metric) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that adds the option --metric to a command, with these metrics."""
     meanings = "; ".join(f"`{metric}`, {METRICS[metric].meaning}" for metric in metrics)
-    help_text = f"What to compare: {meanings}."
-    if Metric.INSTRUCTIONS in metrics:
-        help_text += (
-            " Instruction counts repeat within 0.1 %. They do not need a quiet machine, but they"
-            " need valgrind, and --confidence, --precision, --budget and --as-shipped do not apply."
-        )
+    notes = [METRICS[metric].note for metric in metrics if METRICS[metric].note]
+    help_text = " ".join([f"What to compare: {meanings}.", *notes])
     return click.option(
         "--metric",
         metavar="METRIC",

@@ -12,7 +12,6 @@ import hashlib
 import hmac
 import importlib.metadata
 import math
-import mmap
 import os
 import platform
 import subprocess
@@ -169,18 +168,6 @@ def peak_memory_bytes() -> int:
         return peak_bytes
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
-
-
-def resident_bytes() -> int | None:
-    """Return the memory of this process; None where the system does not say.
-
-    What statm says may be some pages of each core off (proc_pid_statm(5)).
-    """
-    counted = _own_bytes("/proc/self/smaps_rollup", "Rss")
-    if counted is not None:
-        return counted
-    statm = read_text("/proc/self/statm").split()
-    return int(statm[1]) * mmap.PAGESIZE if statm else None
 
 
 def _own_bytes(file: str, key: str) -> int | None:

@@ -4,13 +4,13 @@ import contextlib
 import enum
 import itertools
 import re
-import sysconfig
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from mjbench.bounds import AnyInt
+from mjbench.program.hook import file_owners
 from mjbench.program.py_spy import Frame
 from mjbench.program.source_loops import source_line
 
@@ -83,8 +83,6 @@ class Place:
         return f"{self.file}:{self.line}"
 
 
-# The package of Python's own modules.
-STANDARD_LIBRARY = "Python's standard library"
 # Python files.
 _DRAWING_FILE = re.compile(
     r"/mujoco/(renderer|viewer)\.py$|/mujoco/rendering/|/mujoco/(egl|osmesa|cgl|glfw)/|mujoco_rendering\.py$"
@@ -109,9 +107,7 @@ _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_b
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
-_CLOCKS = re.compile(r"program/hook/\w+\.py$")
-_CLOCK_OF_JAX = "program/hook/jax_functions.py"
-CALL_CLOCK = "program/hook/call_clock.py"
+_CLOCK_OF_JAX, _CALL_CLOCK = "jax_functions.py", "call_clock.py"
 # What a line of Python does that calls libraries.
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),
@@ -151,8 +147,9 @@ def _by_line(stack: Sequence[Frame]) -> Activity | None:
     if not stack:
         return None
     frame = stack[-1]
-    if _CLOCKS.search(frame.file):
-        return Activity.DISPATCH if frame.file.endswith(_CLOCK_OF_JAX) else Activity.PHYSICS
+    if is_step_clock(frame):
+        is_of_jax = Path(frame.file).name == _CLOCK_OF_JAX
+        return Activity.DISPATCH if is_of_jax else Activity.PHYSICS
     text = source_line(frame.file, frame.line)
     return next((activity for pattern, activity in _LINES if pattern.search(text)), None)
 
@@ -178,11 +175,11 @@ def _by_caller(stack: Sequence[Frame], has_thread_pool: bool) -> Activity | None
             return Activity.POLICY
         if _BUILDING_FILE.search(file):
             return Activity.BUILDING
-        if _LOGGING_FILE.search(file) or _STANDARD_LOGGING.match(standard_name(file)):
+        if _LOGGING_FILE.search(file) or _STANDARD_LOGGING.match(file_owners.standard_name(file)):
             return Activity.LOGGING
         if _THREADED_ENGINE.search(file):
             return Activity.PHYSICS
-        if standard_name(file) == _POOL:
+        if file_owners.standard_name(file) == _POOL:
             return Activity.THREADS if has_thread_pool else Activity.PROCESSES
     return None
 
@@ -190,58 +187,29 @@ def _by_caller(stack: Sequence[Frame], has_thread_pool: bool) -> Activity | None
 def _by_python(stack: Sequence[Frame]) -> Activity | None:
     if not stack:
         return None
-    names = [standard_name(frame.file) for frame in reversed(stack)][:_NEAR]
+    names = [file_owners.standard_name(frame.file) for frame in reversed(stack)][:_NEAR]
     if any(_STANDARD_PROCESSES.match(name) for name in names) and (
         _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
     ):
         return Activity.PROCESSES
     if _STANDARD_THREADS.match(names[0]) or _STANDARD_WAITING.match(names[0]):
         return Activity.THREADS
-    return Activity.NUMPY if package_of(stack[-1].file) in ("numpy", "scipy") else None
+    return Activity.NUMPY if file_owners.package_of(stack[-1].file) in ("numpy", "scipy") else None
 
 
 @cache
 def shown_path(file: str) -> str:
     """Return a path for people: within the current folder, an installed package, or in full."""
     match = re.search(r"/(?:site|dist)-packages/(.+)$", file)
-    if match or standard_name(file):
-        return match[1] if match else standard_name(file)
+    if match or file_owners.standard_name(file):
+        return match[1] if match else file_owners.standard_name(file)
     with contextlib.suppress(ValueError):
         return str(Path(file).relative_to(Path.cwd()))
     return file
 
 
-@cache
-def standard_name(file: str) -> str:
-    """Return a file's name within Python's standard library; nothing for another file."""
-    if file.startswith("<frozen"):
-        return file
-    for folder in _standard_folders():
-        if file.startswith(folder) and "site-packages" not in file[len(folder) :]:
-            return file[len(folder) :].lstrip("/")
-    match = re.search(r"/lib/python3\.\d+/(?!site-packages|dist-packages)(.+)$", file)
-    return match[1] if match else ""
-
-
-@cache
-def _standard_folders() -> tuple[str, ...]:
-    paths = sysconfig.get_paths()
-    folders = {paths["stdlib"], paths["platstdlib"]}
-    return tuple(sorted({*folders, *(str(Path(folder).resolve()) for folder in folders)}))
-
-
-@cache
-def package_of(file: str) -> str:
-    """Return the installed package that a file belongs to; nothing for the user's own code."""
-    match = re.search(r"/(?:site|dist)-packages/([^/]+)", file)
-    if match:
-        return match[1].removesuffix(".py")
-    return STANDARD_LIBRARY if standard_name(file) else ""
-
-
 def is_own(frame: Frame) -> bool:
-    is_source = not frame.file.startswith("<")
-    return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
+    return file_owners.is_own(frame.file)
 
 
 def place_of(frame: Frame) -> Place:
@@ -254,7 +222,7 @@ def imports(frame: Frame) -> bool:
 
 
 def is_of_thread_pool(stack: Sequence[Frame]) -> bool:
-    names = [standard_name(frame.file) for frame in stack]
+    names = [file_owners.standard_name(frame.file) for frame in stack]
     is_worker = any(
         name == _POOL and frame.function == _WORKER
         for name, frame in zip(names, stack, strict=True)
@@ -268,5 +236,9 @@ def steps_on_threads(stack: Sequence[Frame]) -> bool:
 
 
 def is_step_clock(frame: Frame) -> bool:
-    """Return whether a frame is of the clocks, which stand for functions of the engine."""
-    return _CLOCKS.search(frame.file) is not None
+    return file_owners.is_of_clocks(frame.file)
+
+
+def is_slow_call(frame: Frame) -> bool:
+    """Return whether a frame stands for a slow function, each call of which is timed."""
+    return is_step_clock(frame) and Path(frame.file).name == _CALL_CLOCK

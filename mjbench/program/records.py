@@ -8,13 +8,13 @@ from typing import ClassVar
 from mjbench.bounds import AnyInt, NonNegativeInt, PositiveFloat
 from mjbench.host import machine
 from mjbench.program import (
-    activities,
     physics_cost,
     sampled_loops,
 )
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.gil_waits import GilWait
+from mjbench.program.hook import file_owners
 from mjbench.program.launch import ProgramObservation
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import PhysicsCost
@@ -127,7 +127,7 @@ class ProgramRow:
         files = sorted(
             file
             for file in in_loops | {call.place.file for call in calls}
-            if not activities.package_of(file)
+            if not file_owners.package_of(file)
         )
         findings = listing.findings_of(files)
         asked = listing.trials(times, findings, incidents)

@@ -9,6 +9,7 @@ from functools import cached_property
 from mjbench.program import activities, loop_time
 from mjbench.program.activities import WAITING, Activity, Place, is_own
 from mjbench.program.call_times import CallTime
+from mjbench.program.hook import file_owners
 from mjbench.program.loop_time import (
     FEW_SAMPLES,
     LEAST_REPEATS,
@@ -186,13 +187,11 @@ def _outermost_loop(stack: Sequence[Frame]) -> tuple[SourceLoop, Sequence[Frame]
     """Return the outermost loop that a stack runs, and the frames from its line on.
 
     Loops of Python's standard library are not meant: they start threads and processes. Nor are
-    those of the process that forked this one, which stand on its stack.
+    those of mjbench, or of the process that forked this one, which stand on its stack.
     """
     for i in range(_own_begin(stack), len(stack)):
         frame = stack[i]
-        if frame.file.startswith("<") or activities.is_step_clock(frame):
-            continue
-        if activities.standard_name(frame.file):
+        if not file_owners.is_of_program(frame.file):
             continue
         if (loop := outermost_loop(frame.file, frame.line)) is not None:
             return replace(loop, file=activities.shown_path(loop.file)), stack[i:]
@@ -204,7 +203,7 @@ def _own_begin(stack: Sequence[Frame]) -> int:
     begins = [
         i + 1
         for i, frame in enumerate(stack)
-        if activities.standard_name(frame.file) == activities.PROCESS_MODULE
+        if file_owners.standard_name(frame.file) == activities.PROCESS_MODULE
         and frame.function.endswith("_bootstrap")
     ]
     return begins[-1] if begins else 0
@@ -277,7 +276,7 @@ def _loop_time(
 ) -> LoopTime:
     total_s = sum(sample.seconds for sample in samples)
     in_python = [sample for sample in samples if sample.activity == Activity.PYTHON]
-    packages = [(activities.package_of(each.python.file), each.seconds) for each in in_python]
+    packages = [(file_owners.package_of(each.python.file), each.seconds) for each in in_python]
     threads = {sample.thread.thread for sample in samples}
     own_frames = {frame for sample in samples for frame in sample.inner if is_own(frame)}
     return LoopTime(
@@ -322,7 +321,7 @@ def _building_line(
     seconds: dict[Place, list[float]] = defaultdict(list)
     steps_s: dict[Place, float] = defaultdict(float)
     for sample in samples:
-        is_slow_call = sample.stack[-1].file.endswith(activities.CALL_CLOCK)
+        is_slow_call = activities.is_slow_call(sample.stack[-1])
         for place in sample.own_places:
             seconds[place].append(sample.seconds)
             if sample.activity == Activity.PHYSICS and not is_slow_call:
@@ -368,7 +367,7 @@ def _shown_places(stack: Sequence[Frame]) -> list[Place]:
 def _called_package(sample: _Sample) -> str:
     own = sample.own_frame
     called = list(itertools.takewhile(lambda frame: frame != own, reversed(sample.inner)))
-    packages = (activities.package_of(each.file) for each in called[::-1])
+    packages = (file_owners.package_of(each.file) for each in called[::-1])
     return next(filter(None, packages), "")
 
 
@@ -381,7 +380,7 @@ def _inner_functions(
         if sample.activity == Activity.POLICY and own_line in of_jax:
             continue
         frame = sample.python
-        if sample.activity != Activity.PHYSICS and activities.package_of(frame.file):
+        if sample.activity != Activity.PHYSICS and file_owners.package_of(frame.file):
             functions[frame.file, frame.function].append(sample)
     times = []
     for (file, function), of_function in functions.items():

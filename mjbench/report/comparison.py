@@ -25,8 +25,6 @@ from mjbench.report.content import Column, Conclusion, DataTable, Section, Snipp
 from mjbench.report.crossovers import (
     crossovers,
     describe_crossover,
-    describe_work_crossover,
-    work_crossovers,
 )
 from mjbench.report.path_speedups import ModelResults, PathResult, derive_all
 from mjbench.report.starts import starts_lines
@@ -62,12 +60,6 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
         yield _crossover_section(
             "From how many simulations on is an accelerated path faster?",
             {describe_crossover(row): row.model for row in rows},
-            models,
-        )
-    if work_rows := work_crossovers(results):
-        yield _crossover_section(
-            "From how much work per call on is Ray faster?",
-            {describe_work_crossover(row): row.model for row in work_rows},
             models,
         )
     if len({each.model.model for each in models}) > 1:

@@ -17,7 +17,7 @@ from mjbench.report.advice import (
     advise_clock,
     advise_threads,
 )
-from mjbench.report.crossovers import Crossover, WorkCrossover, crossovers, work_crossovers
+from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.machines import MachineAnswer, Machines
 from mjbench.report.path_speedups import ModelResults, PathResult
@@ -50,7 +50,6 @@ class CompareDocument:
     advice: Sequence[Advice]
     clock: Sequence[ClockAdvice]
     crossovers: Sequence[Crossover]
-    work_crossovers: Sequence[WorkCrossover]
     threads: Sequence[ThreadAdvice] = ()
 
     @classmethod
@@ -62,7 +61,6 @@ class CompareDocument:
             advice=[advice for model_results in models for advice in advise(model_results)],
             clock=[clock for m in models if (clock := advise_clock(m)) is not None],
             crossovers=crossovers(results),
-            work_crossovers=work_crossovers(results),
             threads=[advice for m in models for advice in advise_threads(m)],
         )
 

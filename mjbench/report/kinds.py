@@ -18,7 +18,7 @@ from mjbench.loop.latency import LatencyRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
 from mjbench.paired import selfcheck as trials
-from mjbench.paired.bisect_records import BisectComparison, BisectRecord, BisectTrial
+from mjbench.paired.bisect import BisectComparison, BisectRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
@@ -155,7 +155,7 @@ SELFCHECK = Kind(
 _BISECTIONS = documents.results_document(BisectRecord, schema=2)
 BISECT = Kind(
     ("bisect",),
-    (BisectRecord, BisectTrial, BisectComparison),
+    (BisectRecord, BisectComparison),
     _BISECTIONS,
     lambda run: _BISECTIONS(machine=run.header.machine, results=run.of_type(BisectRecord)),
     lambda run: after_disturbances(run, bisect.sections(run.records)),

@@ -171,9 +171,8 @@ def describe_change(row: VerdictRow) -> str:
         f"changed work: {describe_work(row)}" if row.changed_work else _same_work(row)
     )
     detail = f"; {row.detail}" if row.detail else ""
-    things = "steps" if row.path else "calls"
-    ratio = describe_ratio(row.metric, row.verdict, row.ratio, things)
-    if row.timesteps_s is not None and row.metric == Metric.TIME:
+    ratio = describe_ratio(row.metric, row.verdict, row.ratio)
+    if row.timesteps_s is not None and METRICS[row.metric].is_of_steps:
         steps_s = row.timesteps_s
         ratio += f" per simulated second (timestep {steps_s.old:g} → {steps_s.new:g} s)"
     return f"{ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 from example_environment_records import record as environment_record
-from example_races import RAY, ROLLOUT, compared, raced
+from example_races import BATCH_ROLLOUT, ROLLOUT, compared, raced
 from example_records import JUDGED, measurement, model_record
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -41,7 +41,9 @@ COMPARISON = (
     model_record(model="n", status=Status.FAILED, detail="it failed", facts=None, work=None),
     measurement(model="n", status=Status.FAILED, agrees=None),
 )  # fmt: skip
-RACE = compared(raced([(ROLLOUT, 2.0), (RAY, 3.0)], launches=4, slow=[2], groups=[[0, 1], [0]]))
+RACE = compared(
+    raced([(ROLLOUT, 2.0), (BATCH_ROLLOUT, 3.0)], launches=4, slow=[2], groups=[[0, 1], [0]])
+)
 MOVED = PlacementPair(Placement(16, 4080), Placement(0, 64))
 VERDICTS = (
     VerdictRecord(

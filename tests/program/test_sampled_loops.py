@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.program import activities, sampled_loops
+from mjbench.loop import lint_rules
+from mjbench.program import activities, sampled_loops, source_loops
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
+from mjbench.program.hook import step_clock
 from mjbench.program.hook.call_clock import COMPILE, DISPATCH, PROCESS_START
 from mjbench.program.py_spy import Frame, Thread, ThreadSamples
 from mjbench.program.source_loops import SourceLoop
@@ -27,7 +29,7 @@ def main():
 
 main()
 """
-ENGINE = Frame("step", "/anywhere/mjbench/program/hook/step_clock.py", 100)
+ENGINE = Frame("step", step_clock.__file__, 100)
 
 
 @pytest.fixture
@@ -64,6 +66,16 @@ def test_shares_of_a_loop_sum_to_one(file):
     assert time.packages == {"": pytest.approx(0.3)}
     assert time.own_files == ["program.py"]
     assert time.error(0.3) == pytest.approx((0.3 * 0.7 / 10) ** 0.5)
+
+
+@pytest.mark.parametrize("module", [step_clock, lint_rules])
+def test_loops_of_mjbench_are_never_the_programs(file, module):
+    lines = Path(module.__file__).read_text().count("\n")
+    line = next(i for i in range(lines) if source_loops.outermost_loop(module.__file__, i))
+    within = [Frame("<module>", file, 6), Frame("loops", module.__file__, line), ENGINE]
+    assert sampled_loops.loop_times([samples([within] * 9)], main_pid=1) == []
+    (outside,) = sampled_loops.outside_loops([samples([within] * 9)], 1, [], wall_s=0.9)
+    assert outside.place.position == ("program.py", 6)
 
 
 def test_a_file_of_two_installs_of_a_package_is_one_file(tmp_path):

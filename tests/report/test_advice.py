@@ -6,7 +6,17 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from example_races import BATCH_STEP, CLEAR, PLAIN, RAY, ROLLOUT, THREADS, Entrant, derived, raced
+from example_races import (
+    BATCH_ROLLOUT,
+    BATCH_STEP,
+    CLEAR,
+    PLAIN,
+    ROLLOUT,
+    THREADS,
+    Entrant,
+    derived,
+    raced,
+)
 from example_records import JUDGED, measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
@@ -202,11 +212,11 @@ def test_the_next_best_is_advised_where_the_winner_failed_after_the_race() -> No
 
 
 def test_a_path_that_starts_slowly_is_never_advised_and_named_where_it_is_faster() -> None:
-    record = raced([(ROLLOUT, 2.0), (RAY, 4.0)], slow=[2], groups=[[0, 1], [0]])
+    record = raced([(ROLLOUT, 2.0), (BATCH_ROLLOUT, 4.0)], slow=[2], groups=[[0, 1], [0]])
     first, second = sentences(derived(record))
-    assert first.endswith("; ray actors=2 is faster, but takes seconds to start")
+    assert first.endswith("; batch_rollout threads=2 is faster, but takes seconds to start")
     assert "mujoco.rollout on 2 threads, 2.0" in first
-    assert "ray" not in second
+    assert "batch_rollout" not in second
 
 
 @pytest.mark.parametrize(

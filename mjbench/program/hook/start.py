@@ -14,6 +14,7 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
+from . import file_owners, step_file
 from .call_clock import CallClock
 from .jax_functions import JaxFunctions
 from .replaced import AfterImport, named_like
@@ -28,7 +29,6 @@ _ENVIRONMENTS = (
     ("dm_control.composer.environment", "Environment", "step"),
     ("robosuite.environments.base", "MujocoEnv", "step"),
 )
-_HERE = os.path.dirname(os.path.abspath(__file__))
 # Of the file in which a crash is noted.
 _HIGH_DESCRIPTOR = 500
 
@@ -36,11 +36,13 @@ _HIGH_DESCRIPTOR = 500
 def start(folder: str) -> None:
     calls = CallClock(folder)
     watch = Watch(folder, calls)
-    steps, slow, of_jax = (
-        StepClock(folder, calls, watch),
-        SlowFunctions(calls, watch),
-        JaxFunctions(calls),
-    )
+    try:
+        steps = StepClock(folder, calls, watch)
+    except OSError:
+        if os.path.exists(step_file.path_of(folder)):
+            return  # it is empty, for want of space, and the report says so
+        raise
+    slow, of_jax = SlowFunctions(calls, watch), JaxFunctions(calls)
 
     def install(module: ModuleType) -> None:
         steps.install(module)
@@ -158,7 +160,7 @@ def _hide_clocks() -> None:
 def _without_own(frames: Any) -> Any:
     rest = []
     while frames is not None:
-        if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
+        if not file_owners.is_of_clocks(frames.tb_frame.f_code.co_filename):
             rest.append(frames)
         frames = frames.tb_next
     following = None

@@ -13,9 +13,9 @@ from dataclasses import replace
 from mjbench.errors import InputError
 from mjbench.loop import lint
 from mjbench.loop.lint import Finding
-from mjbench.program.activities import STANDARD_LIBRARY, WAITING, Activity, Place
+from mjbench.program.activities import WAITING, Activity, Place
 from mjbench.program.call_times import CallTime, Incident
-from mjbench.program.hook import call_clock
+from mjbench.program.hook import call_clock, file_owners
 from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime, shares_of
 from mjbench.program.remedies import line_remedies, loop_remedies
 from mjbench.program.remedies.call_remedies import CALL_REMEDIES
@@ -266,7 +266,7 @@ def _of_line(
         )
         share -= gain
     text = ADVICE[activity]
-    if line.package and line.package not in (STANDARD_LIBRARY, "numpy"):
+    if line.package and line.package not in (file_owners.STANDARD_LIBRARY, "numpy"):
         text = f"time in {line.package}"
         if Activity.PHYSICS in line.activities:
             text = f"{text} beside physics; `mjbench env` takes an environment apart"
