@@ -186,8 +186,8 @@ RECORD_TYPES: Mapping[str, type[Any]] = {
     Disturbance.record_type: Disturbance,
 }
 
-# The document of each command that takes `--json`; `show` has those of others, and of a run set its
-# own.
+# The document of each command that takes `--json`; `show` has those of others, and of
+# several runs its own.
 DOCUMENTS: Mapping[str, type[Any]] = {
     **{command: kind.document_type for kind in KINDS for command in kind.commands},
     "diff": documents.DiffDocument,
