@@ -70,9 +70,9 @@ def show(
     --html is one file, which needs no network and nothing beside it. Its charts need
     vl-convert-python and Jinja2: the extra `report`.
 
-    --against compares two runs of `compare`. They
-    were measured at different times, so only what certainly differs by more than 5 % is slower or
-    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
+    --against compares two runs of `compare`. They were measured at different times, so only what
+    certainly differs by more than 5 % is slower or faster. `mjbench versions` and `mjbench ab`
+    alternate both, and find smaller changes.
 
     With --against, --fail-on judges these differences; without, the verdicts that `versions` or
     `ab` stored in RUN.

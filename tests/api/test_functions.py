@@ -61,7 +61,7 @@ def test_a_model_that_fails_costs_its_own_results(tmp_path_factory: Any) -> None
 
 def test_releases_are_compared() -> None:
     compared = mjbench.versions(
-        "installed", "installed", models="cube_table", time_limit_s=0.1, as_shipped=True
+        "installed", "installed", models="cube_table", budget_s=0.1, as_shipped=True
     )
     (row,) = compared.verdicts
     assert (row.model, row.metric, row.status) == ("cube_table", Metric.TIME, Status.OK)

@@ -78,7 +78,7 @@ def write(folder: Path, text_of: Callable[[str], Text]) -> list[Path]:
 def files(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     def text_of(command: str) -> Text:
         # a path that mjbench does not have is refused where it is looked up
-        is_kept = request.param == 0 or command == "scaling"
+        is_kept = request.param == 0
         return cycled(request.param, ("python_loop", "rollout") if is_kept else ("python_loop",))
 
     return write(tmp_path_factory.mktemp("hostile") / "runs", text_of)
