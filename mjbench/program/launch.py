@@ -12,8 +12,9 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -33,11 +34,13 @@ from mjbench.program.step_times import StepTimes
 _LOOK_S = 0.01
 # Seconds for the step clock to begin its file, which Python does before the program.
 _START_S = 10.0
-# Seconds for the program to end after Ctrl-C, and again after SIGTERM.
-_END_S = 10.0
+# Seconds for the program to end after Ctrl-C, and again after SIGTERM; and after a signal that ends
+# the run, too.
+_END_S, _INTERRUPTED_S = 10.0, 0.3
 # Seconds after the first step from which its pauses count: before, the profiler reads libraries.
 _CALM_S = 1.0
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
+_ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+_SIGNALS = (*_ENDING_SIGNALS, "SIGUSR1", "SIGUSR2")
 # A frame of a stack that Python's `faulthandler` writes.
 _FAULT_LINE = re.compile(r'File "(.+)", line (\d+) in (.+)$', re.MULTILINE)
 _HOOK = Path(__file__).with_name("hook")
@@ -61,7 +64,8 @@ class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
-      paused_share: as that of `records.ProgramRow`.
+      paused_share, was_ended: as those of `records.ProgramRow`.
+      was_interrupted: whether a signal to mjbench ended the run.
       problem: why there are no samples, in one line; empty where there are.
     """
 
@@ -74,6 +78,7 @@ class ProgramObservation:
     paused_share: float | None
     exit_code: int = 0
     was_ended: bool = False
+    was_interrupted: bool = False
     processor: ProcessorUse | None = None
     problem: str = ""
     calls: ProgramCalls = ProgramCalls()  # noqa: RUF009 - it is frozen
@@ -100,22 +105,26 @@ def run(
     seconds: float | None = None,
     sampling: Sampling = _USUAL_SAMPLING,
     most_s: float = math.inf,
+    ends_on_signal: bool = False,
 ) -> ProgramObservation:
     """Run a program to its end, and return what was seen.
 
     Args:
+      ends_on_signal: whether Ctrl-C, SIGTERM and SIGHUP end the run within a second, and the
+        program with it; by default they are the program's, which may go on.
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run. A program of MJX counts as stepping from the first function that JAX has compiled.
     """
     with files.temporary_folder() as folder:
         running: list[subprocess.Popen[bytes]] = []
-        with _passing_signals_to(running):
+        received: list[signal.Signals] = []
+        with _noting_signals(received) if ends_on_signal else _passing_signals_to(running):
             begin = ProcessorClock.now()
             process = _start(program, folder)
             running.append(process)
             was_ended, first_ns = False, None
             try:
-                profiling = _start_profiler(process, folder, sampling)
+                profiling = _start_profiler(process, folder, sampling, received)
                 while process.poll() is None:
                     time.sleep(_LOOK_S if profiling is None else profiling.look_s)
                     first_ns = first_ns or _first_step_ns(folder)
@@ -125,22 +134,23 @@ def run(
                             profiling.look_for_pause()
                     has_stepped = seconds is not None and _stepped_s(folder, first_ns) > seconds
                     is_late = time.monotonic() - begin.time_s > most_s
-                    if not was_ended and (has_stepped or is_late):
+                    if received or (not was_ended and (has_stepped or is_late)):
                         was_ended = True
-                        _end(process)
+                        _end(process, received)
             except BaseException:  # nobody would wait for it any more
                 _end(process)
                 raise
         end, processor = ProcessorClock.now(), None
         if profiling is not None:
             processor = end.use(begin, profiling)
-            profiling.sampler.finish()
+            profiling.sampler.finish(is_hurried=bool(received))
         seen = _observation(folder, process.pid, sampling, profiling, begin.time_s, end.time_s)
         code = process.returncode
         return replace(
             seen,
             exit_code=code if code >= 0 else 128 - code,
             was_ended=was_ended,
+            was_interrupted=bool(received),
             processor=processor,
         )
 
@@ -261,12 +271,15 @@ def _start(
 
 
 def _start_profiler(
-    process: "subprocess.Popen[bytes]", folder: Path, sampling: Sampling
+    process: "subprocess.Popen[bytes]",
+    folder: Path,
+    sampling: Sampling,
+    received: Sequence[signal.Signals],
 ) -> Profiling | None:
     """Start the profiler once Python runs; None where the program ends before."""
     file, begin_s = folder / f"{process.pid}.steps", time.monotonic()
     while not file.exists() and time.monotonic() - begin_s < _START_S:
-        if process.poll() is not None:
+        if process.poll() is not None or received:
             return None
         time.sleep(_LOOK_S)
     return Profiling.begin(process.pid, folder, sampling)
@@ -286,13 +299,24 @@ def _since_s(begin_ns: int | None) -> float:
     return (time.perf_counter_ns() - begin_ns) / 1e9 if begin_ns else 0.0
 
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    """End the program and what it started as Ctrl-C does; by force where that does not do."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        _send(process, number)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(_END_S)
-            return
+def _end(
+    process: "subprocess.Popen[bytes]", received: Sequence[signal.Signals] = ()
+) -> None:
+    """End the program and what it started as Ctrl-C does; by force where that does not do.
+
+    Args:
+      received: signals to mjbench that the program has not had, but for Ctrl-C in a terminal; from
+        the first on, there is little time.
+    """
+    first = received[0] if received else signal.SIGINT
+    for number in (first, signal.SIGTERM):
+        if not (received and number == signal.SIGINT and _is_foreground()):
+            _send(process, number)
+        begin_s = time.monotonic()
+        while time.monotonic() - begin_s < (_INTERRUPTED_S if received else _END_S):
+            if process.poll() is not None:
+                return
+            time.sleep(_LOOK_S)
     _kill(process)
 
 
@@ -317,13 +341,29 @@ def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
 def _passing_signals_to(running: "Sequence[subprocess.Popen[bytes]]") -> Iterator[None]:
     """While the block runs, signals are the programs': mjbench passes them on."""
 
-    def handle(number: int, frame: FrameType | None) -> None:
+    def pass_on(number: int, frame: FrameType | None) -> None:
         if number == signal.SIGINT and _is_foreground():
             return  # the terminal has sent it to the program, too
         for process in running:
             process.send_signal(number)
 
-    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    with _handling(_SIGNALS, pass_on):
+        yield
+
+
+@contextlib.contextmanager
+def _noting_signals(received: list[signal.Signals]) -> Iterator[None]:
+    with _handling(_ENDING_SIGNALS, lambda number, _: received.append(signal.Signals(number))):
+        yield
+
+
+@contextlib.contextmanager
+def _handling(names: Sequence[str], handle: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Let a function handle signals, unless they are ignored, or go to another thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     earlier = {number: signal.getsignal(number) for number in numbers}
     try:
         for number, handler in earlier.items():
