@@ -23,7 +23,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
 	@echo "make test      run lint (see below) and the tests (10 minutes on two cores)"
-	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
+	@echo "make site      write all reports and the documents as a static site to $(SITE)"
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs npm)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
 	@echo "make lint      check style, spelling, the layers of imports, types and pages"
@@ -78,7 +78,7 @@ upgrade: $(STAMP)
 	exit $$status
 
 site: $(STAMP)
-	$(BIN)/mjbench results site -o $(SITE)
+	$(BIN)/python docs/site.py -o $(SITE)
 
 lab: $(STAMP) $(LAB_PACKAGE)
 	$(BIN)/python -m benchmarks.lab -o $(LAB)

@@ -33,7 +33,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
     "Many runs": {
         "history": "in which release speed changed, and why",
         "releases": "list, install and remove releases",
-        "results": "merge runs of machines; write a site of them",
         "sweep": "a matrix of models and releases on Ray",
     },
 }
@@ -48,13 +47,11 @@ EARLIER: Mapping[str, Sequence[str]] = {
     "diff": ("show", "--against="),  # the old run is the first one
     "explain": ("versions", "--explain"),
     "instructions": ("profile", "--instructions"),
-    "merge": ("results", "merge"),
     "overhead": ("profile", "--habits"),
     "placement": ("doctor", "--placement"),
     "report": ("show", "--format", "html"),  # a later --format counts
     "results export": ("show", "--format", "csv"),
     "selfcheck": ("doctor", "--verdicts"),
-    "site": ("results", "site"),
 }
 # Commands of groups, by what their results are named after.
 _OF_GROUPS: Mapping[str, Sequence[str]] = {

@@ -27,7 +27,7 @@ def require(what: str, extra: str, packages: Iterable[str]) -> None:
     """Refuse to go on without packages.
 
     Args:
-      what: needs the packages, such as `a site`.
+      what: needs the packages, such as `a report`.
       packages: names by which they are imported.
 
     Raises:

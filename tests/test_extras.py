@@ -10,8 +10,8 @@ REQUIREMENTS = [
     "numpy>=1.26",
     "jinja2>=3.1; extra == 'report'",
     'vl-convert-python ; extra == "report"',
-    "mjbench[report]; extra == 'site'",
-    "sphinx>=8; (python_version > '3') and extra == 'site'",
+    "mjbench[report]; extra == 'pages'",
+    "sphinx>=8; (python_version > '3') and extra == 'pages'",
 ]
 
 
@@ -20,8 +20,8 @@ REQUIREMENTS = [
     [
         ("", '"numpy>=1.26"'),
         ("report", '"jinja2>=3.1" vl-convert-python'),
-        ("site", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
-        ("site,report", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
+        ("pages", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
+        ("pages,report", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
         ("unknown", '".[unknown]"'),
     ],
 )
@@ -41,8 +41,6 @@ def test_without_metadata_it_is_the_command_for_a_clone(monkeypatch: pytest.Monk
     assert extras.install_command() == "python -m pip install ."
 
 
-@pytest.mark.parametrize(
-    "extra", ["", "env", "history", "mjx", "report", "run", "site", "test", "warp"]
-)
+@pytest.mark.parametrize("extra", ["", "env", "history", "mjx", "report", "run", "test", "warp"])
 def test_every_extra_of_mjbench_has_packages(extra: str) -> None:
     assert " ." not in extras.install_command(extra)

@@ -18,7 +18,6 @@ from mjbench.cli import (  # each adds its command to the group
     plan,
     profile,
     releases,
-    results,
     run,
     show,
     sweep,

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass
-from pathlib import Path
 
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
@@ -25,12 +24,9 @@ from mjbench.report.path_speedups import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.verdicts_across import AcrossMachines
 from mjbench.status import Status
-from mjbench.store.machine_identity import identify
-from mjbench.store.run_set import Merged
 from mjbench.store.runs import SCHEMA, Run
 from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.results import CellOutcome
-from mjbench.units import count_of
 
 
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
@@ -117,50 +113,6 @@ class DoctorDocument:
     machine: Machine
     conditions: Sequence[Condition]
     noise: NoiseRow
-
-
-@dataclass(frozen=True, kw_only=True)
-class MergeDocument:
-    """What `mjbench results merge --json` writes.
-
-    Attributes:
-      runs: of the set now; `machines` likewise.
-      repeated: that the set held already.
-      earlier: of which the set holds a later state.
-      torn: files whose end was cut short, and left out.
-    """
-
-    schema: int = SCHEMA
-    file: str
-    runs: int
-    machines: int
-    added: int
-    repeated: int
-    earlier: int
-    torn: Sequence[str]
-
-    @classmethod
-    def of(cls, file: Path, merged: Merged) -> "MergeDocument":
-        return cls(
-            file=str(file),
-            runs=len(merged.runs),
-            machines=len(set(identify([run.header.machine for run in merged.runs]))),
-            added=merged.added,
-            repeated=merged.repeated,
-            earlier=merged.earlier,
-            torn=[str(path) for path in merged.torn],
-        )
-
-    @property
-    def summary(self) -> str:
-        skipped = []
-        if self.repeated:
-            skipped.append(f"{self.repeated} that it already holds")
-        if self.earlier:
-            skipped.append(f"{self.earlier} of which it holds a later state")
-        end = f", skipped {' and '.join(skipped)}" if skipped else ""
-        runs, machines = count_of(self.runs, "run"), count_of(self.machines, "machine")
-        return f"{runs} of {machines}; added {self.added}{end}"
 
 
 @dataclass(frozen=True)

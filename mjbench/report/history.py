@@ -113,38 +113,6 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
         )
 
 
-def release_sections(history: SpeedHistory, release: str) -> Iterator[Section]:
-    """Yield what one release, not the first, changed beside the release before it."""
-    measure = f"mjbench history measure {release}"
-    conclusion = Conclusion(release_conclusion(history, release))
-    yield Section(f"MuJoCo {release}", [conclusion], command=measure)
-    yield from _change_points(history, measure, release)
-    yield _section(
-        tables.all_models(history, release),
-        measure,
-        "The change from the release before that loads the model, with its standard error. Changes"
-        " that are not listed above may be chance.",
-    )
-
-
-def release_conclusion(history: SpeedHistory, release: str) -> str:
-    """Return how many models became slower or faster in a release, in a sentence."""
-    compared = len(list(tables.pairs(history, release)))
-    listed = listed_changes(history, history.models, release)
-    slower = sorted(each.series.name for each in listed if each.point.change > 0)
-    faster = sorted(each.series.name for each in listed if each.point.change < 0)
-    parts = [
-        f"{direction} for {len(names)} of {compared} models ({', '.join(names)})"
-        for direction, names in (("slower", slower), ("faster", faster))
-        if names
-    ]
-    if not compared:
-        return "No model was timed both in it and before it."
-    if not parts:
-        return f"No change point of a step among {compared} models."
-    return f"A step became {' and '.join(parts)}."
-
-
 def _section(
     table: DataTable, command: str, introduction: str = "", nothing: str = "None."
 ) -> Section:
@@ -158,13 +126,11 @@ def _section(
     )
 
 
-def _change_points(
-    history: SpeedHistory, command: str, only: str | None = None
-) -> Iterator[Section]:
-    """Yield the change points of steps, and of operations if any; all, or those of a release."""
+def _change_points(history: SpeedHistory, command: str) -> Iterator[Section]:
+    """Yield the change points of steps, and of operations if any."""
     nothing = f"None from {_percent(MIN_CHANGE)} on."
     yield _section(
-        tables.step_changes(history, only),
+        tables.step_changes(history),
         command,
         "Changes of the time of mj_step from one release to the next, from"
         f" {_percent(MIN_CHANGE)} on, with their standard error. The cause is “work” where the work"
@@ -176,7 +142,7 @@ def _change_points(
     )
     if history.operations:
         yield _section(
-            tables.operation_changes(history, only),
+            tables.operation_changes(history),
             command,
             "Changes of the time of operations around mj_step, on one thread; large ones as a"
             " factor, where ×2 is twice the time. rollout and Batch step, so they change with"

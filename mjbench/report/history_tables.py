@@ -25,14 +25,13 @@ _MIN_SHARE = 0.0005
 _WHERE = (Column("release"), Column("model or operation"))
 
 
-def step_changes(history: SpeedHistory, only: str | None = None) -> DataTable:
-    """Return the change points of steps; `only`: the release that they came with, None for all."""
-    listed = listed_changes(history, history.models, only)
+def step_changes(history: SpeedHistory) -> DataTable:
+    listed = listed_changes(history, history.models)
     return _change_points("Change points of a step", "model", listed)
 
 
-def operation_changes(history: SpeedHistory, only: str | None = None) -> DataTable:
-    listed = listed_changes(history, history.operations, only)
+def operation_changes(history: SpeedHistory) -> DataTable:
+    listed = listed_changes(history, history.operations)
     return _change_points("Change points around the step", "operation", listed)
 
 
@@ -52,30 +51,6 @@ def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTab
         ),
         (Column("cause"), lambda each: each.cause.value),
         (Column("what accounts for it", wraps=True), lambda each: "; ".join(_accounts(each))),
-    )
-
-
-def all_models(history: SpeedHistory, release: str) -> DataTable:
-    counts = history.counts
-    return DataTable(
-        "All models",
-        (
-            Column("model"),
-            Column("from"),
-            Column("time", formats.change_with_error),
-            Column("instructions", formats.change_to_tenth),
-            Column("work", wraps=True),
-        ),
-        [
-            (
-                series.name,
-                before.release,
-                speed_history.change(before, after),
-                _instruction_ratio(counts.get((series.name, before.release, release))),
-                "; ".join(speed_history.work_changes(before, after)) or "same",
-            )
-            for series, before, after in pairs(history, release)
-        ],
     )
 
 

@@ -203,7 +203,6 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "lint": LintDocument,
     "releases": listings.ReleasesDocument,
     "installs": listings.InstallsDocument,
-    "merge": documents.MergeDocument,
     "sweep": documents.SweepDocument,
 }
 

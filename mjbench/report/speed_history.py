@@ -156,9 +156,7 @@ class Listed:
         return unknown is None or unknown.share <= REPEATABILITY
 
 
-def listed_changes(
-    history: SpeedHistory, all_series: Sequence[SpeedSeries], only: str | None = None
-) -> list[Listed]:
+def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> list[Listed]:
     """Return change points of models or operations: by release, and of one the largest first."""
     listed = [
         Listed(
@@ -172,6 +170,6 @@ def listed_changes(
         for series in all_series
         for point in series.changes.change_points
         for before, after in [series.pair(point.index, point.before)]
-        if history.lists(after.release) and only in (None, after.release)
+        if history.lists(after.release)
     ]
     return sorted(listed, key=lambda c: (order(c.after.release), -abs(c.point.change)))

@@ -204,49 +204,6 @@ def load_files(
     return [by_digest[s.sha256] for s in distinct(s for _, s in by_digest.values())]
 
 
-@dataclass(frozen=True)
-class Merged:
-    """The runs of a set after a merge, each once, and what became of the sections of the inputs.
-
-    Attributes:
-      repeated: that the set had already.
-      earlier: that are an earlier state of a run in the set.
-      torn: inputs whose last section was cut short, and left out.
-    """
-
-    runs: tuple[Run, ...]
-    added: int
-    repeated: int
-    earlier: int
-    torn: tuple[Path, ...]
-
-
-def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]) -> Merged:
-    """Append the runs of run files and sets to a set, which may be one of them, or be new."""
-    contents = [read(path, record_types) for path in inputs]
-    given = [section for content in contents for section in content.sections]
-    # not Path.exists, which fails where a name is too long; create has a message for that
-    open_set = RunSetFile.open if os.path.lexists(output) else RunSetFile.create
-    file = open_set(output)
-    try:
-        earlier = read(output, record_types).sections
-        known = {section.sha256 for section in earlier}
-        new = {section.sha256: section for section in given if section.sha256 not in known}
-        latest = {section.sha256 for section in distinct((*earlier, *new.values()))}
-        added = [section for sha256, section in new.items() if sha256 in latest]
-        for section in added:
-            file.append(section)
-    finally:
-        file.close()
-    return Merged(
-        RunSet((*earlier, *added)).runs,
-        len(added),
-        repeated=len(given) - len(new),
-        earlier=len(new) - len(added),
-        torn=tuple(path for path, each in zip(inputs, contents, strict=True) if each.is_torn),
-    )
-
-
 def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> RunSection:
     """Return a run file as a section, without a last line that was cut short."""
     run = parse(path, lines, record_types)

@@ -128,13 +128,6 @@ def test_rows_of_a_set_say_which_machine_they_are_of(tmp_path: Path) -> None:
     assert [line["machine"] for line in lines] == [row["machine"] for row in rows]
 
 
-def test_a_run_is_exported_as_it_is_shown_in_a_format(tmp_path: Path) -> None:
-    run = run_file(tmp_path, labelled("a"), SAME)
-    done = command("results", "export", run)
-    assert done.exit_code == 0
-    assert done.stdout == command("show", run, "--format", "csv").stdout
-
-
 def test_rows_of_a_run_file_are_as_before(tmp_path: Path) -> None:
     (row,) = mjbench.load(run_file(tmp_path, labelled("a"), SAME))
     assert next(iter(row)) == "model"
@@ -185,11 +178,7 @@ def test_a_set_of_other_bytes_is_read_or_refused(
     place = int(at * len(content))
     damaged = content[:place] + inserted + content[place + len(inserted) :]
     path.write_bytes(damaged[: int(cut * len(content))])
-    for words in (
-        ["show", path],
-        ["show", path, "--against", path],
-        ["results", "merge", path, "-o", folder / "o.jsonl"],
-    ):
+    for words in (["show", path], ["show", path, "--against", path]):
         done = command(*words)
         assert done.exit_code in (0, 2), (done.exit_code, done.stderr)
         assert "unexpected" not in done.stderr

@@ -17,10 +17,9 @@ from markdown_it import MarkdownIt
 
 from mjbench.cli import cli
 from mjbench.errors import InputError
-from mjbench.pages import exports, reports, site
+from mjbench.pages import exports, reports
 from mjbench.pages import html as html_page
 from mjbench.pages import markdown as markdown_page
-from mjbench.pages.site import Project
 from mjbench.report import history, history_files
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import run_set
@@ -125,17 +124,6 @@ def test_markdown_has_no_markup_of_theirs(files: list[Path]) -> None:
             continue
         page = "\n".join(markdown_page.render(content))
         assert_no_markup(page, ["<details>", "</details>", "<summary>", "</summary>"])
-
-
-def test_pages_of_a_site_have_no_markup_of_theirs(files: list[Path], tmp_path: Path) -> None:
-    pytest.importorskip("vl_convert")
-    folder = tmp_path / "inner" / "source"
-    project = Project(tmp_path, reports.read(files), histories_of(files))
-    site.write_source(project, folder)
-    for page in folder.rglob("*.md"):
-        assert_no_markup(page.read_text(), ['<a href="reports/', "</a>"])
-    assert [path.name for path in tmp_path.iterdir()] == ["inner"]
-    assert [path.name for path in (tmp_path / "inner").iterdir()] == ["source"]
 
 
 def histories_of(files: Sequence[Path]) -> history_files.SpeedHistory:

@@ -1,13 +1,10 @@
 """What a history of releases comes to, and each release of the committed one."""
 
-import pytest
-from commands import ROOT
 from speed_histories import STEP, history, record
 
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import history as of_history
-from mjbench.report import history_files, speed_history
-from mjbench.report.content import Section
+from mjbench.report import speed_history
 from mjbench.report.speed_history import SpeedHistory
 from mjbench.status import Status
 
@@ -82,40 +79,3 @@ def test_every_section_has_the_command_that_gives_its_figures() -> None:
     assert all(section.command.startswith("mjbench history ") for section in sections)
     (plots,) = [section for section in sections if section.figures]
     assert [figure.title for figure in plots.figures] == ["pile"]
-
-
-# each release of the committed history
-
-
-@pytest.fixture(scope="module")
-def committed() -> SpeedHistory:
-    names = ("ratios", "counts", "operations")
-    files = [ROOT / f"results/history/reference-{name}.jsonl" for name in names]
-    return history_files.read(files, None)
-
-
-def of_release(history: SpeedHistory, release: str) -> dict[str, Section]:
-    sections = of_history.release_sections(history, release)
-    return {section.heading: section for section in sections}
-
-
-def test_a_release_that_changed_speed_says_so_first(committed: SpeedHistory) -> None:
-    sections = of_release(committed, "3.3.1")
-    assert next(iter(sections)) == "MuJoCo 3.3.1"
-    (conclusion,) = sections["MuJoCo 3.3.1"].conclusions
-    assert conclusion.text.startswith("A step became slower for ")
-    assert "cartpole" in conclusion.text
-    (listed,) = sections["Change points of a step"].tables
-    assert {row[0] for row in listed.rows} == {"3.3.0 → 3.3.1"}
-    assert ("cartpole", "code") in [(row[1], row[4]) for row in listed.rows]
-    (every,) = sections["All models"].tables
-    assert [row[:2] for row in every.rows] == [(m.name, "3.3.0") for m in committed.models]
-
-
-def test_a_release_without_a_change_says_so(committed: SpeedHistory) -> None:
-    text = of_history.release_conclusion(committed, "3.2.1")
-    assert text.startswith("No change point of a step among ")
-
-
-def test_operations_have_a_part_where_they_were_measured(committed: SpeedHistory) -> None:
-    assert "Change points around the step" in of_release(committed, "4.0.0")

@@ -18,9 +18,8 @@ import mjbench
 from mjbench.api.compare import Comparison
 from mjbench.cli import cli
 from mjbench.comparison.plan import WITHOUT_TIMER
-from mjbench.pages import exports, html, markdown, reports, site, terminal
+from mjbench.pages import exports, html, markdown, reports, terminal
 from mjbench.pages.reports import NamedRun
-from mjbench.pages.site import Project
 from mjbench.report import advice_across, formats, machines_side_by_side
 from mjbench.report.content import Report, Tone
 from mjbench.report.kinds import RECORD_TYPES
@@ -78,11 +77,6 @@ def invoked(*words: str | Path) -> str:
     done = CliRunner().invoke(cli, [*map(str, words)])
     assert done.exit_code == 0, done.output
     return done.stdout
-
-
-def first_page(file: Path) -> str:
-    site.write_source(Project(file.parent, [NamedRun(file, read(file))]), file.parent / "site")
-    return (file.parent / "site/index.md").read_text()
 
 
 # numbers
@@ -179,7 +173,6 @@ TEXTS: dict[str, Callable[[Path], str]] = {
     "markdown": lambda file: "\n".join(markdown.render(report_of(file))),
     "html": lambda file: html.render(report_of(file)),
     "notebook": lambda file: Comparison(read(file))._repr_html_(),
-    "site": first_page,
     "side by side": of_set,
 }
 
@@ -228,7 +221,7 @@ def test_the_conclusions_stand_before_the_table_with_its_numbers(
 
 
 @pytest.mark.usefixtures("needs_the_report_extra")
-@pytest.mark.parametrize("output", sorted(set(TEXTS) - {"site"}))  # which leaves it out
+@pytest.mark.parametrize("output", TEXTS)
 def test_what_disturbed_a_run_comes_before_everything_else(output: str, tmp_path: Path) -> None:
     text = TEXTS[output](stored(tmp_path, cores=1.2))
     caution = "Disturbed: threads had 1.20 of 2 cores. Measure again."
@@ -288,8 +281,7 @@ def test_a_former_run_is_shown_and_said_to_be_one(output: str, tmp_path: Path) -
     text = TEXTS[output](former(tmp_path))
     assert "Timed by an earlier version of mjbench, in one process" in text
     assert "✓" not in text
-    if output != "site":
-        assert "2.00" in text
+    assert "2.00" in text
 
 
 def test_a_former_run_is_one_in_rows_differences_and_sets(tmp_path: Path) -> None:
