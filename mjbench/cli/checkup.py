@@ -60,6 +60,7 @@ def checkup(
       mjbench my_env:make --html checkup.html
     """
     from mjbench.api.checkup import CheckupPlan, measurement
+    from mjbench.api.run import exit_code_of
     from mjbench.checkups import targets
     from mjbench.pages.reports import NamedRun
     from mjbench.report import checkup as report
@@ -87,4 +88,6 @@ def checkup(
         for form, page in pages.items():
             if page.is_wanted:
                 page.write(show_pages.page(form, [named]))
+    if code_of_program := exit_code_of(run.session.run()):
+        run.exit_with(code_of_program)
     run.exit()

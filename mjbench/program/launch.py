@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
-from mjbench.errors import InputError, MachineError, shown
+from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.host import files
 from mjbench.program import activities, call_times, gil_waits, py_spy, recorded_models, step_times
 from mjbench.program.activities import Place
@@ -60,6 +60,14 @@ class Program:
 
 
 @dataclass(frozen=True)
+class UncaughtException:
+    """What ended a program: its type and its message, and the user's line that raised it."""
+
+    text: str
+    place: Place | None
+
+
+@dataclass(frozen=True)
 class ProgramObservation:
     """What was seen of a program.
 
@@ -84,6 +92,7 @@ class ProgramObservation:
     calls: ProgramCalls = ProgramCalls()  # noqa: RUF009 - it is frozen
     models: Sequence[RecordedModel] = ()
     crash: Place | None = None
+    exception: UncaughtException | None = None
     gil_waits: Sequence[GilWait] = ()
 
 
@@ -149,8 +158,9 @@ def run(
         return replace(
             seen,
             exit_code=code if code >= 0 else 128 - code,
-            was_ended=was_ended,
+            was_ended=was_ended or bool(received),
             was_interrupted=bool(received),
+            models=() if received else seen.models,  # which would be stepped for seconds
             processor=processor,
         )
 
@@ -201,19 +211,31 @@ def _observation(
         calls=call_times.read_all(folder, step_times.read_headers(folder)),
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
+        exception=_exception(folder / f"{pid}.exception"),
         gil_waits=waits,
     )
 
 
 def _crash(folder: Path) -> Place | None:
     """Return the innermost line of the user's code on the stack that `faulthandler` has written."""
-    for file in sorted(folder.glob("*.fault")):
-        frames = _FAULT_LINE.findall(file.read_text(encoding="utf-8", errors="replace"))
-        stack = [Frame(function, path, int(line)) for path, line, function in frames]
-        own = [frame for frame in stack if activities.is_own(frame)]
-        for frame in (own or stack)[:1]:
-            return activities.place_of(frame)
-    return None
+    files = sorted(folder.glob("*.fault"))
+    places = (_innermost_own(file.read_text(encoding="utf-8", errors="replace")) for file in files)
+    return next(filter(None, places), None)
+
+
+def _exception(file: Path) -> UncaughtException | None:
+    """Return what ended the program, as `hook.start` notes it."""
+    if not file.exists():
+        return None
+    text = file.read_text(encoding="utf-8", errors="replace")
+    return UncaughtException(one_line(text.partition("\n")[0]), _innermost_own(text))
+
+
+def _innermost_own(text: str) -> Place | None:
+    """Return the first line of the user's code in a stack, innermost first; of none, of any."""
+    stack = [Frame(function, path, int(line)) for path, line, function in _FAULT_LINE.findall(text)]
+    own = [frame for frame in stack if activities.is_own(frame)]
+    return next(map(activities.place_of, own or stack), None)
 
 
 def time_steps(
@@ -299,18 +321,16 @@ def _since_s(begin_ns: int | None) -> float:
     return (time.perf_counter_ns() - begin_ns) / 1e9 if begin_ns else 0.0
 
 
-def _end(
-    process: "subprocess.Popen[bytes]", received: Sequence[signal.Signals] = ()
-) -> None:
+def _end(process: "subprocess.Popen[bytes]", received: Sequence[signal.Signals] = ()) -> None:
     """End the program and what it started as Ctrl-C does; by force where that does not do.
 
     Args:
-      received: signals to mjbench that the program has not had, but for Ctrl-C in a terminal; from
-        the first on, there is little time.
+      received: signals to mjbench; from the first on, there is little time.
     """
-    first = received[0] if received else signal.SIGINT
-    for number in (first, signal.SIGTERM):
-        if not (received and number == signal.SIGINT and _is_foreground()):
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # a terminal sends Ctrl-C to both
+        has_had_it = number == signal.SIGINT and number in received and _is_foreground()
+        if not has_had_it:
             _send(process, number)
         begin_s = time.monotonic()
         while time.monotonic() - begin_s < (_INTERRUPTED_S if received else _END_S):
@@ -358,7 +378,9 @@ def _noting_signals(received: list[signal.Signals]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _handling(names: Sequence[str], handle: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+def _handling(
+    names: Sequence[str], handle: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
     """Let a function handle signals, unless they are ignored, or go to another thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
