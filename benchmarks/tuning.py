@@ -35,7 +35,7 @@ from mjbench.status import ExitCode, Status
 from mjbench.tuning.accuracy import SHARE
 from mjbench.tuning.measurements import CMeasurements
 from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
-from mjbench.tuning.search_base import SearchPlan
+from mjbench.tuning.search_plan import SearchPlan
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import label
 

@@ -23,7 +23,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode, Status
 from mjbench.tuning.records import TuneRecord
-from mjbench.tuning.search_base import SearchPlan
+from mjbench.tuning.search_plan import SearchPlan
 from mjbench.tuning.settings import label
 
 BUDGET_S = 120.0

@@ -1,5 +1,6 @@
 """Start the command line; without its packages, say in one line what to install."""
 
+import contextlib
 import signal
 import sys
 from typing import NoReturn
@@ -37,7 +38,8 @@ def _end_processes() -> None:
 
 
 def _fail(line: str) -> NoReturn:
-    sys.stderr.write(f"mjbench: {line}\n")
+    with contextlib.suppress(OSError, AttributeError):  # it is closed, or its disk is full
+        sys.stderr.write(f"mjbench: {line}\n")
     sys.exit(ExitCode.ENVIRONMENT)
 
 

@@ -133,7 +133,6 @@ def tune() -> Iterator[str]:
     yield "a timestep of 2, 4 or 8 times yours"
     same, none = percent(records.SAME_ERROR), percent(records.NO_ERROR, 1)
     yield f"{same} more counts as the same, and {none} of the motion counts as none"
-    yield f"at most {same} larger than that of your present settings"
 
 
 def work() -> Iterator[str]:

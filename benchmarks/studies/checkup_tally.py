@@ -11,7 +11,7 @@ from mjbench.paired.race_record import RaceRecord
 from mjbench.report import formats
 from mjbench.report.checkup_item import CheckupItem, ResultChange
 from mjbench.tuning.records import Effect, TuneRecord
-from mjbench.tuning.search_base import LEAST_GAIN
+from mjbench.tuning.search_plan import LEAST_GAIN
 
 if TYPE_CHECKING:
     from mjbench.store.runs import Run

@@ -44,7 +44,7 @@ from mjbench.status import Status
 from mjbench.store.runs import Record
 from mjbench.tuning.c_search import LEAST_LAUNCHES
 from mjbench.tuning.records import TuneRecord
-from mjbench.tuning.search_base import SearchPlan
+from mjbench.tuning.search_plan import SearchPlan
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model

@@ -1,7 +1,6 @@
 """The group of all commands, and how an error becomes one line and an exit code."""
 
 import contextlib
-import io
 import os
 import sys
 from collections.abc import Iterator
@@ -11,6 +10,7 @@ import click
 
 import mjbench
 from mjbench.checkups.targets import may_be_target
+from mjbench.cli import standard_streams
 from mjbench.command_names import LISTED, REMOVED, with_mode
 from mjbench.errors import InputError, MachineError, MjbenchError, describe_unforeseen, printable
 from mjbench.host import platforms
@@ -19,8 +19,6 @@ from mjbench.status import ExitCode
 _HELP_NAMES = ["-h", "--help"]
 # Where a context keeps the words of the command line.
 _COMMAND_LINE = "mjbench.command_line"
-# Handlers of encoding errors that fail on some characters.
-_FAILING = ("strict", "surrogateescape", "surrogatepass")
 
 
 class CommandGroup(click.Group):
@@ -39,16 +37,8 @@ class Cli(CommandGroup):
 
     def main(self, *arguments: Any, **options: Any) -> Any:
         """Run the command line; what it printed has reached its destination when this ends."""
-        # a character that the output's encoding lacks must not cost the table it stands in
-        for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, io.TextIOWrapper) and stream.errors in _FAILING:
-                stream.reconfigure(errors="backslashreplace")
-        try:
-            with _errors_reported():
-                return super().main(*arguments, **options)
-        except SystemExit as ending:
-            _flush_output(is_failure=ending.code == ExitCode.ENVIRONMENT)
-            raise
+        with standard_streams.checked(), _errors_reported():
+            return super().main(*arguments, **options)
 
     def make_context(
         self,
@@ -59,7 +49,8 @@ class Cli(CommandGroup):
     ) -> click.Context:
         """Return the context of a command line, which keeps its words (see `command_line`)."""
         typed = tuple(args)
-        context = super().make_context(info_name, args, parent, **extra)
+        with _errors_reported():  # it prints the help and the version
+            context = super().make_context(info_name, args, parent, **extra)
         context.meta[_COMMAND_LINE] = typed
         return context
 
@@ -132,20 +123,6 @@ def _errors_reported() -> Iterator[None]:
 
 def report_line(text: str) -> None:
     click.echo(f"mjbench: {printable(text)}", err=True)
-
-
-def _flush_output(is_failure: bool = False) -> None:
-    """Write out what standard output holds; end with exit code 3 where that fails."""
-    try:
-        sys.stdout.flush()
-    except (AttributeError, ValueError):  # there is none, or it is closed
-        pass
-    except OSError as error:
-        # a second attempt, when the interpreter ends, would fail as well
-        sys.stdout = None
-        if not (is_failure or isinstance(error, BrokenPipeError)):
-            report_line(f"cannot write to standard output: {error.strerror}")
-        sys.exit(ExitCode.ENVIRONMENT)
 
 
 @click.group(

@@ -128,14 +128,6 @@ class AcceleratedPath(SteppingPath):
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
         """Return the fields of the engine's Data by name; it raises for a model that it rejects."""
 
-    def default_buffer_sizes(self, model: mujoco.MjModel) -> dict[str, int]:
-        """Return the sizes that the engine chooses for its buffers, for each simulation.
-
-        Names are `nconmax` (contacts) and `njmax` (constraints). It is empty where the engine has
-        no buffers to size; `compile` takes these names as options where it has.
-        """
-        return {}
-
     def environment(self) -> dict[str, str | None]:
         """Return environment variables to set before its process starts; None removes one."""
         return {}

@@ -68,20 +68,12 @@ class Warp(AcceleratedPath):
         mujoco_warp.put_model(model)
         return dict(vars(mujoco_warp.make_data(model)))
 
-    def default_buffer_sizes(self, model: mujoco.MjModel) -> dict[str, int]:
-        import mujoco_warp
-
-        _print_warnings_only()
-        data = mujoco_warp.make_data(model)
-        return {"nconmax": int(data.naconmax), "njmax": int(data.njmax)}
-
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
         """Compile all kernels by a first step, then capture one step as a graph."""
         import warp as wp
 
         configure_warp()
-        given = {name: options[name] for name in ("nconmax", "njmax") if name in options}
-        buffer_sizes = warp_buffers.buffer_sizes(peaks, workload.nbatch, given)
+        buffer_sizes = warp_buffers.buffer_sizes(peaks, workload.nbatch)
         graph = _StepGraph(workload, buffer_sizes)
         device = wp.get_device()
         return Compiled(

@@ -3,8 +3,6 @@
 Both ways of calling MuJoCo Warp need this: by itself (`warp.py`) and from JAX (`mjx.py`).
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,7 +11,7 @@ from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.reference_run import Peaks
 
 # Buffers hold this many times the contacts and constraints that C needs at most.
-PEAK_FACTOR = 2
+_PEAK_FACTOR = 2
 # The contact buffer also holds pairs that are merely near. Its size is at least MuJoCo Warp's own
 # default for each world of a model of plain geoms (make_data without nconmax).
 _MIN_CONTACTS = 48
@@ -25,16 +23,12 @@ class OverflowedError(MachineError):
     """One of MuJoCo Warp's buffers was too small."""
 
 
-def buffer_sizes(
-    peaks: Peaks, nbatch: int, given: Mapping[str, int] | None = None
-) -> dict[str, int]:
+def buffer_sizes(peaks: Peaks, nbatch: int) -> dict[str, int]:
     """Return buffer sizes by make_data's names: contacts of all worlds, constraints of each."""
-    sizes = {
-        "nconmax": max(_MIN_CONTACTS, PEAK_FACTOR * peaks.contacts),
-        "njmax": max(1, PEAK_FACTOR * peaks.constraints),
-        **(given or {}),
+    return {
+        "naconmax": nbatch * max(_MIN_CONTACTS, _PEAK_FACTOR * peaks.contacts),
+        "njmax": max(1, _PEAK_FACTOR * peaks.constraints),
     }
-    return {"naconmax": nbatch * sizes["nconmax"], "njmax": sizes["njmax"]}
 
 
 def read_contacts(

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -75,6 +75,7 @@ class ProgramObservation:
       paused_share, was_ended: as those of `records.ProgramRow`.
       was_interrupted: whether a signal to mjbench ended the run.
       problem: why there are no samples, in one line; empty where there are.
+      untimed_pids: processes whose steps were not timed, since the disk is full.
     """
 
     wall_s: float
@@ -94,6 +95,7 @@ class ProgramObservation:
     crash: Place | None = None
     exception: UncaughtException | None = None
     gil_waits: Sequence[GilWait] = ()
+    untimed_pids: Collection[int] = ()
 
 
 def check(program: Program) -> None:
@@ -213,6 +215,7 @@ def _observation(
         crash=_crash(folder),
         exception=_exception(folder / f"{pid}.exception"),
         gil_waits=waits,
+        untimed_pids=step_times.untimed_pids(folder),
     )
 
 

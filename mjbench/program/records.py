@@ -93,6 +93,7 @@ class ProgramRow:
         whose waits look alike.
       outside_loops: lines that take time outside the loops, such as imports and set-up, with all
         that they call; shares are of `wall_s`.
+      untimed_processes: that step, and whose steps were not timed, since the disk is full.
     """
 
     record_type: ClassVar[str] = "program"
@@ -116,6 +117,7 @@ class ProgramRow:
     physics: PhysicsCost | None = None
     gil_waits: Sequence[GilWait] = ()
     outside_loops: Sequence[LineTime] = ()
+    untimed_processes: NonNegativeInt = 0
 
     @classmethod
     def of(cls, name: str, observation: ProgramObservation) -> "ProgramRow":
@@ -128,6 +130,7 @@ class ProgramRow:
             calls,
             {step.pid: step.collections_s for step in steps},
         )
+        stepping = {pid for time in times for pid in time.pids} or {observation.pid}
         of_main = {time.loop for time in times if time.in_main}
         in_loops = {file for time in times for file in time.own_files}
         files = sorted(
@@ -173,6 +176,7 @@ class ProgramRow:
                 observation.threads, observation.pid, times, observation.wall_s, calls
             ),
             physics=physics,
+            untimed_processes=len(stepping.intersection(observation.untimed_pids)),
         )
 
     def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":

@@ -42,10 +42,10 @@ class Header:
     was_away: int
     cost_ns: int
     timed_ns: int
+    process_ns: int
     collections: int
     collections_ns: int
     longest_collection_ns: int
-    process_ns: int
 
 
 @dataclass(frozen=True)
@@ -130,6 +130,11 @@ def read_all(folder: Path) -> list[StepTimes]:
     return times
 
 
+def untimed_pids(folder: Path) -> set[int]:
+    """Return the processes that had no space for their file: they left it empty."""
+    return {int(file.stem) for file in folder.glob("*.steps") if not file.stat().st_size}
+
+
 def read_headers(folder: Path) -> dict[int, Header]:
     headers = {}
     for file in folder.glob("*.steps"):
@@ -149,9 +154,9 @@ def read(file: Path, timers: Mapping[str, int]) -> StepTimes:
         raise InputError(f"{file.name} is not a file of the step clock")
     header = Header(*step_file.HEADER.unpack_from(head, 0))
     seconds = step_file.TIMERS.unpack_from(head, step_file.HEADER.size)
-    stored = np.memmap(file, dtype=_RECORDS, mode="r", offset=step_file.FIRST_RECORD)
+    stored = np.fromfile(file, _RECORDS, offset=step_file.FIRST_RECORD)
     used = int(np.searchsorted(stored["kind"] == 0, True))  # the rest of the file is zeros
-    return step_times(header, np.array(stored[:used]), seconds, timers)
+    return step_times(header, stored[:used], seconds, timers)
 
 
 def step_times(
@@ -234,5 +239,7 @@ def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) 
 
 
 def read_engine(folder: Path) -> Engine:
-    file = folder / "engine.json"
-    return msgspec.json.decode(file.read_bytes(), type=Engine) if file.is_file() else Engine()
+    """Return the MuJoCo of a program; one without names where nothing of it could be written."""
+    with contextlib.suppress(OSError, msgspec.MsgspecError):
+        return msgspec.json.decode((folder / "engine.json").read_bytes(), type=Engine)
+    return Engine()

@@ -320,7 +320,8 @@ def _combination_lines(
         )
         return
     if combination.settings:
-        yield f"Write the settings to a copy: mjbench tune {target} --only free --write tuned.xml"
+        command = f"mjbench tune {target} --only free"
+        yield f"Add to a copy, tuned.xml, the settings that this prints: {command}"
     yield f"Look closer at all of them: {checkup_items.combination_command(combination, target)}"
 
 

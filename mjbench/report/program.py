@@ -66,7 +66,7 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
                 *(Conclusion(f"{row.program}: then, {text}", Tone.BAD) for text in wrong[1:]),
                 *([Conclusion(f"Outside the loops that step, {outside}.")] if outside else ()),
             ],
-            facts=_memory_lines(row),
+            facts=[*_untimed_lines(row), *_memory_lines(row)],
         )
         for report in row.loops:
             yield _loop_section(row, report)
@@ -250,6 +250,16 @@ def where(time: LoopTime) -> str:
     loop = time.loop
     lines = f"{loop.first}" if loop.first == loop.last else f"{loop.first}–{loop.last}"
     return f"{loop.file}:{lines}"
+
+
+def _untimed_lines(row: ProgramRow) -> list[str]:
+    if not row.untimed_processes:
+        return []
+    of = f" of {row.untimed_processes} processes" if row.untimed_processes > 1 else ""
+    return [
+        f"Steps{of} were not timed: no space is left in the folder for temporary files. Set TMPDIR"
+        " to another folder."
+    ]
 
 
 def _memory_lines(row: ProgramRow) -> list[str]:

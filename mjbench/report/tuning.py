@@ -1,6 +1,7 @@
 """What `mjbench tune` says: which settings are recommended, what they cost, and what to paste."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from xml.sax.saxutils import quoteattr
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
@@ -25,7 +26,6 @@ from mjbench.tuning.settings import (
     Edit,
     Part,
     Setting,
-    buffer_sizes_of,
     edits_of,
     label,
     loop_change,
@@ -36,7 +36,6 @@ from mjbench.units import count_of
 _MOST_ALONE = 12
 # Stages that are named as the reason of a gain.
 _MOST_STAGES = 2
-_ENGINES = {"mjx": "MJX", "warp": "Warp"}
 _PRESENT, _TRIED, _CONFIRMED = "present settings", "tried", "confirmed"
 _COLOURS = {_PRESENT: charts.GREY, _TRIED: charts.BLUE, _CONFIRMED: charts.ORANGE}
 _RESULTS = {
@@ -49,14 +48,12 @@ _RESULTS = {
 def rows(record: TuneRecord) -> Iterator[Mapping[str, object]]:
     """Yield what is recommended as rows of a flat table.
 
-    `ratio` is the time of a simulated second, or of a batched step, over that of the present
-    settings. `error`, as a share of the motion, is of nine runs in ten; for MJX and Warp it is the
-    transfer error. It is None without a reference.
+    `ratio` is the time of a simulated second over that of the present settings. `error`, as a share
+    of the motion, is of nine runs in ten; it is None without a reference.
     """
     for each in record.front:
         yield {
             "model": record.model,
-            "engine": record.engine,
             "settings": label(each.settings),
             "effect": each.effect,
             "ratio": each.ratio,
@@ -68,16 +65,16 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
     for record in records:
         tone = Tone.GOOD if record.best() is not None else Tone.NEUTRAL
         first = Conclusion(conclusion(record), tone if record.status == Status.OK else Tone.BAD)
-        present, batch = record.present, record.batch
-        if present is None and (batch is None or batch.facts is None or batch.present is None):
+        present = record.present
+        if present is None:
             yield Section(record.model, [first])
             continue
         yield Section(
-            heading=f"{subject(record)}: settings",
+            heading=f"{record.model}: settings",
             conclusions=[*_conclusions(record, first)],
-            figures=[_front_figure(record, present)] if present and present.error else [],
+            figures=[_front_figure(record, present)] if present.error else [],
             tables=[
-                *([_front_table(record)] if record.front or batch else []),
+                *([_front_table(record, present)] if record.front else []),
                 _alone_table(record),
             ],
             notes=notes(record),
@@ -99,7 +96,7 @@ def _conclusions(record: TuneRecord, first: Conclusion) -> Iterator[Conclusion]:
         )
     yield first
     settings = [one for each in advised(record) for one in each.settings]
-    for text in dict.fromkeys(slow_lines(settings)) if record.batch is None else ():
+    for text in dict.fromkeys(slow_lines(settings)):
         yield Conclusion(text, Tone.UNSURE)
 
 
@@ -153,49 +150,32 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     )
 
 
-def _front_rows(record: TuneRecord) -> Iterator[tuple[Recommendation, bool]]:
-    """Yield the present settings, the front, and of MJX and Warp what else was tried."""
-    batch, listed = record.batch, advised(record)
-    program = batch.present if batch else None
-    present = program or record.present
-    assert present is not None, "it was measured"
-    yield Recommendation((), Ratio(1.0, None, None), present.error, program=program), False
-    for each in record.front:
-        yield each, batch is not None or each in listed
-    for attempt in tried(record) if batch else ():
-        if attempt.time_ratio:
-            ratio = Ratio(attempt.time_ratio, None, None)
-            error, program = attempt.error, attempt.program
-            yield Recommendation(attempt.settings, ratio, error, program=program), False
+def _front_rows(record: TuneRecord, present: Present) -> Iterator[tuple[Recommendation, bool]]:
+    """Yield the present settings, then the front, with whether each is advised."""
+    yield Recommendation((), Ratio(1.0, None, None), present.error), False
+    listed = advised(record)
+    yield from ((each, each in listed) for each in record.front)
 
 
-def _front_table(record: TuneRecord) -> DataTable:
-    """Return the settings that were confirmed, or of MJX and Warp all that were tried."""
-    four_digits, is_in_c = formats.digits(4), record.batch is None
+def _front_table(record: TuneRecord, present: Present) -> DataTable:
+    four_digits = formats.digits(4)
     return DataTable.of(
-        "Confirmed from new starts" if is_in_c else "Settings",
-        _front_rows(record),
+        "Confirmed from new starts",
+        _front_rows(record, present),
         (Column("advised"), lambda row: "yes" if row[1] else None),
         (
             Column("results", wraps=True, leaves=3),
-            lambda row: _result(row[0]) if row[0].settings and is_in_c else None,
+            lambda row: _result(row[0]) if row[0].settings else None,
         ),
-        (
-            Column(f"time of a {'simulated second' if is_in_c else 'batched step'}", four_digits),
-            lambda row: row[0].ratio.estimate,
-        ),
+        (Column("time of a simulated second", four_digits), lambda row: row[0].ratio.estimate),
         (Column("95 %", formats.ends_in(four_digits)), lambda row: row[0].ratio),
         (
-            Column(f"{error_name(record)}, % of the motion", formats.digits(3)),
+            Column("error, % of the motion", formats.digits(3)),
             lambda row: 100 * error.share if (error := row[0].error) else None,
         ),
         (
             Column("in units", leaves=2),
-            lambda row: in_units(error) if (error := row[0].error) and is_in_c else None,
-        ),
-        (
-            Column("compile s", formats.digits(3), leaves=1),
-            lambda row: p.compile_s if (p := row[0].program) and not is_in_c else None,
+            lambda row: in_units(error) if (error := row[0].error) else None,
         ),
         (Column("settings"), lambda row: label(row[0].settings)),
     )
@@ -216,18 +196,8 @@ def _alone_table(record: TuneRecord) -> DataTable:
     )
 
 
-def subject(record: TuneRecord) -> str:
-    if record.batch is None:
-        return record.model
-    return f"{record.model} on {_ENGINES.get(record.engine, record.engine)}"
-
-
-def error_name(record: TuneRecord) -> str:
-    return "error" if record.batch is None else "transfer error"
-
-
 def conclusion(record: TuneRecord) -> str:
-    model = subject(record)
+    model = record.model
     if record.status == Status.INTERRUPTED and not record.front:
         return f"{model}: interrupted before settings could be recommended"
     if record.status not in (Status.OK, Status.INTERRUPTED):
@@ -257,15 +227,13 @@ def _within(record: TuneRecord) -> str:
         return " with the same results"
     if record.only == Effect.EQUIVALENT:
         return " within the solver's tolerance"
-    return _within_error(record, record.max_error)
+    return _within_error(record.max_error)
 
 
-def _within_error(record: TuneRecord, share: float | None) -> str:
-    name = error_name(record)
+def _within_error(share: float | None) -> str:
     if share is None:
-        return f" without a larger {name}"
-    article = "an" if name == "error" else "a"
-    return f" with {article} {name} of at most {percent(share)} of the motion"
+        return " without a larger error"
+    return f" with an error of at most {percent(share)} of the motion"
 
 
 def _results(each: Recommendation, record: TuneRecord) -> str:
@@ -274,11 +242,11 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     if each.effect == Effect.EQUIVALENT:
         sensors = _sensors(each.accuracy)
         return f" within the solver's tolerance{f' ({sensors})' if sensors else ''}"
-    if record.present is None:  # MJX and Warp
-        return _within(record)
-    assert each.error and record.present.error, "the reference tells it from equivalent ones"
+    assert each.error and record.present and record.present.error, (
+        "the reference tells it from equivalent ones"
+    )
     is_same = each.error.share <= (1 + SAME_ERROR) * record.present.error.share
-    return _within_error(record, None if record.max_error is None and is_same else each.error.share)
+    return _within_error(None if record.max_error is None and is_same else each.error.share)
 
 
 def _result(known: Recommendation | Accuracy) -> str:
@@ -316,14 +284,6 @@ def faster_alone(record: TuneRecord) -> list[Attempt]:
     return [each for _, each in sorted(faster, key=lambda pair: pair[0])]
 
 
-def tried(record: TuneRecord) -> list[Attempt]:
-    """Return the attempts that did not fail and are not recommended, the fastest first."""
-    recommended = {label(each.settings) for each in record.front}
-    others = [each for each in record.attempts if label(each.settings) not in recommended]
-    timed = [(each.time_ratio, each) for each in others if each.time_ratio is not None]
-    return [each for _, each in sorted(timed, key=lambda pair: pair[0])]
-
-
 def why(attempt: Attempt, record: TuneRecord) -> str:
     """Return why a setting alone is faster: what it saves by stage, and what was seen."""
     (setting,) = attempt.settings
@@ -356,8 +316,6 @@ def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
     code = [engine_clock.OFF_SNIPPET] if loop.is_clock_off else []
     if loop.engine_threads:
         code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")
-    if sizes := "".join(f", {name}={size}" for name, size in buffer_sizes_of(settings).items()):
-        code.append(f"data = mujoco_warp.make_data(model, nworld=nworld{sizes})")
     if any((edit.part, edit.name) == (Part.OPTION, "timestep") for edit in edits):
         code.append("# hold each control for fewer steps (frame_skip), so that it lasts as long")
     if code:
@@ -372,8 +330,12 @@ def _mjcf(edits: Sequence[Edit]) -> Iterator[str]:
         yield f"<option{option}/>"
     if compiler := _attributes(edits, Part.COMPILER):
         yield f"<compiler{compiler}/>"
-    if count := sum(edit.part == Part.EXCLUDE for edit in edits):
-        yield f"<!-- <contact> with {count} <exclude …/>: tune --write writes them to a copy -->"
+    if pairs := [edit for edit in edits if edit.part == Part.EXCLUDE]:
+        yield "<contact>"
+        for pair in pairs:
+            bodies = (quoteattr(pair.name), quoteattr(pair.value))
+            yield "  <exclude body1={} body2={}/>".format(*bodies)
+        yield "</contact>"
 
 
 def _attributes(edits: Sequence[Edit], part: Part) -> str:

@@ -6,7 +6,7 @@ from mjbench.report.formats import short_percent
 from mjbench.report.starts import starts_lines
 from mjbench.status import Status
 from mjbench.tuning.accuracy import Distance
-from mjbench.tuning.records import Batch, BatchFacts, TuneRecord
+from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.reference import REFINEMENT, Present
 from mjbench.tuning.settings import label
 from mjbench.units import count_of, plain
@@ -16,12 +16,8 @@ _MOST_FAILED = 12
 
 
 def notes(record: TuneRecord) -> list[str]:
-    if record.present is not None:
-        lines = [*_basis_in_c(record.present), *starts_lines(record.present.starts)]
-    else:
-        assert record.batch is not None and record.batch.facts is not None, "it was measured"
-        lines = _basis_of_batch(record, record.batch, record.batch.facts)
-        lines += starts_lines(record.batch.facts.starts)
+    assert record.present is not None, "it was measured"
+    lines = [*_basis(record.present), *starts_lines(record.present.starts)]
     lines += [
         f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
         for each in record.withdrawn
@@ -55,7 +51,7 @@ def left_out(record: TuneRecord) -> Iterator[str]:
         yield f"There was no time for {untried} of settings: give a longer --budget"
 
 
-def _basis_in_c(present: Present) -> Iterator[str]:
+def _basis(present: Present) -> Iterator[str]:
     if present.error is None or present.solver is None:
         yield (
             f"No reference was run, so errors are unknown: settings were compared with the present"
@@ -73,29 +69,6 @@ def _basis_in_c(present: Present) -> Iterator[str]:
             "These runs part too soon to compare errors: no settings that change states by more"
             " than rounding are recommended"
         )
-
-
-def _basis_of_batch(record: TuneRecord, batch: Batch, facts: BatchFacts) -> list[str]:
-    lines = [
-        f"A transfer error is the distance of {facts.precision} runs from C's with the present"
-        f" settings, over {plain(facts.horizon_s, 3)} s of {facts.nrun} runs: nine runs in ten"
-        f" differ by no more. Rounding starts and controls to {facts.precision} alone makes"
-        f" {percent(facts.rounding.share)}.",
-        f"A batched step is of {batch.nbatch} simulations on {facts.device}; compiling is not in"
-        " its time. Ratios with an interval are from fresh processes, others from one.",
-    ]
-    if record.engine == "warp":
-        lines.append(
-            "Warp compiles kernels once in a process, for the present settings: other settings"
-            " compile what they do not share."
-        )
-    best = record.best()
-    lines += [
-        f"{setting.label}: {setting.evidence}. A simulation that needs more overflows."
-        for setting in (best.settings if best else ())
-        if setting.evidence
-    ]
-    return lines
 
 
 def in_units(error: Distance) -> str:

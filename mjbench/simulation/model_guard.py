@@ -1,18 +1,9 @@
 """Has anything changed a model that must stay as it is? A path that does spoils all others."""
 
-from collections.abc import Collection
-
 import mujoco
 import numpy as np
 
 from mjbench.errors import MachineError
-
-# Fields that depend on where the files of a model are, the size of all fields together, and the
-# mark of the MjSpec that a model was compiled from, which no file holds.
-_OF_ORIGIN = (
-    *("npaths", "hfield_pathadr", "mesh_pathadr", "skin_pathadr", "tex_pathadr"),
-    *("nbuffer", "signature"),
-)
 
 
 class ModelGuard:
@@ -41,20 +32,14 @@ class ModelGuard:
                 return None
         return _differing_field(model, self._loaded()) or "a field without a name"
 
-    def difference_apart_from_paths(self, model: mujoco.MjModel) -> str | None:
-        """Return which number of another model differs, wherever the files of both are, or None."""
-        return _differing_field(model, self._loaded(), _OF_ORIGIN)
-
     def _loaded(self) -> mujoco.MjModel:
         files = {"model.mjb": self._original.tobytes()}
         return mujoco.MjModel.from_binary_path("model.mjb", files)
 
 
-def _differing_field(
-    changed: object, original: object, ignored: Collection[str] = ()
-) -> str | None:
+def _differing_field(changed: object, original: object) -> str | None:
     for name in dir(original):
-        if name.startswith("_") or name in ignored:
+        if name.startswith("_"):
             continue
         value = getattr(original, name)
         if callable(value):

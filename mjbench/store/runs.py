@@ -29,8 +29,6 @@ _MULTILINE_KEYS = {"snippet", "code"}
 
 # Records that earlier versions stored; they are left out.
 _REMOVED_TYPES = frozenset({"web_experiments", "contest", "confirmation"})
-# Types that earlier versions called otherwise, by their old names.
-_RENAMED_TYPES = {"engine_tune": "tune"}
 # Numbers are not larger: their products and ratios do not overflow.
 _LARGEST = 1e100
 
@@ -229,7 +227,7 @@ def _printable_texts(value: Any, key: str = "") -> Any:
 
 def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> Any:
     name = str(value.get("type")) if isinstance(value, dict) else ""
-    kind = types.get(_RENAMED_TYPES.get(name, name))
+    kind = types.get(name)
     if kind is None:
         raise InputError(f"{path}, line {number}: not a record of a run file")
     upgrade = getattr(kind, "upgrade", None)

@@ -11,28 +11,41 @@
    confirm is withdrawn.
 """
 
+import functools
 import math
 import random
-import statistics
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError, MachineError, MjbenchError, failure_of
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import launches
+from mjbench.paired.records import LaunchRow
 from mjbench.status import Status
 from mjbench.tuning import knobs, pareto_front
-from mjbench.tuning.measurements import CMeasurements, SettingRule, SettingTargets
+from mjbench.tuning.accuracy import Distance
+from mjbench.tuning.measurements import (
+    CMeasurements,
+    SettingRule,
+    SettingTargets,
+    together_known,
+    with_accuracy,
+    with_figures,
+)
 from mjbench.tuning.pareto_front import FRONT, effect_of, error_of, is_allowed
 from mjbench.tuning.records import (
     Attempt,
     Effect,
+    Recommendation,
+    TuneRecord,
+    Withdrawal,
     allowed_error,
-    fresh_ratio,
-    log_ratio,
     saves_time,
 )
 from mjbench.tuning.reference import Present
-from mjbench.tuning.search_base import LEAST_GAIN, Search, too_far
+from mjbench.tuning.search_plan import LEAST_GAIN, Advance, SearchPlan
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Setting, Settings, label
 from mjbench.tuning.usual_regime import MAX_COMPUTING_S
@@ -60,12 +73,38 @@ COMBINATIONS, RUNG_NRUN = 32, 8
 LAST_RUNG = 2 * FRONT
 
 
-class CSearch(Search):
-    """A search for settings of C."""
+class CSearch:
+    """One search for settings of one model."""
 
-    _measure: CMeasurements
     _settings: Sequence[Setting] = ()
     _reference_s: float = 0.0
+
+    def __init__(
+        self,
+        record: TuneRecord,
+        plan: SearchPlan,
+        measurements: CMeasurements,
+        advance: Advance = lambda done, text, share: None,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        self._measure = measurements
+        self._record = replace(record, seed=plan.seed, max_error=plan.max_error, only=plan.only)
+        self._plan, self._advance, self._clock = plan, advance, clock
+        self._begin_s = clock()
+
+    def result(self) -> TuneRecord:
+        try:
+            self._measure_present()
+            if attempts := self._try_settings():
+                self._second_look(attempts)
+        except MjbenchError as error:
+            self._set(status=failure_of(error).status, detail=self._detail_of(error))
+        except KeyboardInterrupt:
+            self._set(status=Status.INTERRUPTED)
+        return replace(self._record, seconds=self._clock() - self._begin_s)
+
+    def _detail_of(self, error: MjbenchError) -> str:
+        return failure_of(error).detail.removeprefix(f"{self._record.model}: ")
 
     def _measure_present(self) -> None:
         plan = self._plan
@@ -125,7 +164,7 @@ class CSearch(Search):
         settings = [(each,) for each in self._settings]
         by_setting = self._launched(settings, 1, SCREENS, SCREEN_END, FIGURES_END)
         self._leave_untried(len(settings) - len(by_setting))
-        timed = [_together_known(launches) for launches in by_setting]
+        timed = [together_known(launches) for launches in by_setting]
         for attempt in timed:
             self._note(attempt)
         promising = [
@@ -136,7 +175,7 @@ class CSearch(Search):
         self._advance(1, f"what {len(promising)} settings change", 0.3)
         tried = [each.settings for each in promising]
         seen = self._measure.launch(self._request(tried, nrun=RUNG_NRUN, end=FIGURES_END))
-        known = [_with_accuracy(*pair) for pair in zip(promising, seen, strict=False)]
+        known = [with_accuracy(*pair) for pair in zip(promising, seen, strict=False)]
         for attempt in known:
             self._note(attempt)
         self._leave_untried(len(promising) - len(known))
@@ -148,7 +187,7 @@ class CSearch(Search):
         settings = [each.settings for each in promising]
         launches = self._launched(settings, LEAST_LAUNCHES, MOST_LAUNCHES, FIGURES_END)
         for attempt, of_setting in zip(promising, launches, strict=True):
-            timed = _with_figures(attempt, of_setting)
+            timed = with_figures(attempt, of_setting)
             self._note(timed)
             yield timed
 
@@ -162,7 +201,7 @@ class CSearch(Search):
         seen = self._measure.launch(
             self._request(settings, nrun=None, end=ERRORS_END, has_stages=True)
         )
-        judged = [_with_accuracy(*pair) for pair in zip(faster, seen, strict=False)]
+        judged = [with_accuracy(*pair) for pair in zip(faster, seen, strict=False)]
         for attempt in judged:
             self._note(attempt)
         late = faster[len(judged) :]  # there was no time to run them from all starts
@@ -303,7 +342,7 @@ class CSearch(Search):
             has_failed = bool(of_setting) and of_setting[-1].status != Status.OK
             if len(of_setting) < LEAST_LAUNCHES and not has_failed:
                 continue
-            again = _with_figures(second, of_setting)
+            again = with_figures(second, of_setting)
             if again.ratio is None or not saves_time(again.ratio):
                 self._withdraw(
                     first.settings, again.detail or "not certainly faster from new starts"
@@ -327,9 +366,9 @@ class CSearch(Search):
             return f"{was} in the search, {now} from new starts"
         limit = self._plan.max_error
         if was_allowed and not is_allowed(second, limit, present_error):
-            return f"an {too_far(error_of(second), allowed_error(limit, present_error))}"
+            return f"an {_too_far(error_of(second), allowed_error(limit, present_error))}"
         if not was_allowed and error_of(second) > MOST_ERROR:
-            return f"an {too_far(error_of(second), MOST_ERROR)}"
+            return f"an {_too_far(error_of(second), MOST_ERROR)}"
         return ""
 
     # -- launches -----------------------------------------------------------------------------
@@ -386,13 +425,56 @@ class CSearch(Search):
         if ending.status != Status.OK:
             raise MachineError(ending.detail)
 
+    def _set(self, **changes: Any) -> None:
+        self._record = replace(self._record, **changes)
+
+    def _note(self, attempt: Attempt) -> None:
+        name = label(attempt.settings)
+        others = [each for each in self._record.attempts if label(each.settings) != name]
+        self._set(attempts=[*others, attempt])
+
+    def _recommend(
+        self,
+        first: Attempt,
+        second: Attempt,
+        ratio: Ratio,
+        samples: Sequence[LaunchRow],
+        is_allowed: bool = True,
+    ) -> None:
+        both = [each.error for each in (first, second) if each.error is not None]
+        effects = [each.accuracy.effect for each in (first, second) if each.accuracy]
+        accuracy = second.accuracy
+        if accuracy is not None and first.accuracy is not None:
+            sensor_share = max(accuracy.sensor_share, first.accuracy.sensor_share)
+            accuracy = replace(accuracy, sensor_share=sensor_share)
+        recommendation = Recommendation(
+            first.settings,
+            ratio,
+            functools.reduce(Distance.larger, both) if len(both) == 2 else None,
+            samples,
+            max(effects, key=lambda effect: effect.rank, default=Effect.APPROXIMATE),
+            accuracy,
+            is_allowed,
+        )
+        self._set(front=[*self._record.front, recommendation])
+
+    def _withdraw(self, settings: Sequence[Setting], reason: str) -> None:
+        self._set(withdrawn=[*self._record.withdrawn, Withdrawal(settings, reason)])
+
     def _end_s(self, share: float) -> float:
         """Return when a part ends, by the clock: at a share of the budget, but not at once."""
         of_plan_s = self._begin_s + share * self._plan.budget_s
         return max(of_plan_s, self._clock() + LEAST_PART * self._plan.budget_s)
 
     def _has_time(self, share: float) -> bool:
-        return self._spent_s() < share * self._plan.budget_s
+        return self._clock() - self._begin_s < share * self._plan.budget_s
+
+
+def _too_far(error: float, limit: float) -> str:
+    return (
+        f"error of {100 * error:.2g} % of the motion from new starts, where"
+        f" {100 * limit:.2g} % is allowed"
+    )
 
 
 def _fastest(attempts: Sequence[Attempt], exact: bool) -> list[Attempt]:
@@ -401,30 +483,5 @@ def _fastest(attempts: Sequence[Attempt], exact: bool) -> list[Attempt]:
 
 
 def _is_hopeful(attempts: Sequence[Attempt]) -> bool:
-    ratio = _together_known(attempts).time_ratio
+    ratio = together_known(attempts).time_ratio
     return ratio is not None and ratio < 1 + MOST_LOSS
-
-
-def _together_known(attempts: Sequence[Attempt]) -> Attempt:
-    """Return what several launches of a setting say: the median of its time, or how it failed."""
-    last = attempts[-1]
-    if last.status != Status.OK:
-        return last
-    rows = [each.samples for each in attempts if each.samples]
-    ratio = math.exp(statistics.median(log_ratio(row) for row in rows))
-    return replace(last, time_ratio=ratio, samples=None, launches=rows)
-
-
-def _with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
-    if seen.status != Status.OK:
-        return Attempt(attempt.settings, seen.status, seen.detail)
-    return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)
-
-
-def _with_figures(attempt: Attempt, launched: Sequence[Attempt]) -> Attempt:
-    """Return an attempt with the ratio of launches that did not choose it."""
-    known = _together_known(launched)
-    if known.status != Status.OK:
-        return Attempt(attempt.settings, known.status, known.detail)
-    ratio = fresh_ratio(known.launches)
-    return replace(attempt, time_ratio=ratio.estimate, ratio=ratio, launches=known.launches)

@@ -6,18 +6,15 @@ model or this release has no use for them.
 
 import copy
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import chain, zip_longest
 
 import mujoco
 import numpy as np
 
 from mjbench.host import topology
-from mjbench.paths.warp_buffers import PEAK_FACTOR
 from mjbench.simulation import compat, model_options
 from mjbench.simulation.engine_clock import has_clock
-from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import start_data
 from mjbench.tuning import model_features as features
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
@@ -247,50 +244,3 @@ def threads(observed: ObservedModel) -> list[Setting]:
         Setting("engine threads", f"engine threads={n}", loop=LoopChange(engine_threads=n))
         for n in counts
     ]
-
-
-# -- MJX and Warp, which compile the step ------------------------------------------------------
-
-# Values to try, where they are below the present one: the most likely to help first.
-ITERATIONS = (4, 1, 8, 2, 6, 3)
-LS_ITERATIONS = (8, 4, 20, 6, 10)
-# Solvers and Jacobians that these engines have; `auto` is one of the latter two.
-SOLVERS = ("Newton", "CG")
-JACOBIANS = ("dense", "sparse")
-
-
-def of_batched_step(
-    model: mujoco.MjModel, peaks: Peaks, default_sizes: Mapping[str, int]
-) -> list[Setting]:
-    """Return the settings to try, of each knob in turn.
-
-    Args:
-      peaks: contacts and constraints that C needs at most.
-      default_sizes: of buffers, for each simulation; empty where the engine sizes them itself.
-    """
-    opt, keywords = model.opt, (("solver", SOLVERS), ("jacobian", JACOBIANS))
-    by_knob = [
-        [option("iterations", str(count)) for count in ITERATIONS if count < opt.iterations],
-        [option("ls_iterations", str(n)) for n in LS_ITERATIONS if n < opt.ls_iterations],
-        *(
-            [option(name, each) for each in values if each.lower() != keyword(model, name)]
-            for name, values in keywords
-        ),
-        *_smaller_buffers(peaks, default_sizes),
-    ]
-    return [setting for setting in chain(*zip_longest(*by_knob)) if setting is not None]
-
-
-def _smaller_buffers(peaks: Peaks, default_sizes: Mapping[str, int]) -> list[list[Setting]]:
-    """Return smaller buffers than the engine's own, with room for what C needs and a margin."""
-    needs = {"nconmax": ("contacts", peaks.contacts), "njmax": ("constraints", peaks.constraints)}
-    smaller = []
-    for name, default in default_sizes.items():
-        what, need = needs[name]
-        size = max(1, PEAK_FACTOR * need)
-        if size < default:
-            evidence = f"{need} {what} at most in C; the engine makes room for {default}"
-            smaller.append(
-                [Setting(name, f"{name}={size}", evidence=evidence, buffer_sizes={name: size})]
-            )
-    return smaller

@@ -3,8 +3,11 @@
 Whatever steps the model runs in a process of its own: a setting may crash MuJoCo or never return.
 """
 
+import math
 import pickle
 import random
+import statistics
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,12 +21,11 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import edited_model, knobs, mesh_notes, reference, usual_regime
 from mjbench.tuning.mesh_notes import MeshNote
-from mjbench.tuning.records import Attempt
+from mjbench.tuning.records import Attempt, fresh_ratio, log_ratio
 from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
 from mjbench.tuning.setting_launch import (
     SearchFiles,
     SettingLaunchRequest,
-    launch,
     run_launch,
     stage_shares,
 )
@@ -81,19 +83,25 @@ class CMeasurements:
     def launch(self, request: SettingLaunchRequest) -> list[Attempt]:
         """Try settings, one after the other, in a fresh process; return those that were begun.
 
-        One that crashes, hangs or diverges has a status, no more.
+        One that crashes, hangs or diverges has a status, no more. After one that ends the process,
+        the others go on in another process.
         """
         begun: list[Attempt] = []
+        end_s, left = time.monotonic() + request.stop_after_s, list(request.settings)
 
-        def arguments(
-            left: Sequence[Settings], left_s: float
-        ) -> tuple[ModelSource, SearchFiles, SettingLaunchRequest]:
-            still = replace(request, settings=left, stop_after_s=left_s)
-            return self._source, self._files, still
+        def receive(attempt: Attempt) -> None:
+            left.pop(0)
+            begun.append(attempt)
 
-        if request.settings:
-            settings, stop_after_s = request.settings, request.stop_after_s
-            launch(run_launch, arguments, settings, stop_after_s, begun.append, self._limit_s)
+        while left:
+            still = replace(request, settings=tuple(left), stop_after_s=end_s - time.monotonic())
+            task = self._source, self._files, still
+            ended = isolate.run(run_launch, task, receive, self._limit_s)
+            if ended.position is None:  # it ended well, or without a setting to blame
+                ended.check()
+                break
+            if left:
+                receive(Attempt(left[0], ended.status, ended.detail))
         return begun
 
 
@@ -172,6 +180,31 @@ class SettingRule(StopRule[SettingLaunch]):
         spent_s = self.clock() - self._begin_s
         self._launch_s = spent_s * max(len(self._left) / max(1, before), SHARE_OF_START)
         self._ndone += 1
+
+
+def together_known(attempts: Sequence[Attempt]) -> Attempt:
+    """Return what several launches of a setting say: the median of its time, or how it failed."""
+    last = attempts[-1]
+    if last.status != Status.OK:
+        return last
+    rows = [each.samples for each in attempts if each.samples]
+    ratio = math.exp(statistics.median(log_ratio(row) for row in rows))
+    return replace(last, time_ratio=ratio, samples=None, launches=rows)
+
+
+def with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
+    if seen.status != Status.OK:
+        return Attempt(attempt.settings, seen.status, seen.detail)
+    return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)
+
+
+def with_figures(attempt: Attempt, launched: Sequence[Attempt]) -> Attempt:
+    """Return an attempt with the ratio of launches that did not choose it."""
+    known = together_known(launched)
+    if known.status != Status.OK:
+        return Attempt(attempt.settings, known.status, known.detail)
+    ratio = fresh_ratio(known.launches)
+    return replace(attempt, time_ratio=ratio.estimate, ratio=ratio, launches=known.launches)
 
 
 # -- in a child ----------------------------------------------------------------------------------

@@ -1,10 +1,9 @@
 """What a run file stores of a search for settings, and what `mjbench tune --json` writes."""
 
 import enum
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,13 +13,10 @@ from mjbench.bounds import (
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
-    PositiveInt,
 )
 from mjbench.measuring import launch_stats, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
-from mjbench.simulation.accelerated_judgement import Precision
-from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning.accuracy import Distance
 from mjbench.tuning.contact_and_energy import Physics
@@ -78,32 +74,14 @@ class Accuracy:
 
 
 @dataclass(frozen=True)
-class TunedProgram:
-    """A step that MJX or Warp compiled with some settings.
-
-    Attributes:
-      error: the transfer error: distance of its runs from C's with the present settings, from the
-        same starts, over the horizon; None where only time was measured.
-      trace_s: seconds from Python to the compiler's input; None where there is no such stage.
-      buffer_sizes: of the engine, by its names.
-    """
-
-    error: Distance | None
-    trace_s: NonNegativeFloat | None
-    compile_s: NonNegativeFloat
-    buffer_sizes: Mapping[str, NonNegativeInt]
-
-
-@dataclass(frozen=True)
 class Attempt:
     """How settings did in the search; None is what was not measured, or failed.
 
     Attributes:
-      accuracy: what they do to the motion, in C.
-      time_ratio: their time over that of the present settings, within one process: of a simulated
-        second in C, of a batched step in MJX and Warp.
+      accuracy: what they do to the motion.
+      time_ratio: their time for a simulated second over that of the present settings, within one
+        process.
       ratio: the same in fresh processes, with its 95 % interval.
-      program: what they compile to, in MJX and Warp.
       samples: raw times of its blocks in one process; A is the present settings.
       launches: those of each fresh process that gave `ratio`, or else `time_ratio`.
       stages: share of a step by stage with them; empty where that was not measured.
@@ -115,7 +93,6 @@ class Attempt:
     accuracy: Accuracy | None = None
     time_ratio: PositiveFloat | None = None
     ratio: Ratio | None = None
-    program: TunedProgram | None = None
     samples: LaunchRow | None = None
     launches: Sequence[LaunchRow] = ()
     stages: Mapping[str, AnyFloat] = field(default_factory=dict)
@@ -128,10 +105,8 @@ class Attempt:
 
     @property
     def error(self) -> Distance | None:
-        """How far runs are from those of the reference; of MJX and Warp, the transfer error."""
-        if self.accuracy is not None:
-            return self.accuracy.error
-        return self.program.error if self.program else None
+        """How far runs are from those of the reference."""
+        return self.accuracy.error if self.accuracy else None
 
 
 @dataclass(frozen=True)
@@ -153,7 +128,6 @@ class Recommendation:
     samples: Sequence[LaunchRow] = ()
     effect: Effect = Effect.APPROXIMATE
     accuracy: Accuracy | None = None
-    program: TunedProgram | None = None
     is_allowed: bool = True
 
 
@@ -165,71 +139,33 @@ class Withdrawal:
     reason: str
 
 
-@dataclass(frozen=True)
-class BatchFacts:
-    """What settings of MJX or Warp are measured by.
-
-    Attributes:
-      horizon_s: simulated seconds of each run over which errors are compared.
-      rounding: distance of C's runs whose starts and controls are rounded to that precision.
-      settings: there are to try.
-    """
-
-    device: str
-    precision: Precision
-    nrun: PositiveInt
-    horizon_s: PositiveFloat
-    horizon_ncontrol: PositiveInt
-    starts: Starts
-    rounding: Distance
-    settings: Sequence[Setting]
-
-
-@dataclass(frozen=True)
-class Batch:
-    """The batched step of MJX or Warp.
-
-    Attributes:
-      present: the program with the present settings, from the starts of the search.
-    """
-
-    nbatch: PositiveInt
-    facts: BatchFacts | None = None
-    present: TunedProgram | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class TuneRecord:
     """A search for settings of one model; None is what was not reached.
 
     Attributes:
-      engine: `c`, or the path that steps the model in batches, such as `mjx`.
       seed: of starts and controls; the second look has the next one.
       max_error: the largest error allowed, as a share of the motion; None for that of the present
         settings, as `allowed_error` has it.
-      present: what the present settings do in C, on the starts of the second look; its error is the
+      present: what the present settings do, on the starts of the second look; its error is the
         larger of both looks.
-      batch: what MJX and Warp are measured by; None for C.
       no_reference: why settings that need an error were left out: the reference failed, or there
         was no time for it; empty where it was run, or not needed.
       untried: settings for which there was no time, alone.
       untried_combinations: for which there was no time.
-      front: recommendations, the smallest effect first and the slowest first within it; of MJX and
-        Warp, the fastest first.
+      front: recommendations, the smallest effect first and the slowest first within it.
       meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
     """
 
     record_type: ClassVar[str] = "tune"
     model: str
-    engine: str = "c"
     status: Status = Status.OK
     detail: str = ""
     seed: Int64 = 0
     max_error: PositiveFloat | None = None
     only: Effect = Effect.APPROXIMATE
     present: Present | None = None
-    batch: Batch | None = None
     attempts: Sequence[Attempt] = ()
     no_reference: str = ""
     untried: NonNegativeInt = 0
@@ -266,21 +202,6 @@ class TuneRecord:
         ordered = sorted(by_stage.items(), key=lambda item: -item[1])
         return {stage: share for stage, share in ordered if abs(share) >= LEAST_SAVED}
 
-    @staticmethod
-    def upgrade(value: dict[str, Any]) -> dict[str, Any]:
-        """Return a stored record with the keys of today; MJX and Warp had a record of their own."""
-        if "nbatch" not in value:
-            return value
-        import msgspec
-
-        attempts = msgspec.convert(value.get("attempts", ()), list[Attempt])
-        batch = {name: value.get(name) for name in ("nbatch", "facts", "present")}
-        return {
-            **{name: item for name, item in value.items() if name not in batch},
-            "batch": batch,
-            "attempts": [{**msgspec.to_builtins(each), **_time_ratio(each)} for each in attempts],
-        }
-
 
 def allowed_error(max_error: float | None, present_error: float, least: float = NO_ERROR) -> float:
     return max_error or max((1 + SAME_ERROR) * present_error, least)
@@ -305,8 +226,3 @@ def saves_time(ratio: Ratio) -> bool:
 
 def log_ratio(samples: LaunchRow) -> float:
     return stats.paired_log_ratio(samples.orders, np.array(samples.ns))
-
-
-def _time_ratio(attempt: Attempt) -> dict[str, float]:
-    samples = attempt.samples
-    return {"time_ratio": math.exp(log_ratio(samples))} if samples and samples.ns else {}

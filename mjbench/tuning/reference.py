@@ -168,10 +168,6 @@ class Baseline:
         )
 
 
-def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
-    return with_reference(model, present_runs(model, plan), plan.horizon_ncontrol)
-
-
 def present_runs(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
     trials, came_from = draw(model, plan)
     present = trajectories.run(model, trials)

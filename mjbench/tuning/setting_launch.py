@@ -1,7 +1,5 @@
 """A launch of settings: a fresh process that times each beside the present ones, or runs it.
 
-`launch` and `try_each`, the two ends of the connection, serve C, MJX and Warp.
-
 A block of a setting simulates the same time under the same controls as one of the present settings,
 so a ratio of their times is of a simulated second, whatever the timesteps are. A setting that
 crashes MuJoCo or never returns ends the process; the parent begins another one after it.
@@ -12,17 +10,15 @@ import hashlib
 import math
 import pickle
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVarTuple
 
 import mujoco
 import numpy as np
 
 from mjbench import paths
 from mjbench.errors import InputError, failure_of
-from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile
 from mjbench.loop.loop_starts import StartsInTurn
@@ -39,72 +35,10 @@ from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
 from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, label, loop_change
 from mjbench.tuning.trajectories import SensorChange, Trajectories, Trials
 
-_Arguments = TypeVarTuple("_Arguments")
-
 # Seconds of a block; controls of each of its runs, and runs at least, unless one takes longer.
 BLOCK_S, BLOCK_NCONTROL, LEAST_NRUN = 0.002, 2, 2
 # Quads of blocks that a setting gets in a launch, at least and at most.
 LEAST_QUADS, MOST_QUADS = 1, 25
-
-
-def launch(
-    task: Callable[[*_Arguments, Channel], None],
-    arguments: Callable[[Sequence[Settings], float], tuple[*_Arguments]],
-    settings: Sequence[Settings],
-    stop_after_s: float,
-    on_message: Callable[[Any], None],
-    limit_s: float,
-    **options: Any,
-) -> None:
-    """Have a task try settings in a fresh process; after one that ends it, go on in another.
-
-    Args:
-      arguments: of the task, from the settings that are left, and the seconds that are.
-      on_message: called with what the task sends, and the `Attempt` of a setting that ended it.
-      options: of `isolate.run`.
-    """
-    end_s, left = time.monotonic() + stop_after_s, list(settings)
-
-    def receive(message: Any) -> None:
-        if isinstance(message, Attempt):
-            left.pop(0)
-        on_message(message)
-
-    while True:
-        ended = isolate.run(
-            task, arguments(tuple(left), end_s - time.monotonic()), receive, limit_s, **options
-        )
-        if ended.position is None:  # it ended well, or without a setting to blame
-            ended.check()
-            return
-        if left:
-            receive(Attempt(left[0], ended.status, ended.detail))
-        if not left:
-            return
-
-
-def try_each(
-    settings: Sequence[Settings],
-    end_s: float,
-    channel: Channel,
-    attempt: Callable[[Settings], Attempt],
-    refusals: tuple[type[Exception], ...],
-) -> None:
-    """Send an `Attempt` for each setting that is begun by `end_s`, of `perf_counter`.
-
-    Args:
-      refusals: what `attempt` raises for settings that are rejected.
-    """
-    for number, each in enumerate(settings):
-        if time.perf_counter() > end_s:
-            break
-        channel.doing(f"trying {label(each)}", number)
-        try:
-            tried = attempt(each)
-        except refusals as error:
-            failure = failure_of(error)
-            tried = Attempt(each, failure.status, failure.detail)
-        channel.send(tried)
 
 
 @dataclass(frozen=True)
@@ -147,8 +81,16 @@ def run_launch(
         baseline = baseline.only(request.nrun)
     model = models.load(ModelSource(source.name, files.model))
     trying = _Launch(source, files, request, baseline, model)
-    refusals = (InputError, mujoco.FatalError)
-    try_each(request.settings, end_s, channel, trying.attempt, refusals)
+    for number, settings in enumerate(request.settings):
+        if time.perf_counter() > end_s:
+            break
+        channel.doing(f"trying {label(settings)}", number)
+        try:
+            tried = trying.attempt(settings)
+        except (InputError, mujoco.FatalError) as error:
+            failure = failure_of(error)
+            tried = Attempt(settings, failure.status, failure.detail)
+        channel.send(tried)
 
 
 @dataclass(frozen=True, eq=False)

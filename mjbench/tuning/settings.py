@@ -1,13 +1,10 @@
 """A setting: edits of a model's MJCF, or options of the loop, that may make steps faster."""
 
 import enum
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from mjbench.bounds import AnyFloat, NonNegativeInt
-
-# Simulations of a batched step of MJX or Warp, unless the user says.
-NBATCH = 64
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,6 @@ class Setting:
       evidence: what was observed that makes it possible, in one sentence; empty for nothing.
       saves: share of the evaluations of the dynamics in a simulated second that it saves, such as a
         half by a timestep that is twice as long.
-      buffer_sizes: `nconmax` or `njmax` of the make_data of MJX and Warp, for each simulation.
     """
 
     knob: str
@@ -87,7 +83,6 @@ class Setting:
     loses: str = ""
     evidence: str = ""
     saves: AnyFloat = 0.0
-    buffer_sizes: Mapping[str, NonNegativeInt] = field(default_factory=dict)
 
 
 Settings = tuple[Setting, ...]
@@ -100,10 +95,6 @@ def option(name: str, value: str, evidence: str = "", saves: float = 0.0) -> Set
 
 def edits_of(settings: Iterable[Setting]) -> list[Edit]:
     return [edit for setting in settings for edit in setting.edits]
-
-
-def buffer_sizes_of(settings: Iterable[Setting]) -> dict[str, int]:
-    return {name: size for each in settings for name, size in each.buffer_sizes.items()}
 
 
 def loop_change(settings: Iterable[Setting]) -> LoopChange:

@@ -232,8 +232,8 @@ def call_or_compile_nothing(
 ) -> Any:
     """Stand in for children that compile the path `mjx`.
 
-    tests/benchmarks/test_mjx.py tests what they time, and BrieflyTimed(Mjx) of
-    tests/tuning/test_accelerated_attempts.py compiles the path.
+    tests/benchmarks/test_mjx.py tests what they time, and
+    tests/comparison/test_accelerated_measurement.py compiles the path.
     """
     if function is mjx.compare_with_handwritten:  # this one still compiles the program by hand
         assert arguments[0].name == "mjx"

@@ -1,4 +1,4 @@
-"""`mjbench tune` from the command line: what it prints, stores and writes, and bad input."""
+"""`mjbench tune` from the command line: what it prints and stores, and bad input."""
 
 import contextlib
 import json
@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 
-import mujoco
 import psutil
 import pytest
 from commands import PYTHONPATH, ROOT, mjbench
@@ -21,7 +20,7 @@ def tuned(tmp_path_factory):
     """Return a folder in which a cart-pole was tuned, with a brief budget, and the process."""
     folder = tmp_path_factory.mktemp("tuned")
     arguments = ["tune", str(CARTPOLE), "--only", "free", "--budget", "2s"]
-    arguments += ["--json", "tune.json", "--results", "runs", "--write", "tuned.xml"]
+    arguments += ["--json", "tune.json", "--results", "runs"]
     return folder, mjbench(*arguments, cwd=folder)
 
 
@@ -41,26 +40,6 @@ def test_it_ends_well_and_stores_what_it_tried(tuned):
         assert each["accuracy"]["distance"]["share"] == 0.0
 
 
-def test_the_copy_has_the_settings_and_is_the_same_model_otherwise(tuned):
-    folder, done = tuned
-    (record,) = json.loads((folder / "tune.json").read_text())["results"]
-    edits = [e for each in record["front"][-1:] for s in each["settings"] for e in s["edits"]]
-    if not edits:
-        assert not (folder / "tuned.xml").exists()
-        assert "not written" in done.stderr
-        return
-    original, copy = CARTPOLE.read_text(), (folder / "tuned.xml").read_text()
-    assert copy != original
-    for edit in edits:
-        assert f'{edit["name"]}="{edit["value"]}"' in copy
-    model, tuned_model = (
-        mujoco.MjModel.from_xml_path(str(file)) for file in (CARTPOLE, folder / "tuned.xml")
-    )
-    assert tuned_model.nbody == model.nbody
-    assert tuned_model.opt.timestep == model.opt.timestep
-    assert tuned_model.opt.disableflags != model.opt.disableflags
-
-
 def test_a_stored_search_is_shown_and_reported(tuned):
     folder, done = tuned
     (run,) = (folder / "runs").iterdir()
@@ -77,26 +56,18 @@ def test_a_stored_search_is_shown_and_reported(tuned):
     ("arguments", "message"),
     [
         (["nosuch"], "no model 'nosuch'"),
-        (["cartpole", "humanoid", "--write", "x.xml"], "--write takes one model"),
         (["empty.xml"], "is empty"),
         (["cartpole", "--max-error", "0"], "above 0% and below"),
         (["cartpole", "--only", "cheap"], "cheap"),
         (["cartpole", "--skip", "timestp"], "did you mean timestep"),
-        (["cartpole", "--nbatch", "8"], "--nbatch needs"),
-        (["robot.mjb", "--write", "x.xml"], "no MJCF"),
-        (["robot.xml", "--write", "robot.xml"], "choose another"),
-        (["robot.xml", "--write", "missing/x.xml"], "cannot write"),
         (["cartpole", "--states", "missing.npz"], "no such file"),
     ],
 )
 def test_bad_input_is_one_line_before_anything_is_measured(tmp_path, arguments, message):
     (tmp_path / "empty.xml").touch()
-    (tmp_path / "robot.xml").write_text(CARTPOLE.read_text())
-    (tmp_path / "robot.mjb").write_bytes(b"no model")
     done = mjbench("tune", *arguments, "--results", "runs", cwd=tmp_path)
     assert done.returncode in (2, 3)
     assert message in done.stderr
-    assert (tmp_path / "robot.xml").read_text() == CARTPOLE.read_text()
     assert not list(tmp_path.glob(".*")), "nothing is left"
 
 

@@ -1,6 +1,7 @@
 """The call clock counts calls by the line that makes them, and changes none of them."""
 
 import copy
+import itertools
 import multiprocessing.process
 import os
 import subprocess
@@ -48,6 +49,11 @@ def slow(clock, looks):
 
 def read(folder):
     return call_times.read_all(folder, step_times.read_headers(folder))
+
+
+def write_header(folder, header):
+    of_steps = itertools.takewhile(lambda name: name != "collections", header)
+    step_file.StepFile(str(folder)).write_header(*map(header.get, of_steps))
 
 
 def test_a_slow_call_is_counted_by_its_line_with_what_it_took(clock, tmp_path):
@@ -279,7 +285,7 @@ def test_callbacks_between_bursts_are_those_of_the_steps_of_their_own_loop(clock
     thread.start()
     thread.join()
     header = dict.fromkeys(Header.__dataclass_fields__, 0) | {"pid": os.getpid(), "first_ns": 1}
-    step_file.StepFile(str(tmp_path)).write_header(*header.values())
+    write_header(tmp_path, header)
     callback, with_callback, without = read(tmp_path).calls
     assert (with_callback.calls, without.calls) == (10, 100)
     assert callback.calls == 10
@@ -294,7 +300,7 @@ def test_steps_take_what_was_measured_however_much_the_clock_seems_to_cost(
     burst.pass_on(burst.write(), 9, until_ns=5_000)
     header = dict.fromkeys(Header.__dataclass_fields__, 0)
     header |= {"pid": os.getpid(), "first_ns": 1_000, "cost_ns": cost_ns}
-    step_file.StepFile(str(tmp_path)).write_header(*header.values())
+    write_header(tmp_path, header)
     (call,) = read(tmp_path).calls
     assert call.calls == 10
     assert call.seconds == pytest.approx(400e-9 if cost_ns else 4_000e-9)

@@ -1,5 +1,6 @@
 """Programs run again for a change, and end when their seconds are over, whatever they ignore."""
 
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,30 @@ def test_a_program_of_mjx_is_ended_though_it_never_calls_the_engine(tmp_path):
     assert launch.run(Program([str(file)]), seconds=0.2).was_ended
     with pytest.raises(MachineError, match="did not step"):
         launch.time_steps(Program([str(file)]), 0.2)
+
+
+@pytest.fixture
+def full_disk():
+    """Let no file be larger than one MiB, in this process and those that it starts."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkeypatch):
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    file = tmp_path / "program.py"
+    file.write_text("import mujoco, sys\nsys.exit(7)")
+    seen = launch.run(Program([str(file)]))
+    assert seen.exit_code == 7
+    assert seen.pid in seen.untimed_pids
+    assert seen.steps == []
+    assert list(folder.iterdir()) == []
 
 
 def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):

@@ -278,7 +278,7 @@ def test_steps_of_an_environment_are_iterations(started):
 
 def test_collections_count_from_the_first_step(started):
     model, data = simulation()
-    note = started.clock.note_collection
+    note = started.clock.collections.callback
     for begin in (True, False):
         note("start", {"generation": 2})
         started.fake.spend(3_000_000)
@@ -288,6 +288,24 @@ def test_collections_count_from_the_first_step(started):
     steps = read(started)
     assert steps.collections == 1
     assert steps.collections_s == steps.longest_collection_s == pytest.approx(0.003)
+
+
+@pytest.mark.parametrize("reads", [1, 100, 5_000])
+def test_calibration_leaves_nothing_wherever_it_is_interrupted(started, reads):
+    clock = started.clock
+    counted = itertools.count().__next__
+
+    def interrupt():
+        if counted() >= reads:
+            raise KeyboardInterrupt
+        return counted()
+
+    clock._now_ns = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        clock.install(engine(started.fake, started.calls))
+    clock._now_ns = started.fake
+    assert read(started).step is None
+    assert calls_of(started) == []
 
 
 def test_the_file_never_overflows(started, monkeypatch):
@@ -356,6 +374,70 @@ def test_a_program_is_timed_in_each_process_that_it_forks(tmp_path):
     done, steps = program(tmp_path, f"import os\npid = os.fork()\n{STEPS}\nif pid: os.wait()")
     assert done.stderr == ""
     assert [each.nstep for each in steps if each.step is not None] == [10, 10]
+
+
+INTERRUPTED = """
+import _thread, gc, os, signal
+from functools import partial
+
+def handle(number, frame):
+    print("handled")
+    raise {error}
+
+signal.signal(signal.SIGINT, handle)
+"""
+
+
+@pytest.mark.parametrize("error", ["KeyboardInterrupt", "TimeoutError"])
+def test_an_interrupt_in_a_garbage_collection_reaches_the_program(tmp_path, error):
+    """The signal comes in a callback of C before the clock's, so Python cannot handle it there."""
+    done, steps = program(
+        tmp_path,
+        INTERRUPTED.format(error=error)
+        + f"""
+interrupting = type("", (), {{"start": property(partial(next, iter(_thread.interrupt_main, 0)))}})
+gc.callbacks.insert(0, partial(getattr, interrupting()))
+try:
+    gc.collect()
+except {error}:
+    print("raised")
+gc.callbacks.pop(0)
+gc.collect()
+"""
+        + STEPS
+        + "gc.collect()",
+    )
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == ["handled", "raised"]
+    assert max(each.collections for each in steps) >= 1
+
+
+def test_an_interrupt_in_a_process_that_was_just_forked_reaches_the_program(tmp_path):
+    if not hasattr(os, "fork"):
+        pytest.skip("no fork on this platform")
+    done, steps = program(
+        tmp_path,
+        INTERRUPTED.format(error="KeyboardInterrupt")
+        + STEPS
+        + """
+real = os.getpid
+def getpid():
+    os.getpid = real
+    _thread.interrupt_main()
+    return real()
+os.getpid = getpid  # the clock asks for it when it begins the files of the new process
+try:
+    pid = os.fork()
+except KeyboardInterrupt:
+    mujoco.mj_step(model, data)
+    os._exit(3)
+os.getpid = real
+print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+""",
+    )
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == ["handled", "3"]
+    assert [each.nstep for each in steps if each.step is not None] == [10], "its parent's alone"
 
 
 def test_what_is_no_simulation_raises_what_it_raises_without_mjbench(tmp_path):

@@ -243,3 +243,12 @@ def test_a_wrong_result_stands_at_the_head_of_a_report_once() -> None:
     assert "one MjData each" in first.text
     assert then.text.startswith("train.py: then, correct a wrong result")
     assert "copy the row" in then.text
+
+
+@pytest.mark.parametrize(
+    ("processes", "said"),
+    [(0, []), (1, ["Steps were not timed: "]), (3, ["Steps of 3 processes were not timed: "])],
+)
+def test_steps_that_could_not_be_timed_are_said(processes, said):
+    first = next(program.sections([row(MIXED, untimed_processes=processes)]))
+    assert [fact.partition("no space")[0] for fact in first.facts] == said

@@ -96,9 +96,14 @@ def test_lines_to_paste_are_those_of_each_recommendation():
 
 def test_flags_and_excludes_are_written_as_mjcf_has_them():
     (snippet,) = tuning.to_apply([JACOBIAN, ISLAND, EXCLUDES])
-    option, excludes = snippet.code.splitlines()
+    option, *excludes = snippet.code.splitlines()
     assert option == '<option jacobian="sparse"><flag island="disable"/></option>'
-    assert "2 <exclude" in excludes
+    assert excludes == [
+        "<contact>",
+        '  <exclude body1="a" body2="b"/>',
+        '  <exclude body1="a" body2="c"/>',
+        "</contact>",
+    ]
     assert list(tuning.to_apply([])) == []
 
 

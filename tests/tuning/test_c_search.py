@@ -15,7 +15,7 @@ from mjbench.tuning import pareto_front
 from mjbench.tuning.c_search import RUNG_NRUN, SCREENS, CSearch
 from mjbench.tuning.knobs import KNOBS
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord, log_ratio
-from mjbench.tuning.search_base import SearchPlan
+from mjbench.tuning.search_plan import SearchPlan
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import LoopChange, Setting
 

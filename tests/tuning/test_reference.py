@@ -17,11 +17,16 @@ PENDULUM = """<mujoco><option timestep="{timestep}" integrator="{integrator}"/><
 </worldbody><keyframe><key qpos="1"/></keyframe></mujoco>"""
 
 
+def baseline(model, plan):
+    runs = reference.present_runs(model, plan)
+    return reference.with_reference(model, runs, plan.horizon_ncontrol)
+
+
 @functools.cache
 def pendulum_facts(timestep, integrator):
     xml = PENDULUM.format(timestep=timestep, integrator=integrator)
     model = mujoco.MjModel.from_xml_string(xml)
-    return reference.baseline(model, TrialPlan(0, StartPlan())).facts
+    return baseline(model, TrialPlan(0, StartPlan())).facts
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +57,7 @@ def test_a_higher_order_has_a_smaller_error_and_rounding_is_smaller_still():
 def test_a_model_that_moves_without_error_has_none(tmp_path):
     slide = """<mujoco><option gravity="0 0 0"/><worldbody><body><joint type="slide"/>
     <geom size="1"/></body></worldbody><keyframe><key qvel="1"/></keyframe></mujoco>"""
-    facts = reference.baseline(model_of(tmp_path, slide), TrialPlan(0, StartPlan())).facts
+    facts = baseline(model_of(tmp_path, slide), TrialPlan(0, StartPlan())).facts
     assert facts.error.share < 1e-12
     assert facts.motion_m == pytest.approx(facts.run_s, rel=0.1)
     assert facts.physics.energy_drift_j < 1e-9
@@ -73,7 +78,7 @@ def test_a_model_that_diverges_is_refused(tmp_path):
     <geom size="0.1" pos="1 0 0"/></body></worldbody><keyframe><key qpos="1"/></keyframe>
     </mujoco>"""
     with pytest.raises(InputError, match="diverge"):
-        reference.baseline(model_of(tmp_path, unstable), TrialPlan(0, StartPlan()))
+        baseline(model_of(tmp_path, unstable), TrialPlan(0, StartPlan()))
 
 
 def grown(rate, first, count=60):
@@ -101,7 +106,7 @@ def test_runs_that_part_at_once_cannot_be_compared():
 
 def test_errors_of_a_model_that_is_off_at_once_are_not_compared(tmp_path):
     coarse = PENDULUM.format(timestep=0.3, integrator="Euler")
-    facts = reference.baseline(model_of(tmp_path, coarse), TrialPlan(0, StartPlan())).facts
+    facts = baseline(model_of(tmp_path, coarse), TrialPlan(0, StartPlan())).facts
     assert not facts.is_comparable
     assert facts.horizon_ncontrol <= LEAST_NCONTROL
 
@@ -121,7 +126,7 @@ def test_starts_come_from_several_settling_runs():
 def test_a_second_look_has_the_length_and_the_horizon_of_the_first():
     model = models.load(models.resolve("cartpole"))
     plan = TrialPlan(1, StartPlan(), ncontrol=12, horizon_ncontrol=5)
-    facts = reference.baseline(model, plan).facts
+    facts = baseline(model, plan).facts
     assert (facts.ncontrol, facts.horizon_ncontrol, facts.is_comparable) == (12, 5, True)
 
 

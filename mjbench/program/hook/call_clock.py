@@ -98,13 +98,12 @@ class CallClock:
 
     def begin_process(self) -> None:
         """Begin the file of this process; a forked process begins its own."""
+        self.close()
         self._sites: dict[tuple[str, int, int, int], list[int]] = {}
         self._codes: list[Any] = []
         self._latest: Sequence[tuple[str, int, str]] | None = None  # the line that stepped first
         self._next = itertools.count(1).__next__
-        self._names = ""  # path of the file of lines
         self._has_compiled = False
-        self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
         self.cost_ns = 0  # of calls that are timed in bursts of their own
         self.inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self.is_observing = True  # until the first step, all is seen
@@ -113,6 +112,11 @@ class CallClock:
             self._map = map_file(path, SLOT.size * MAX_SLOTS)
             self._names = f"{path[:-6]}.sites"
             self._write_line("")
+
+    def close(self) -> None:
+        """Write into no file any more."""
+        self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
+        self._names = ""  # path of the file of lines
 
     # Slots
 

@@ -10,6 +10,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -49,8 +50,13 @@ def start(folder: str, change: str = "") -> None:
         return lambda module: steps.install_environment(module, class_name, method)
 
     def begin_process() -> None:
-        for clock in (calls, watch, steps, of_jax):
-            clock.begin_process()
+        try:
+            for clock in (calls, watch, steps, of_jax):
+                clock.begin_process()
+        except BaseException:  # of a signal handler of the program's
+            calls.close()
+            steps.leave()
+            raise
 
     actions: dict[str, Callable[[ModuleType], None]] = {
         "mujoco": install,
@@ -64,14 +70,41 @@ def start(folder: str, change: str = "") -> None:
     for module_name, class_name, method in _ENVIRONMENTS:
         actions[module_name] = environment(class_name, method)
     sys.meta_path.insert(0, AfterImport(actions))
-    gc.callbacks.append(steps.note_collection)
+    gc.callbacks.append(steps.collections.callback)
     _hide_clocks(folder)
     if not faulthandler.is_enabled():
         _note_crashes(os.path.join(folder, f"{os.getpid()}.fault"))
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=begin_process)
+    _follow_forks(begin_process)
     for clock in (steps, of_jax):
-        atexit.register(clock.end)
+        atexit.register(_end, clock)
+
+
+def _end(clock: StepClock | JaxFunctions) -> None:
+    """End a clock as the last thing that the process does: a signal has nothing to end any more."""
+    with contextlib.suppress(BaseException):
+        clock.end()
+
+
+def _follow_forks(begin_process: Callable[[], None]) -> None:
+    """Let a process that is forked begin its own files before `os.fork` returns in it.
+
+    `os.register_at_fork` is no place for that: Python drops an exception that is raised there, such
+    as that of Ctrl-C. A function of C calls the fork itself, so that Python warns of threads at the
+    program's line.
+    """
+
+    def followed(result: Any) -> Any:
+        pid = result[0] if isinstance(result, tuple) else result  # as of `os.forkpty`
+        if pid == 0:
+            begin_process()
+        return result
+
+    for name in ("fork", "forkpty"):
+        fork = getattr(os, name, None)
+        if fork is not None:
+            following = named_like(fork, partial(next, map(followed, iter(fork, None))))
+            for module in (os, sys.modules["posix"]):
+                setattr(module, name, following)
 
 
 def _note_crashes(path: str) -> None:

@@ -1,9 +1,9 @@
 """The step clock: when the user's program calls the engine, and for how long.
 
 It replaces `mujoco.mj_step`, `mj_step1` and `mj_step2` by functions that note when each call begins
-and ends, once the program has imported MuJoCo. It also notes when an environment begins a step, and
-how long garbage collections take. Records go into a file that is mapped into memory, one for each
-process, so they survive any end of the program.
+and ends, once the program has imported MuJoCo. It also notes when an environment begins a step.
+Records go into a file that is mapped into memory, one for each process, so they survive any end of
+the program.
 
 The clock must cost little. It times bursts of calls; between them, calls pass through. Where even
 that would cost too much, it takes its functions away until the program resets a simulation.
@@ -23,6 +23,7 @@ from typing import Any
 
 from .bursts import BURST_CALLS, Burst, CallBursts, Pacer, Written, cold_cost_ns
 from .call_clock import FAST, STEPS, CallClock
+from .collection_clock import CollectionClock
 from .other_functions import OtherFunctions
 from .replaced import engine_function, named_like
 from .step_file import BURST, ITERATION, STEP, StepFile
@@ -57,6 +58,7 @@ class StepClock:
         self._folder, self._change = folder, change
         self._now_ns, self._pacer = now_ns, Pacer(now_ns, processor_ns)
         self._file, self._calls, self._watch = StepFile(folder), calls, watch
+        self.collections = CollectionClock(now_ns)
         self._burst = Burst(calls)
         bursts = CallBursts(calls, now_ns, processor_ns)
         self._others = OtherFunctions(self, self._burst, bursts, watch, now_ns)
@@ -89,9 +91,8 @@ class StepClock:
         self._halves_seen = False
         self._burst_period_ns = self._burst_end_ns = 0
         self._costs_ns: list[int] = []  # of a timed call, as bursts have shown
-        self._is_away = self._was_away = self._was_left = self._has_ended = False
-        self._collections = self._collections_ns = self._longest_collection_ns = 0
-        self._collection_begin_ns = 0
+        self._is_away = self._was_away = self._was_left = False
+        self.collections.begin(self._file.write_collections)
         self._write_header()
 
     def begin_process(self) -> None:
@@ -99,13 +100,18 @@ class StepClock:
         try:
             self._file.open()
         except OSError:
-            self._file.close()
-            self._go_away()
-            self._module = None
+            self.leave()
             return
         self._burst.begin_process()
         self._reset_totals()
         self._come_back()
+
+    def leave(self) -> None:
+        """Leave the process alone: it has no file."""
+        self._file.close()
+        self.collections.end()
+        self._go_away()
+        self._module = None
 
     # MuJoCo
 
@@ -210,7 +216,7 @@ class StepClock:
         self._observe(True)
         if not self._first_ns:
             self._first_ns = self._burst_begin_ns
-            self._collections = self._collections_ns = self._longest_collection_ns = 0
+            self.collections.begin(self._file.write_collections)
             self._write_header()
             if self._change == NO_COLLECTION:
                 gc.collect()
@@ -336,13 +342,16 @@ class StepClock:
         def nothing(*args: Any, **kwargs: Any) -> None:
             return None
 
-        self._calls.is_own[__file__] = True
-        call, costs = self._timing(nothing, "nothing"), []
+        # by clocks that write into no file: what they time is not the program's
+        calls = CallClock(os.devnull, self._now_ns)
+        calls.is_own[__file__] = True
+        clock = StepClock(os.devnull, calls, Watch(os.devnull, calls), now_ns=self._now_ns)
+        call, costs = clock._timing(nothing, "nothing"), []
         # one call more than a burst has: none ends while calls are calibrated
-        for to_pass, calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
+        for to_pass, burst_calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
             blocks = []
             for _ in range(5):
-                self.to_pass, self.burst_calls = to_pass, calls
+                clock.to_pass, clock.burst_calls = to_pass, burst_calls
                 begin_ns = self._now_ns()
                 for _ in range(CALIBRATION_CALLS // 5):
                     call(None, None)
@@ -353,18 +362,13 @@ class StepClock:
                 blocks.append((middle_ns - begin_ns) - (end_ns - middle_ns))
             costs.append(max(0, min(blocks)) // (CALIBRATION_CALLS // 5))
         self.timed_ns, self.passed_ns = costs
-        self.to_pass, self.burst_calls = 0, BURST_CALLS + 1
+        clock.to_pass, clock.burst_calls = 0, BURST_CALLS + 1
         cold_ns = cold_cost_ns(lambda: call(None, None), lambda: nothing(None, None), self._now_ns)
         self.cold_ns = max(self.timed_ns, cold_ns)
-        self.burst_calls = 0
-        self._file.open()  # without the records of the calibration
-        self._calls.is_own[__file__] = False
-        self._calls.begin_process()
-        self._burst.begin_process()
         self._pacer.begin()
         self._write_header()
 
-    # Environments and garbage collection
+    # Environments
 
     def install_environment(self, module: ModuleType, class_name: str, method: str) -> None:
         owner = getattr(module, class_name, None)
@@ -380,21 +384,6 @@ class StepClock:
 
         setattr(owner, method, named_like(original, call))
 
-    def note_collection(self, phase: str, info: Any) -> None:
-        """Note how long a garbage collection takes; Python calls this at its start and stop."""
-        if self._has_ended:  # what Python frees when it ends is not the program's
-            return
-        now_ns = self._now_ns()
-        if phase == "start":
-            self._collection_begin_ns = now_ns
-            return
-        duration_ns = now_ns - self._collection_begin_ns
-        self._collections += 1
-        self._collections_ns += duration_ns
-        self._longest_collection_ns = max(self._longest_collection_ns, duration_ns)
-        if info.get("generation") == 2:  # the slow ones
-            self._write_header()
-
     def _write_header(self) -> None:
         self._file.write_header(
             os.getpid(),
@@ -404,15 +393,12 @@ class StepClock:
             self._was_away,
             self._cost_ns(),
             self.timed_ns,
-            self._collections,
-            self._collections_ns,
-            self._longest_collection_ns,
             self._process_ns,
         )
 
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
-        self._has_ended = True
+        self.collections.end()  # what Python frees when it ends is not the program's
         passed = self._planned_to_pass - self.to_pass
         if passed > 0 or self._was_left:
             # the last of these calls may have ended any time ago, but not before it could

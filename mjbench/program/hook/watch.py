@@ -37,11 +37,9 @@ class SpreadStates:
         return number % self._every == 0
 
     def keep(self, state: bytes) -> None:
-        """Write a state beside the others; a process that is killed leaves the file whole."""
+        """Write a state beside the others."""
         self._states.append(state)
-        with open(f"{self._path}.new", "wb") as file:
-            file.write(b"".join(self._states))
-        os.replace(f"{self._path}.new", self._path)
+        _write_whole(self._path, b"".join(self._states))
 
 
 class Watch:
@@ -153,14 +151,24 @@ class Watch:
         module = sys.modules["mujoco"]
         if module.mj_sizeModel(model) > MAX_MODEL_BYTES:
             return None
-        path = self._path(len(self._models))
-        module.mj_saveModel(model, f"{path}.mjb", None)
-        with open(f"{path}.count", "w", encoding="utf-8") as sizes:
-            sizes.write(str(module.mj_stateSize(model, module.mjtState.mjSTATE_INTEGRATION)))
+        import numpy as np
+
+        path, stored = self._path(len(self._models)), np.empty(module.mj_sizeModel(model), np.uint8)
+        module.mj_saveModel(model, None, stored)
+        size = module.mj_stateSize(model, module.mjtState.mjSTATE_INTEGRATION)
+        _write_whole(f"{path}.count", str(size).encode())
+        _write_whole(f"{path}.mjb", stored.tobytes())
         return {}
 
     def _path(self, number: int) -> str:
         return os.path.join(self._folder, f"{os.getpid()}.{number}")
+
+
+def _write_whole(path: str, content: bytes) -> None:
+    """Write a file that is whole or not there, whether the process is killed or the disk full."""
+    with open(f"{path}.new", "wb") as file:
+        file.write(content)
+    os.replace(f"{path}.new", path)
 
 
 def _resident_bytes() -> int:
@@ -182,6 +190,5 @@ def write_engine(folder: str, module: ModuleType) -> None:
         "timers": names,
         "warnings": {int(value): name.removeprefix("mjWARN_") for name, value in warnings.items()},
     }
-    path = os.path.join(folder, "engine.json")
-    with open(path, "w", encoding="utf-8") as file:
-        json.dump(engine, file)
+    with contextlib.suppress(OSError):  # the names are missing then
+        _write_whole(os.path.join(folder, "engine.json"), json.dumps(engine).encode())
