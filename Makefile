@@ -81,7 +81,7 @@ site: $(STAMP)
 	$(BIN)/python docs/site.py -o $(SITE)
 
 lab: $(STAMP) $(LAB_PACKAGE)
-	$(BIN)/python -m benchmarks.lab -o $(LAB)
+	$(BIN)/python -m benchmarks.studies.lab -o $(LAB)
 
 # MuJoCo's WebAssembly build.
 $(LAB_PACKAGE): docs/lab/package.json
@@ -90,28 +90,28 @@ $(LAB_PACKAGE): docs/lab/package.json
 	@touch $@
 
 c-floor: $(STAMP)
-	$(BIN)/python -m benchmarks.c_floor
+	$(BIN)/python -m benchmarks.studies.c_floor
 
 docs-commands: $(STAMP)
-	$(BIN)/python -m benchmarks.page_commands
+	$(BIN)/python -m benchmarks.studies.page_commands
 
 slowdown: $(STAMP)
-	$(BIN)/python -m benchmarks.slowdown
+	$(BIN)/python -m benchmarks.studies.slowdown
 
 soak: $(STAMP)
-	$(BIN)/python -m benchmarks.soak
+	$(BIN)/python -m benchmarks.studies.soak
 
 fuzz: $(STAMP)
-	$(BIN)/python -m benchmarks.fuzz
+	$(BIN)/python -m benchmarks.studies.fuzz
 
 verdicts: $(STAMP)
 	$(BIN)/python -m benchmarks.studies.verdict_simulation
 
 gpu: $(STAMP)
-	$(BIN)/python -m benchmarks.gpu
+	$(BIN)/python -m benchmarks.studies.gpu
 
 foreign: $(STAMP)
-	$(BIN)/python -m benchmarks.foreign
+	$(BIN)/python -m benchmarks.studies.foreign
 
 # Rebuilt when its inputs change, or when an earlier set-up did not finish.
 $(EMPTY): pyproject.toml constraints.txt

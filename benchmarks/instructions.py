@@ -1,20 +1,23 @@
 """Instructions of a step, counted by Callgrind: exact, whatever else the machine does.
 
 Two processes under Callgrind, side by side, count half of the models each, over stored start states
-and controls (see mjbench.counts.instructions).
+and controls (see mjbench.counts.instructions). `setup_cache` imports what counts them: asv imports
+this module where NumPy and MuJoCo alone are installed.
 """
 
 import pickle
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks import stored
 from benchmarks.settings import Cached, Tracked, for_asv
-from mjbench.counts.instructions import InstructionCounter, ModelCount, unavailable
-from mjbench.releases import release_names
 from mjbench.simulation import models, workload
 from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from mjbench.counts.instructions import ModelCount
 
 # Simulations of each model; Callgrind runs some fifty times slower than the processor.
 NBATCH = 2
@@ -30,11 +33,14 @@ class Instructions(Tracked):
     @for_asv(timeout=600)
     def setup_cache(self) -> dict[str, Cached[float]]:
         """Count all models at once; return the counts by model."""
-        problem = unavailable()
+        from mjbench.counts import instructions
+        from mjbench.releases import release_names
+
+        problem = instructions.unavailable()
         if problem:
             return dict.fromkeys(self.params, Cached(Status.UNAVAILABLE, problem))
         cache: dict[str, Cached[float]] = {}
-        with tempfile.TemporaryDirectory() as folder, InstructionCounter() as counter:
+        with tempfile.TemporaryDirectory() as folder, instructions.InstructionCounter() as counter:
             sources = []
             for name in self.params:
                 source = models.resolve(name)
@@ -60,7 +66,7 @@ class Instructions(Tracked):
         return cache[model].get()
 
 
-def _cached(count: ModelCount) -> Cached[float]:
+def _cached(count: "ModelCount") -> Cached[float]:
     if count.instructions_per_step is None:
         return Cached(Status.FAILED, count.detail)
     return Cached(Status.OK, value=count.instructions_per_step)

@@ -7,10 +7,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-import mjbench
 from benchmarks import stored
 from benchmarks.settings import Tracked, for_asv
-from mjbench.loop.recording import Ragged
+from mjbench.loop.recording import Ragged, record
 from mjbench.measuring import timing
 from mjbench.simulation import workload
 
@@ -91,4 +90,4 @@ def _recorded(
     same_moment: bool = False,
 ) -> dict[str, np.ndarray | Ragged]:
     workload.reset_to_start(model, data)
-    return mjbench.record(model, data, NSTEP, fields, same_moment=same_moment)
+    return record(model, data, NSTEP, fields, same_moment=same_moment)

@@ -3,15 +3,13 @@
 asv's times are those of one machine on one day. This ratio does not follow the machine's drift, so
 releases that were measured months apart can be compared by it. The reference release is installed
 in mjbench's cache (see mjbench.releases.installs). `mjbench history measure` measures the same, and
-keeps every launch.
+keeps every launch. `setup_cache` imports what measures: asv imports this module where NumPy and
+MuJoCo alone are installed.
 """
 
 from benchmarks import stored
 from benchmarks.settings import Cached, Tracked, for_asv
-from mjbench.paired import history_measurement
-from mjbench.paired.history_tasks import StepTask
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_names, release_ratios
+from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import REFERENCE, RatioRecord
 from mjbench.simulation import models
 from mjbench.status import Status
@@ -31,6 +29,11 @@ class Reference(Tracked):
     @for_asv(timeout=600)  # the first one installs the reference
     def setup_cache(self) -> dict[str, Cached[float]]:
         """Measure all models in the same launches; return the ratios by model."""
+        from mjbench.paired import history_measurement
+        from mjbench.paired.history_tasks import StepTask
+        from mjbench.paired.worker_pool import WorkerPool
+        from mjbench.releases import release_names
+
         releases = (
             release_names.parse_release(REFERENCE),
             release_names.parse_release(release_names.INSTALLED),

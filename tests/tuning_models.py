@@ -24,6 +24,6 @@ GEOMETRY = """
 """
 
 
-# The rods of `benchmarks.tuning_planted` lie diagonally, 0.05 m apart along y: so far apart are
-# their surfaces.
+# The rods of benchmarks.studies.tuning_planted lie diagonally, 0.05 m apart along y. This is the
+# distance between their surfaces.
 ROD_GAP_M = 0.05 / 2**0.5 - 2 * 0.01

@@ -1,4 +1,4 @@
-"""What `benchmarks.c_floor` stores in results/c_floor.json."""
+"""What `benchmarks.studies.c_floor` stores in results/c_floor.json."""
 
 import statistics
 from collections.abc import Sequence

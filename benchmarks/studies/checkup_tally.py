@@ -1,4 +1,4 @@
-"""The tally of `benchmarks.checkups`: what check-ups list, beside what longer commands measure."""
+"""The tally of `benchmarks.studies.checkups`: check-ups beside longer commands."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

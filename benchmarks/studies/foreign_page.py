@@ -1,4 +1,4 @@
-"""The page docs/foreign.md, written from the tally of `benchmarks.foreign`.
+"""The page docs/foreign.md, written from the tally of `benchmarks.studies.foreign`.
 
 `python -m benchmarks.studies.foreign_page` writes it again from results/foreign.json.
 """
@@ -56,7 +56,7 @@ _HOW = """
 them there, and runs none of their code. If you stop it, the same command continues. One model, or
 one package, runs again by name; the rest of the tally stays:
 
-    python -m benchmarks.foreign --only robosuite --only suite/dog.xml""".splitlines()
+    python -m benchmarks.studies.foreign --only robosuite --only suite/dog.xml""".splitlines()
 
 _COLUMNS = ("models", "agree", "disagree", "refused", "failed", "crashed", "timeouts")
 
@@ -121,7 +121,6 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    from benchmarks import foreign
-    from benchmarks.studies import foreign_tally
+    from benchmarks.studies import foreign, foreign_tally
 
     foreign.PAGE.write_text(page(foreign_tally.load(foreign.TALLY)), encoding="utf-8")

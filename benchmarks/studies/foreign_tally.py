@@ -1,4 +1,4 @@
-"""The tally of `benchmarks.foreign`: how each model file ended, and why."""
+"""The tally of `benchmarks.studies.foreign`: how each model file ended, and why."""
 
 import re
 from collections import Counter
@@ -8,8 +8,8 @@ from enum import StrEnum
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from benchmarks.foreign_packages import Package, PackageFiles
 from benchmarks.studies import tally_file
+from benchmarks.studies.foreign_packages import Package, PackageFiles
 from mjbench.errors import one_line
 from mjbench.host.machine import Machine
 from mjbench.status import Status

@@ -1,4 +1,4 @@
-"""The page docs/judgements.md, written from the tally of `benchmarks.judgements`."""
+"""The page docs/judgements.md, written from the tally of `benchmarks.studies.judgements`."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,8 @@ from mjbench.status import Status
 _HEAD = (
     "# Do MJX and Warp compute what C does?",
     "",
-    "Written by `python -m benchmarks.judgements` from `results/judgements.json`; do not edit.",
+    "Written by `python -m benchmarks.studies.judgements` from `results/judgements.json`;"
+    " do not edit.",
     "",
 )
 _TAIL = (

@@ -1,4 +1,4 @@
-"""The tally of `benchmarks.judgements`: what MJX and Warp compute beside C, model by model."""
+"""The tally of `benchmarks.studies.judgements`: MJX and Warp beside C, model by model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

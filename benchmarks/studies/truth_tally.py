@@ -145,9 +145,9 @@ class TruthTally:
         if known:
             loads = [each.load for _, both in known for each in (both.answer, both.control)]
             yield (
-                f"(`python -m benchmarks.truths`, MuJoCo {self.mujoco} unless named, {self.cpu},"
-                f" {self.cores} cores, with a load of {min(loads):.0f} to {max(loads):.0f} at the"
-                " beginning of comparisons.)"
+                f"(`python -m benchmarks.studies.truths`, MuJoCo {self.mujoco} unless named,"
+                f" {self.cpu}, {self.cores} cores, with a load of {min(loads):.0f} to"
+                f" {max(loads):.0f} at the beginning of comparisons.)"
             )
         yield ""
         yield "| what changed | published: candidate / baseline | found | control |"

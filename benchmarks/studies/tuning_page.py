@@ -1,4 +1,4 @@
-"""The page docs/tuning.md, written from the tally of `benchmarks.tuning`."""
+"""The page docs/tuning.md, written from the tally of `benchmarks.studies.tuning`."""
 
 import statistics
 from collections.abc import Iterator, Sequence
@@ -8,7 +8,7 @@ from mjbench.status import Status
 from mjbench.tuning.records import NO_ERROR, Effect
 
 if TYPE_CHECKING:
-    from benchmarks.tuning import Promise, TunedModel, TuningTally
+    from benchmarks.studies.tuning import Promise, TunedModel, TuningTally
 
 _HEADINGS = ("model", "same results", "within tolerance", "error allowed", "settings")
 
@@ -59,7 +59,9 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
     )
     yield "# What tune gains"
     yield ""
-    yield "Written by `python -m benchmarks.tuning` from `results/tuning.json`; do not edit."
+    yield (
+        "Written by `python -m benchmarks.studies.tuning` from `results/tuning.json`; do not edit."
+    )
     yield ""
     yield (
         f"On the median of {len(searched)} models, `mjbench tune` makes a simulated second"

@@ -140,11 +140,11 @@ def checkup(
     """Return what to do about a simulation that is slow, in a minute.
 
     The same as `mjbench TARGET`. A program runs unchanged, with its own output; all else is
-    measured in child processes. A notebook is read, and not run.
+    measured in child processes.
 
     Args:
-      target: a model by name, path, MjModel or MjSpec; the path of a program or a notebook; an
-        environment by its Gymnasium id, or as `module:function`.
+      target: a model by name, path, MjModel or MjSpec; the path of a program; an environment
+        by its Gymnasium id, or as `module:function`.
       *arguments: of a program.
       quick: whether to take 15 seconds, and to leave out settings.
       settle_s: simulated seconds for which a model moves before the first start state; None for
@@ -347,7 +347,7 @@ def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Items:
 
 
 def _program_items(source: ProgramFile, parts: _Parts) -> Items:
-    """Yield what lint finds, and where the program's time goes; a notebook does not run."""
+    """Yield what lint finds, and where the program's time goes."""
     times = parts.plan.times
 
     def read(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
@@ -365,8 +365,7 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
 
     first = parts.measured(CheckupPart.SOURCE, "reading it", read)
     yield first
-    is_readable = not any(part.status == Status.INPUT for part in parts.parts)
-    if is_readable and not source.is_notebook:
+    if not any(part.status == Status.INPUT for part in parts.parts):
         doing = f"running it, for {times.program:.0f} s at most"
         yield parts.measured(CheckupPart.PROGRAM, doing, ran)
 

@@ -78,10 +78,9 @@ def versions(
         model cannot be compared: other releases cannot load it.
       paths: names of C paths, or of paths that compile, such as `mjx`, each compared between the
         releases; None for `python_loop`.
-      metric: what to compare: `time`, `p99` (the time that 99 of 100 steps do not exceed),
-        `instructions`, which needs valgrind, the time of `load`, `reset`, `rays`, or of a short
-        call of `rollout` or `batch`, the peak of `memory`, its `growth` with steps, the size of the
-        `arena`, or the time that paths take to `compile`.
+      metric: what to compare: `time`, `instructions`, which needs valgrind, the time of `load`,
+        `reset`, `rays`, or of a short call of `rollout` or `batch`, the peak of `memory`, or the
+        time that paths take to `compile`.
       min_effect: smallest change that matters, as a share; a change that is certainly smaller is
         `same`.
       confidence: of the interval, as a share.

@@ -4,15 +4,15 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
 import mjbench
 from mjbench.checkups.targets import may_be_target
 from mjbench.cli import standard_streams
-from mjbench.command_names import LISTED, REMOVED, with_mode
-from mjbench.errors import InputError, MachineError, MjbenchError, describe_unforeseen, printable
+from mjbench.command_names import LISTED, with_mode
+from mjbench.errors import MachineError, MjbenchError, describe_unforeseen, printable
 from mjbench.host import platforms
 from mjbench.status import ExitCode
 
@@ -58,8 +58,6 @@ class Cli(CommandGroup):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return a command with its arguments; refuse what cannot run here, but not its help."""
-        if args[0] in REMOVED:
-            raise InputError(REMOVED[args[0]])
         words = with_mode(args, self.commands)
         if words[0] not in self.commands and may_be_target(words[0]):
             words = ["checkup", *words]
@@ -108,17 +106,30 @@ def _errors_reported() -> Iterator[None]:
         yield
     except MjbenchError as error:
         report_line(str(error))
-        sys.exit(error.exit_code)
+        sys.exit(ExitCode.INTERRUPTED if _is_of_interrupt(error) else error.exit_code)
     except (KeyboardInterrupt, click.Abort):
-        report_line("interrupted")
-        sys.exit(ExitCode.INTERRUPTED)
+        _end_interrupted()
     except (click.ClickException, click.exceptions.Exit):
         raise
     except BrokenPipeError:  # nobody reads on (`… | head`)
         sys.exit(ExitCode.ENVIRONMENT)
     except Exception as error:
+        if _is_of_interrupt(error):  # such as an import of a C extension
+            _end_interrupted()
         report_line(describe_unforeseen(error))
         sys.exit(ExitCode.ENVIRONMENT)
+
+
+def _end_interrupted() -> NoReturn:
+    report_line("interrupted")
+    sys.exit(ExitCode.INTERRUPTED)
+
+
+def _is_of_interrupt(error: BaseException | None) -> bool:
+    """Return whether an error was raised while KeyboardInterrupt was on its way, or for it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def report_line(text: str) -> None:

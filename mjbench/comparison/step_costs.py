@@ -4,7 +4,7 @@ Sizes of blocks follow from these costs and not from a measurement of their own,
 commands do identical work. A cost is rounded to a power of two, and a model has the same one in
 every release. The costs of the shipped models come with the package; those of others are kept in a
 file of the user's. Nothing depends on that file: where it cannot be read or written, costs are
-measured again. `benchmarks/shipped_step_costs.py` measures those of the shipped models.
+measured again. `benchmarks/studies/shipped_step_costs.py` measures those of the shipped models.
 """
 
 import contextlib

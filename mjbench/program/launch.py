@@ -21,30 +21,28 @@ from types import FrameType
 
 from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.host import files
+from mjbench.loop.python_source import NOTEBOOK_SUFFIX, save_as_python
 from mjbench.program import activities, call_times, gil_waits, py_spy, recorded_models, step_times
 from mjbench.program.activities import Place
 from mjbench.program.call_times import ProgramCalls
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.py_spy import Frame, ThreadSamples
 from mjbench.program.recorded_models import RecordedModel
-from mjbench.program.sampling import ProcessorClock, ProcessorUse, Profiling, Sampling
+from mjbench.program.sampling import ProcessorClock, ProcessorUse, Profiling
 from mjbench.program.step_times import StepTimes
 
-# Seconds between looks at the program: each also sees whether the profiler has stopped it.
-_LOOK_S = 0.01
+# Seconds between looks at the program: until Python has started it, and then.
+_START_LOOK_S, _LOOK_S = 0.01, 0.03
 # Seconds for the step clock to begin its file, which Python does before the program.
 _START_S = 10.0
 # Seconds for the program to end after Ctrl-C, and again after SIGTERM; and after a signal that ends
 # the run, too.
 _END_S, _INTERRUPTED_S = 10.0, 0.3
-# Seconds after the first step from which its pauses count: before, the profiler reads libraries.
-_CALM_S = 1.0
 _ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 _SIGNALS = (*_ENDING_SIGNALS, "SIGUSR1", "SIGUSR2")
 # A frame of a stack that Python's `faulthandler` writes.
 _FAULT_LINE = re.compile(r'File "(.+)", line (\d+) in (.+)$', re.MULTILINE)
 _HOOK = Path(__file__).with_name("hook")
-_USUAL_SAMPLING = Sampling()
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
-      paused_share, was_ended: as those of `records.ProgramRow`.
+      was_ended: as that of `records.ProgramRow`.
       was_interrupted: whether a signal to mjbench ended the run.
       problem: why there are no samples, in one line; empty where there are.
       untimed_pids: processes whose steps were not timed, since the disk is full.
@@ -83,8 +81,6 @@ class ProgramObservation:
     threads: Sequence[ThreadSamples]
     steps: Sequence[StepTimes]
     rate_hz: int
-    has_native: bool
-    paused_share: float | None
     exit_code: int = 0
     was_ended: bool = False
     was_interrupted: bool = False
@@ -106,15 +102,15 @@ def check(program: Program) -> None:
             raise InputError("-m needs the name of a module")
     elif not os.path.exists(first):  # noqa: PTH110 - False for a name that no file can have
         raise InputError(f"{shown(first)}: no such file")
-    elif first.endswith(".ipynb"):
-        raise InputError(f"{shown(first)} is a notebook: save it as a Python file first")
+    elif first.endswith(NOTEBOOK_SUFFIX):
+        raise InputError(f"{shown(first)}: {save_as_python(first)}")
     py_spy.program()
 
 
 def run(
     program: Program,
     seconds: float | None = None,
-    sampling: Sampling = _USUAL_SAMPLING,
+    rate_hz: int | None = None,
     most_s: float = math.inf,
     ends_on_signal: bool = False,
 ) -> ProgramObservation:
@@ -135,14 +131,12 @@ def run(
             running.append(process)
             was_ended, first_ns = False, None
             try:
-                profiling = _start_profiler(process, folder, sampling, received)
+                profiling = _start_profiler(process, folder, rate_hz, received)
                 while process.poll() is None:
-                    time.sleep(_LOOK_S if profiling is None else profiling.look_s)
+                    time.sleep(_START_LOOK_S if profiling is None else _LOOK_S)
                     first_ns = first_ns or _first_step_ns(folder)
                     if profiling is not None:
                         profiling.look()
-                        if _since_s(first_ns) > _CALM_S:
-                            profiling.look_for_pause()
                     has_stepped = seconds is not None and _stepped_s(folder, first_ns) > seconds
                     is_late = time.monotonic() - begin.time_s > most_s
                     if received or (not was_ended and (has_stepped or is_late)):
@@ -155,7 +149,7 @@ def run(
         if profiling is not None:
             processor = end.use(begin, profiling)
             profiling.sampler.finish(is_hurried=bool(received))
-        seen = _observation(folder, process.pid, sampling, profiling, begin.time_s, end.time_s)
+        seen = _observation(folder, process.pid, profiling, begin.time_s, end.time_s)
         code = process.returncode
         return replace(
             seen,
@@ -167,34 +161,14 @@ def run(
         )
 
 
-def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> ProgramObservation:
-    """Sample a program that runs; InputError without such a process."""
-    import psutil
-
-    if not psutil.pid_exists(pid):
-        raise InputError(f"--attach {pid}: no such process")
-    with files.temporary_folder() as folder:
-        begin_s = time.monotonic()
-        profiling = Profiling.begin(pid, folder, sampling, seconds)
-        with contextlib.suppress(KeyboardInterrupt):
-            while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
-                profiling.look()
-                profiling.look_for_pause()
-                time.sleep(profiling.look_s)
-        end_s = time.monotonic()
-        profiling.sampler.stop()
-        return _observation(folder, pid, sampling, profiling, begin_s, end_s)
-
-
 def _observation(
     folder: Path,
     pid: int,
-    sampling: Sampling,
     profiling: Profiling | None,
     begin_s: float,
     end_s: float,
 ) -> ProgramObservation:
-    """Return what the profiler and the clocks have seen; there are no clocks in some programs."""
+    """Return what the profiler and the clocks have seen."""
     waits: Sequence[GilWait] = ()
     threads: Sequence[ThreadSamples] = ()
     problem = py_spy.TOO_SHORT
@@ -207,8 +181,6 @@ def _observation(
         threads=threads,
         steps=step_times.read_all(folder),
         rate_hz=py_spy.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
-        has_native=sampling.has_native,
-        paused_share=None if profiling is None else profiling.paused_share,
         problem=problem,
         calls=call_times.read_all(folder, step_times.read_headers(folder)),
         models=recorded_models.read_all(folder),
@@ -241,54 +213,11 @@ def _innermost_own(text: str) -> Place | None:
     return next(map(activities.place_of, own or stack), None)
 
 
-def time_steps(
-    program: Program, seconds: float, change: str = "", source: Path | None = None
-) -> list[StepTimes]:
-    """Run a program again without the profiler, input and output; return its processes' steps.
-
-    Args:
-      change: that the step clock applies: `step_clock.NO_ENGINE_CLOCK` or `NO_COLLECTION`.
-    """
-    with files.temporary_folder() as folder:
-        process = _start(program, folder, change, source, quiet=True)
-        first_ns = None
-        try:
-            while process.poll() is None:
-                time.sleep(_LOOK_S)
-                first_ns = first_ns or _first_step_ns(folder)
-                if _stepped_s(folder, first_ns) > seconds:
-                    _end(process)
-        finally:
-            _kill(process)
-        steps = [each for each in step_times.read_all(folder) if each.step is not None]
-        if not steps:
-            raise MachineError("the program did not step when it ran again")
-        if change and not (folder / change).exists():
-            raise MachineError("the change could not be applied")
-        return steps
-
-
-def _start(
-    program: Program,
-    folder: Path,
-    change: str = "",
-    source: Path | None = None,
-    quiet: bool = False,
-) -> "subprocess.Popen[bytes]":
+def _start(program: Program, folder: Path) -> "subprocess.Popen[bytes]":
     path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
-    if change:
-        environment["MJBENCH_CHANGE"] = change
-    runner = [str(_HOOK / "sitecustomize.py"), str(source)] if source is not None else []
-    stream = subprocess.DEVNULL if quiet else None
     try:
-        return subprocess.Popen(
-            [program.interpreter, *runner, *program.arguments],
-            env=environment,
-            stdin=stream,
-            stdout=stream,
-            stderr=stream,
-        )
+        return subprocess.Popen([program.interpreter, *program.arguments], env=environment)
     except OSError as error:
         raise MachineError(
             f"cannot start {shown(program.interpreter)}: {error.strerror}"
@@ -298,7 +227,7 @@ def _start(
 def _start_profiler(
     process: "subprocess.Popen[bytes]",
     folder: Path,
-    sampling: Sampling,
+    rate_hz: int | None,
     received: Sequence[signal.Signals],
 ) -> Profiling | None:
     """Start the profiler once Python runs; None where the program ends before."""
@@ -306,8 +235,8 @@ def _start_profiler(
     while not file.exists() and time.monotonic() - begin_s < _START_S:
         if process.poll() is not None or received:
             return None
-        time.sleep(_LOOK_S)
-    return Profiling.begin(process.pid, folder, sampling)
+        time.sleep(_START_LOOK_S)
+    return Profiling.begin(process.pid, folder, rate_hz)
 
 
 def _first_step_ns(folder: Path) -> int | None:

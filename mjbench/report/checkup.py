@@ -336,11 +336,6 @@ def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
             yield f"Settings were not tried: mjbench tune {target}"
         command = f"mjbench compare {target} --paths mjx,rollout"
         yield f"MJX and Warp, which compile first, were not tried: {command}"
-    if kind == TargetKind.NOTEBOOK:
-        yield (
-            "A notebook is not run: save it as a Python file to see where its time goes"
-            f" (jupyter nbconvert --to script {target})"
-        )
     if kind == TargetKind.ENVIRONMENT and parts[0].is_quick:
         yield f"Several environments at once were not tried: mjbench env {target}"
 

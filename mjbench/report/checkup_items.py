@@ -272,7 +272,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
             action=placed(remedy),
             gain=remedy.share_saved,
             unit=GainUnit.LOOP_SHARE,
-            is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
+            is_bound=remedy.basis == Basis.BOUND,
             change=ResultChange.NONE if keeps else ResultChange.STATED,
             change_detail="" if keeps else remedy.effect,
             group=GainGroup.LOOP,

@@ -1,7 +1,8 @@
 """The documents that `--json` writes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, make_dataclass
+from pathlib import Path
 
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
@@ -16,17 +17,14 @@ from mjbench.report.advice import (
     advise_clock,
     advise_threads,
 )
-from mjbench.report.advice_across import AdviceAcross
-from mjbench.report.crossovers import Crossover, WorkCrossover, crossovers, work_crossovers
+from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
-from mjbench.report.machines_side_by_side import SideBySide
+from mjbench.report.machines import MachineAnswer, Machines
 from mjbench.report.path_speedups import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
-from mjbench.report.verdicts_across import AcrossMachines
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
-from mjbench.sweep.cells import Cell, CellKind
-from mjbench.sweep.results import CellOutcome
+from mjbench.sweep import Cell, CellResult
 
 
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
@@ -52,7 +50,6 @@ class CompareDocument:
     advice: Sequence[Advice]
     clock: Sequence[ClockAdvice]
     crossovers: Sequence[Crossover]
-    work_crossovers: Sequence[WorkCrossover]
     threads: Sequence[ThreadAdvice] = ()
 
     @classmethod
@@ -64,7 +61,6 @@ class CompareDocument:
             advice=[advice for model_results in models for advice in advise(model_results)],
             clock=[clock for m in models if (clock := advise_clock(m)) is not None],
             crossovers=crossovers(results),
-            work_crossovers=work_crossovers(results),
             threads=[advice for m in models for advice in advise_threads(m)],
         )
 
@@ -120,38 +116,30 @@ class SweepRow:
     """A result that a plan asks for.
 
     Attributes:
-      status: how it ended; None where it is missing.
+      machine: label of the nodes that may measure it; empty for any.
+      file: its run file; None where there is none.
+      status: how it ended; None where it was not measured now.
     """
 
-    name: str
-    kind: CellKind
-    model: str
-    release: str
-    baseline: str
-    status: Status | None = None
-    detail: str = ""
+    command: str
+    machine: str
+    file: str | None
+    status: Status | None
+    detail: str
 
     @classmethod
-    def of(cls, cell: Cell, outcome: CellOutcome | None) -> "SweepRow":
-        ended = (outcome.status, outcome.detail) if outcome else ()
-        return cls(cell.name, cell.kind, cell.model, cell.release, cell.baseline, *ended)
+    def of(cls, cell: Cell, file: Path, result: CellResult | None) -> "SweepRow":
+        stored = str(file) if file.is_file() else None
+        ended = (None, "") if result is None else (result.status, result.detail)
+        return cls(cell.command, cell.machine, stored, *ended)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SweepDocument:
-    """What `mjbench sweep --json` writes."""
-
-    schema: int = SCHEMA
-    results: Sequence[SweepRow]
-
-    @classmethod
-    def of(cls, cells: Sequence[Cell], outcomes: Mapping[Cell, CellOutcome]) -> "SweepDocument":
-        return cls(results=[SweepRow.of(cell, outcomes.get(cell)) for cell in cells])
+SWEEP = results_document(SweepRow, has_machine=False)
 
 
 @dataclass(frozen=True)
-class SetRun:
-    """A run of a set: its machine, by the name it has in the set, and what it ran."""
+class MachineRun:
+    """A run of several: its machine, by the name that tells it from the others, and what it ran."""
 
     name: str
     command: str
@@ -160,22 +148,20 @@ class SetRun:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunSetDocument:
-    """What `mjbench show --json` writes of a run set: what machines show side by side."""
+class MachinesDocument:
+    """What `mjbench show --json` writes of several runs: what machines answer."""
 
-    schema: int = 2
-    runs: Sequence[SetRun]
-    verdicts: AcrossMachines
-    advice: Sequence[AdviceAcross]
+    schema: int = SCHEMA
+    runs: Sequence[MachineRun]
+    results: Sequence[MachineAnswer]
 
     @classmethod
-    def of(cls, runs: Sequence[Run], results: SideBySide) -> "RunSetDocument":
-        named = zip(runs, results.machines, strict=True)
+    def of(cls, runs: Sequence[Run], machines: Machines) -> "MachinesDocument":
+        named = zip(runs, machines.identities, strict=True)
         return cls(
             runs=[
-                SetRun(machine.name, run.header.command, run.header.began, run.header.machine)
-                for run, machine in named
+                MachineRun(each.name, run.header.command, run.header.began, run.header.machine)
+                for run, each in named
             ],
-            verdicts=results.verdicts,
-            advice=results.advice,
+            results=machines.answers,
         )

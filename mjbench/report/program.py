@@ -211,9 +211,6 @@ def _nothing_to_do(time: LoopTime) -> str:
 
 def _first(time: LoopTime, remedy: Remedy) -> str:
     place = f" at {remedy.place}" if remedy.place is not None else ""
-    if remedy.confirmed is not None:
-        saved = f"saves {whole_percent(remedy.confirmed.gain)} of a step, as confirmed"
-        return f"{remedy.text}{place}: {saved}"
     assert remedy.gain is not None, "wrong results come before"
     if remedy.basis == Basis.BOUND:
         share = remedy.gain if remedy.share is None else remedy.share
@@ -316,16 +313,6 @@ def subject(remedy: Remedy) -> str:
 
 
 def saving(remedy: Remedy) -> str:
-    if remedy.confirmed is not None:
-        sure = remedy.confirmed
-        if remedy.kind == RemedyKind.COPIES:
-            low, median, high = (1 / (1 - gain) for gain in (sure.low, sure.gain, sure.high))
-            return f"{median:.2f}× the steps, measured ({low:.2f} to {high:.2f})"
-        if not sure.is_certain:
-            return f"not confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
-        return (
-            f"{whole_percent(sure.gain)}, confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
-        )
     if remedy.gain is None:
         return "wrong result"
     gain = _uncertain(remedy)
@@ -483,8 +470,6 @@ def gil_wait(row: ProgramRow) -> str:
 
 
 def _cost_line(row: ProgramRow) -> str:
-    if row.paused_share is None:
-        return "What observing took of the program's time is not known."
     line = f"Observing took {cost(row)} of the program's time."
     if row.cost_share > MAX_COST:
         line += f" --sample-rate {max(1, row.rate_hz // 2)} makes it less."
@@ -497,7 +482,3 @@ def cost(row: ProgramRow) -> str:
     Where processes wait for each other, all of them lose what one loses (docs/method/run.md).
     """
     return f"{'at least ' if len(row.steps) > 1 else ''}{formats.percent(row.cost_share)}"
-
-
-def _signed(share: float) -> str:
-    return f"{100 * share:+.1f} %"

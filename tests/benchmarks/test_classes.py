@@ -25,6 +25,7 @@ from typing import Any
 import mujoco
 import pytest
 from commands import ROOT
+from index_access import index_has_mujoco
 
 import benchmarks
 from benchmarks import instructions, mjx, reference, stored
@@ -175,12 +176,6 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
             metafunc.parametrize(fixture, selected, ids=str)
 
 
-def index_has_mujoco() -> bool:
-    """Return whether pip reaches a package index, asked by pip alone."""
-    command = [sys.executable, "-m", "pip", "--retries=0", "index", "versions", "mujoco"]
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
 @pytest.fixture(scope="session")
 def reference_release() -> None:
     """Install the reference release; skip only where that fails because pip reaches no index."""
@@ -265,8 +260,7 @@ def processes(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
                 yield ModelCount(model=name, release=release.version, instructions_per_step=9.0)
 
     monkeypatch.setattr("mjbench.counts.instructions._count", count)
-    for module in ("benchmarks.instructions", "mjbench.counts.instructions"):
-        monkeypatch.setattr(f"{module}.unavailable", lambda: None)
+    monkeypatch.setattr("mjbench.counts.instructions.unavailable", lambda: None)
     monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
     return processes
 

@@ -56,17 +56,6 @@ def test_it_is_one_run_file_that_show_and_load_read(checked: tuple[Path, Complet
     assert "what to do first" in (folder / "c.html").read_text()
 
 
-def test_a_notebook_is_read_and_not_run(tmp_path: Path) -> None:
-    code = "for _ in range(9):\n    mujoco.mj_step(m, d)\n    log.append(d.qpos)\nopen('ran', 'w')"
-    cell = {"cell_type": "code", "source": code, "metadata": {}, "outputs": []}
-    notebook = {"cells": [cell], "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
-    (tmp_path / "n.ipynb").write_text(json.dumps(notebook))
-    done = mjbench("n.ipynb", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "n.ipynb: first, what is wrong: n.ipynb:cell 1:3" in done.stderr
-    assert not (tmp_path / "ran").exists()
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

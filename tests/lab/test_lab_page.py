@@ -29,7 +29,7 @@ return line.getAttribute("points").split(" ").map((pair) => pair.split(",").map(
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("jinja2")
-    from benchmarks import lab
+    from benchmarks.studies import lab
 
     try:
         package = lab.find_package(lab.INSTALLED)

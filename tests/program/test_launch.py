@@ -1,4 +1,4 @@
-"""Programs run again for a change, and end when their seconds are over, whatever they ignore."""
+"""Programs end when their seconds are over, whatever they ignore."""
 
 import math
 import os
@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError
 from mjbench.program import activities, launch, py_spy
-from mjbench.program.hook import step_clock
 from mjbench.program.launch import Program
 
 STEPS = """
@@ -72,8 +71,6 @@ def test_a_program_of_mjx_is_ended_though_it_never_calls_the_engine(tmp_path):
     file = tmp_path / "mjx_steps.py"
     file.write_text(MJX_STEPS)
     assert launch.run(Program([str(file)]), seconds=0.2).was_ended
-    with pytest.raises(MachineError, match="did not step"):
-        launch.time_steps(Program([str(file)]), 0.2)
 
 
 @pytest.fixture
@@ -87,7 +84,7 @@ def full_disk():
 
 
 @pytest.mark.usefixtures("full_disk")
-def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkeypatch):
+def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkeypatch, capfd):
     folder = tmp_path / "temporary"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
@@ -95,6 +92,7 @@ def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkey
     file.write_text("import mujoco, sys\nsys.exit(7)")
     seen = launch.run(Program([str(file)]))
     assert seen.exit_code == 7
+    assert capfd.readouterr() == ("", "")
     assert seen.pid in seen.untimed_pids
     assert seen.steps == []
     assert list(folder.iterdir()) == []
@@ -153,18 +151,6 @@ def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
     with pytest.raises(OSError, match="No space left"):
         launch.run(stubborn)
     assert processes[0].returncode is not None, "it has ended"
-
-
-def test_a_change_is_applied_when_a_program_runs_again(stubborn):
-    (steps,) = launch.time_steps(stubborn, 0.1, step_clock.NO_ENGINE_CLOCK)
-    assert steps.steps_per_s > 0
-    assert steps.stages == {}  # the engine's timers stand still
-
-
-def test_a_program_that_does_not_step_confirms_nothing(tmp_path):
-    (tmp_path / "idle.py").write_text("pass")
-    with pytest.raises(MachineError, match="did not step"):
-        launch.time_steps(Program([str(tmp_path / "idle.py")]), 0.1)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ import pytest
 from commands import ROOT
 from committed_trials import BETWEEN_BUILDS, INSIDE_STEP, RUNS, SELFCHECKS, trials_of
 
-from benchmarks import history_repeats
-from benchmarks.studies import selfcheck_page
+from benchmarks.studies import history_repeats, selfcheck_page
 from benchmarks.studies.page_part import of_lines
 from mjbench.paired import selfcheck
 from mjbench.paired.outcomes import Verdict
@@ -71,7 +70,7 @@ def test_the_committed_comparison_is_complete_and_every_path_agreed(file: Path) 
         assert {r.path for r in group.results if r not in compared} <= {"mjx", "mjx64"}
         assert all(result.agrees and result.step_ns for result in compared)
         advice = advise(group)
-        assert {row.loop for row in advice} == (set() if group.is_former else set(Loop))
+        assert {row.loop for row in advice} == set(Loop)
         assert all(row.speedup and row.speedup.is_above(1) for row in advice if row.path != BASE)
 
 

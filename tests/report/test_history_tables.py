@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from speed_histories import COUNTED, COUNTS, STEP, VERSIONS, history, record
 
-from mjbench.counts.records import CodeChange, CodeShare, Pair
+from mjbench.counts.records import Pair
 from mjbench.releases.known_causes import KnownCause
 from mjbench.releases.release_ratios import OperationRatioRecord
 from mjbench.releases.speed_history import SpeedSeries
@@ -44,12 +44,6 @@ def test_other_work_accounts_for_a_change() -> None:
     row = only_row(tables.step_changes(speed_history.from_records(records)))
     assert row[2:5] == ["-20.0 ±0.0 %", "", "work"]
     assert row[5].startswith("contacts 5 → 1; ")
-
-
-def test_the_same_machine_code_is_said() -> None:
-    counts = replace(COUNTS, code={CodeChange.IDENTICAL: CodeShare(10, 1.0)})
-    same = SpeedHistory([STEP], counts={("pile", "1.5", "1.6"): counts})
-    assert only_row(tables.step_changes(same))[5].startswith("both execute the same machine code; ")
 
 
 def test_functions_whose_instructions_changed_in_the_other_direction_do_not_account() -> None:

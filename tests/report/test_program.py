@@ -36,7 +36,6 @@ def loop(activities: dict[Activity, float], samples: int = 100, **more: Any) -> 
         packages={},
         lines=[],
         inner_functions=[],
-        engine_clock=0.0,
         **more,
     )
 
@@ -51,7 +50,6 @@ def row(time: LoopTime, *remedies: Remedy, **more: Any) -> ProgramRow:
         wall_s=3.0,
         rate_hz=100,
         samples=300,
-        paused_share=0.0,
         loops=[LoopReport(time, remedies)],
         steps=[],
         **more,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tuning_models import GEOMETRY, ROD_GAP_M
 
-from benchmarks.tuning_planted import rods
+from benchmarks.studies.tuning_planted import rods
 from mjbench.simulation import geom_pairs, model_options, models
 from mjbench.tuning import usual_regime
 from mjbench.tuning.usual_regime import ObservedModel, observe_model

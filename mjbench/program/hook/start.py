@@ -14,6 +14,7 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
+from . import file_owners, step_file
 from .call_clock import CallClock
 from .jax_functions import JaxFunctions
 from .replaced import AfterImport, named_like
@@ -28,19 +29,20 @@ _ENVIRONMENTS = (
     ("dm_control.composer.environment", "Environment", "step"),
     ("robosuite.environments.base", "MujocoEnv", "step"),
 )
-_HERE = os.path.dirname(os.path.abspath(__file__))
 # Of the file in which a crash is noted.
 _HIGH_DESCRIPTOR = 500
 
 
-def start(folder: str, change: str = "") -> None:
+def start(folder: str) -> None:
     calls = CallClock(folder)
     watch = Watch(folder, calls)
-    steps, slow, of_jax = (
-        StepClock(folder, calls, watch, change),
-        SlowFunctions(calls, watch),
-        JaxFunctions(calls),
-    )
+    try:
+        steps = StepClock(folder, calls, watch)
+    except OSError:
+        if os.path.exists(step_file.path_of(folder)):
+            return  # it is empty, for want of space, and the report says so
+        raise
+    slow, of_jax = SlowFunctions(calls, watch), JaxFunctions(calls)
 
     def install(module: ModuleType) -> None:
         steps.install(module)
@@ -173,7 +175,7 @@ def _note_exception(path: str, error: BaseException, frames: Any) -> None:
 def _without_own(frames: Any) -> Any:
     rest = []
     while frames is not None:
-        if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
+        if not file_owners.is_of_clocks(frames.tb_frame.f_code.co_filename):
             rest.append(frames)
         frames = frames.tb_next
     following = None

@@ -27,8 +27,9 @@ BUDGET_S, LIMIT_S = 0.5, 30.0
 # Rounds: the interval of a median needs six at least. Seconds of a block, and calls of one at most.
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S, MOST_CALLS = 15, 200, 0.002, 1000
 # Processes for a pair that uses threads: how fast threads wake differs from process to process, and
-# they settle within a block. The pair of `rollout_each_step` in `benchmarks.own_programs` gave
-# ratios of 0.66 to 0.87 in eight processes with blocks of 2 ms, and of 0.62 to 0.74 with 20 ms.
+# they settle within a block. In eight processes, the pair of `rollout_each_step` in
+# benchmarks.studies.own_programs gave ratios of 0.66 to 0.87 with blocks of 2 ms, and of 0.62 to
+# 0.74 with 20 ms.
 LAUNCHES_OF_THREADS, BLOCK_OF_THREADS_S = 5, 0.02
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
 LACKING = (AttributeError, ImportError, ValueError, RuntimeError)

@@ -6,9 +6,8 @@ from typing import Any
 import pytest
 from commands import ROOT
 
-from benchmarks import foreign, foreign_packages
-from benchmarks.foreign_packages import Package, PackageFiles
-from benchmarks.studies import foreign_page, foreign_tally
+from benchmarks.studies import foreign, foreign_packages, foreign_page, foreign_tally
+from benchmarks.studies.foreign_packages import Package, PackageFiles
 from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
 from mjbench.api.model_comparison import ModelComparison
 from mjbench.comparison.records import MeasurementRecord, ModelRecord

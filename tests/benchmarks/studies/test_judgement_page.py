@@ -5,8 +5,7 @@ from pathlib import Path
 
 from example_records import JUDGED, measurement
 
-from benchmarks import judgements
-from benchmarks.studies import judgement_page, tally_file
+from benchmarks.studies import judgement_page, judgements, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import Status

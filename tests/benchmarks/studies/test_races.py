@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import foreign
-from benchmarks.studies import foreign_tally, races
+from benchmarks.studies import foreign, foreign_tally, races
 from benchmarks.studies.page_part import of_lines
 from benchmarks.studies.tally_file import load
 from mjbench.comparison.plan import Variant

@@ -1,1 +1,0 @@
-"""Studies: what measured and simulated the results in `results/`, and writes pages from them."""
