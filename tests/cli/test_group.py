@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from commands import PYTHONPATH, ROOT, mjbench_process
 
+from mjbench import errors
 from mjbench.cli import group
 from mjbench.errors import MachineError
 
@@ -69,7 +70,7 @@ def test_a_rendering_library_that_cannot_be_loaded_is_named(
     program = compile("None.glGetError", "/site-packages/OpenGL/error.py", "eval")
     with pytest.raises(AttributeError) as raised:
         eval(program)
-    line = group.describe_unforeseen(raised.value)
+    line = errors.describe_unforeseen(raised.value)
     assert line.startswith("MuJoCo cannot load the rendering library of MUJOCO_GL=osmesa (")
     assert line.endswith("install it, or unset MUJOCO_GL")
 
