@@ -26,7 +26,7 @@ _DEFAULT = click.core.ParameterSource.DEFAULT
 @click.option("--since", metavar="VERSION", help="List only changes from VERSION on.")
 @results_option(
     _RESULTS_FOLDER,
-    "Folder with the run files of `history measure` and `history explain`, or run sets.",
+    "Folder with the run files of `history measure` and `history explain`.",
 )
 @click.option(
     "--causes",

@@ -12,7 +12,6 @@ import hashlib
 import hmac
 import importlib.metadata
 import math
-import mmap
 import os
 import platform
 import subprocess
@@ -192,18 +191,6 @@ def peak_memory_bytes() -> int:
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
 
 
-def resident_bytes() -> int | None:
-    """Return the memory of this process; None where the system does not say.
-
-    What statm says may be some pages of each core off (proc_pid_statm(5)).
-    """
-    counted = _own_bytes("/proc/self/smaps_rollup", "Rss")
-    if counted is not None:
-        return counted
-    statm = read_text("/proc/self/statm").split()
-    return int(statm[1]) * mmap.PAGESIZE if statm else None
-
-
 def _own_bytes(file: str, key: str) -> int | None:
     kilobytes = _entry(file, key).split()
     return int(kilobytes[0]) * 1024 if kilobytes else None
@@ -252,7 +239,7 @@ class Machine:
       versions: of the packages that a result depends on, by name.
       flags: environment variables that change speed or results, by name.
       label: the user's name for this machine, from MJBENCH_MACHINE.
-      host: see `host_hash`; empty in older files.
+      host: see `host_hash`.
     """
 
     cpu: str
