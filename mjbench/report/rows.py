@@ -1,6 +1,6 @@
 """A run file as a flat table: one row a result, for pandas, polars or a spreadsheet."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 

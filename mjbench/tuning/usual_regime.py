@@ -95,7 +95,7 @@ def observe_model(
     request = SampleRequest(_NUSUAL, each_nstep, hold, seed, plan, settling_nstep, may_shorten=True)
     usual = workload_sampling.draw(model, request).workload
     for state, control in zip(usual.initial_state, usual.control, strict=True):
-        run.simulate(lambda model, data: compat.restart(model, data, state), control)
+        run.simulate(_from_state(state), control)
     nusual = run.nstep
     for reset, control in _exploring(model, nexplored, hold, seed):
         run.simulate(reset, control)
@@ -107,6 +107,10 @@ def observe_model(
 
 # How a simulation starts: a function that resets an MjData.
 _Reset = Callable[[mujoco.MjModel, mujoco.MjData], None]
+
+
+def _from_state(state: np.ndarray) -> _Reset:
+    return lambda model, data: compat.restart(model, data, state)
 
 
 def _from_keyframe(key: int) -> _Reset:
