@@ -8,9 +8,9 @@ MuJoCo alone are installed.
 """
 
 from benchmarks import stored
+from benchmarks.history import release_ratios
+from benchmarks.history.release_ratios import REFERENCE, RatioRecord
 from benchmarks.settings import Cached, Tracked, for_asv
-from mjbench.releases import release_ratios
-from mjbench.releases.release_ratios import REFERENCE, RatioRecord
 from mjbench.simulation import models
 from mjbench.status import Status
 
@@ -29,8 +29,8 @@ class Reference(Tracked):
     @for_asv(timeout=600)  # the first one installs the reference
     def setup_cache(self) -> dict[str, Cached[float]]:
         """Measure all models in the same launches; return the ratios by model."""
-        from mjbench.paired import history_measurement
-        from mjbench.paired.history_tasks import StepTask
+        from benchmarks.history import timing
+        from benchmarks.history.tasks import StepTask
         from mjbench.paired.worker_pool import WorkerPool
         from mjbench.releases import release_names
 
@@ -47,7 +47,7 @@ class Reference(Tracked):
             except NotImplementedError as reason:
                 cache[model] = Cached(Status.UNAVAILABLE, str(reason))
         with WorkerPool() as pool:
-            records = history_measurement.measure(pool, tasks, LAUNCHES)
+            records = timing.measure(pool, tasks, LAUNCHES)
         return cache | {record.model: _cached(record) for record in records}
 
     def setup(self, cache: dict[str, Cached[float]], model: str) -> None:

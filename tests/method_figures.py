@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from commands import ROOT
 from committed_trials import RUNS, trial_counts
 
+from benchmarks.history import change_points, release_ratios
 from benchmarks.studies import gpu, tally_file
 from benchmarks.studies.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
@@ -29,7 +30,7 @@ from mjbench.paired import metrics, outcomes, race, race_record
 from mjbench.program import loop_time, py_spy
 from mjbench.program.hook import bursts, step_clock
 from mjbench.program.remedies import remedy
-from mjbench.releases import change_points, placement, release_ratios
+from mjbench.releases import placement
 from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
 from mjbench.report.kinds import RECORD_TYPES

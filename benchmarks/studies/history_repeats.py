@@ -17,7 +17,7 @@ from benchmarks.studies import tally_command
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
-    from mjbench.report.speed_history import SpeedHistory
+    from benchmarks.history.speed_history import SpeedHistory
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from benchmarks.history.tasks import Selection
 from mjbench.counts import counted_program
 from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.function_differences import (
@@ -23,7 +24,6 @@ from mjbench.counts.records import (
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.timing import Progress
-from mjbench.paired.history_tasks import Selection
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paired.verdict import exact_verdict

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from benchmarks.history import files, known_causes
+from benchmarks.history.release_ratios import RatioRecord
 from mjbench import command_names
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import one_line, printable
-from mjbench.releases import known_causes
-from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import counts, formats, history_across, history_files, kinds
+from mjbench.report import counts, formats, history_across, kinds
 from mjbench.report import machines_side_by_side as across
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.store import run_set
@@ -213,7 +213,7 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     if not timed:
         return []
     runs = [named.run for named in named_runs]
-    each = history_files.of_runs(runs, known_causes.default_path())
+    each = files.of_runs(runs, known_causes.default_path())
     command = timed[0].command
     first, *others = (
         replace(section, command=command) for section in history_across.sections(each)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from benchmarks.history import known_causes
 from mjbench.errors import MachineError
 from mjbench.paired import bisect_search, verdict
 from mjbench.paired.bisect_records import (
@@ -17,7 +18,7 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs, known_causes
+from mjbench.releases import installs
 from mjbench.releases.catalogue import ReleaseRange
 from mjbench.releases.release_names import INSTALLED
 from mjbench.simulation import models

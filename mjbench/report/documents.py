@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass
 
+from benchmarks.history import speed_series
+from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
 from mjbench.paired.selfcheck_records import SelfcheckRow
-from mjbench.releases import speed_history
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import (
     Advice,
     ClockAdvice,
@@ -99,7 +99,7 @@ class HistoryDocument:
     @classmethod
     def of(cls, machine: Machine, records: Sequence[RatioRecord]) -> "HistoryDocument":
         """Return the document of records of both kinds, in the order of their releases."""
-        records = speed_history.in_order_of_release(records)
+        records = speed_series.in_order_of_release(records)
         steps = [record for record in records if isinstance(record, StepRatioRecord)]
         operations = [record for record in records if isinstance(record, OperationRatioRecord)]
         return cls(machine=machine, results=steps, operations=operations)

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.history import ratio_section
+from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.checkups.records import CheckedPart
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.planning_run import PlanningRow
@@ -25,7 +27,6 @@ from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report import (
     bisect,
     checkup,
@@ -40,7 +41,6 @@ from mjbench.report import (
     planning,
     profile,
     program,
-    release_ratios,
     selfcheck,
     tuning,
     verdicts,
@@ -172,7 +172,7 @@ HISTORY = Kind(
     (StepRatioRecord, OperationRatioRecord),
     documents.HistoryDocument,
     lambda run: documents.HistoryDocument.of(run.header.machine, run.of_type(RatioRecord)),
-    lambda run: after_disturbances(run, [release_ratios.section(run.of_type(RatioRecord))]),
+    lambda run: after_disturbances(run, [ratio_section.section(run.of_type(RatioRecord))]),
     lambda run: run.of_type(RatioRecord),
 )
 EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)

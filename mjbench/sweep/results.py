@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from benchmarks.history import release_ratios
+from benchmarks.history.release_ratios import StepRatioRecord
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.counts.records import InstructionsRecord
@@ -18,8 +20,6 @@ from mjbench.host.neighbours import Disturbance
 from mjbench.paired.metrics import Metric
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import TargetRow, VerdictRecord
-from mjbench.releases import release_ratios
-from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.status import Status, exit_code
 from mjbench.store import run_writer, runs
 from mjbench.store.run_set import RunSection

@@ -9,23 +9,23 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from mjbench.cli import cli
-from mjbench.counts.counted_program import OperationRequest
-from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.records import FunctionCount
-from mjbench.errors import Failure
-from mjbench.paired import history_measurement, operations
-from mjbench.paired.history_tasks import ReleaseTask
-from mjbench.paired.operations import registry
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.placement import Placement
-from mjbench.releases.release_names import ReleaseSpec
-from mjbench.releases.release_ratios import (
+from benchmarks.history.release_ratios import (
     REFERENCE,
     LaunchRatio,
     RatioRecord,
     StepRatioRecord,
 )
+from benchmarks.history.tasks import ReleaseTask
+from mjbench.cli import cli
+from mjbench.counts.counted_program import OperationRequest
+from mjbench.counts.instructions import InstructionCounter, ModelCount
+from mjbench.counts.records import FunctionCount
+from mjbench.errors import Failure
+from mjbench.paired import operations
+from mjbench.paired.operations import registry
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.placement import Placement
+from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status

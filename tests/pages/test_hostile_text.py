@@ -15,12 +15,12 @@ from click.testing import CliRunner
 from filled_records import Text
 from markdown_it import MarkdownIt
 
+from benchmarks.history import files, page
 from mjbench.cli import cli
 from mjbench.errors import InputError
 from mjbench.pages import exports, reports
 from mjbench.pages import html as html_page
 from mjbench.pages import markdown as markdown_page
-from mjbench.report import history, history_files
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import run_set
 
@@ -126,13 +126,13 @@ def test_markdown_has_no_markup_of_theirs(files: list[Path]) -> None:
         assert_no_markup(page, ["<details>", "</details>", "<summary>", "</summary>"])
 
 
-def histories_of(files: Sequence[Path]) -> history_files.SpeedHistory:
+def histories_of(files: Sequence[Path]) -> files.SpeedHistory:
     chosen = [file for file in files if file.stem == "history"]
-    return history_files.read(chosen, None)
+    return files.read(chosen, None)
 
 
 def test_the_page_of_a_history_has_no_markup_of_theirs(files: list[Path]) -> None:
-    page = "\n".join(markdown_page.document(history.sections(histories_of(files)), "plots"))
+    page = "\n".join(markdown_page.document(page.sections(histories_of(files)), "plots"))
     assert_no_markup(page, [])
 
 

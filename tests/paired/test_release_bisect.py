@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from verdict_records import SAME, SLOWER, launch
 
+from benchmarks.history.release_ratios import StepRatioRecord
 from mjbench.paired import bisect_search, release_bisect, verdict
 from mjbench.paired.bisect_records import VersionKind, VersionRow
 from mjbench.paired.bisect_search import SearchRange, VersionMeasurer
@@ -20,7 +21,6 @@ from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases import installs
 from mjbench.releases.catalogue import ReleaseRange
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import models
 from mjbench.store import runs

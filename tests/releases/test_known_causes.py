@@ -7,9 +7,9 @@ from commands import ROOT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.history import known_causes
+from benchmarks.history.known_causes import KnownCause
 from mjbench.errors import InputError
-from mjbench.releases import known_causes
-from mjbench.releases.known_causes import KnownCause
 
 
 @pytest.mark.parametrize(

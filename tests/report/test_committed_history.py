@@ -7,21 +7,21 @@ import statistics
 import pytest
 from commands import ROOT
 
+from benchmarks.history import files, speed_series
+from benchmarks.history import page as of_history
+from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
 from mjbench.pages import markdown
 from mjbench.paired.outcomes import Cause
-from mjbench.releases import bundle, speed_history
+from mjbench.releases import bundle
 from mjbench.releases.release import NO_CHANGE_PAIRS, OLDEST, version_key
-from mjbench.report import history as of_history
-from mjbench.report import history_files
-from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes
 
 WRITE = "mjbench history --plots docs/history -o docs/history.md"
 
 
 @pytest.fixture(scope="module")
 def history() -> SpeedHistory:
-    files = [f for f in history_files.run_files(ROOT / "results/history") if "reference-" in f.name]
-    return history_files.read(files, ROOT / "benchmarks/causes.toml")
+    files = [f for f in files.run_files(ROOT / "results/history") if "reference-" in f.name]
+    return files.read(files, ROOT / "benchmarks/causes.toml")
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_releases_that_execute_the_same_instructions_hardly_differ(
             releases = [each.release for each in series.measured]
             index = releases.index(pair.new)
             assert releases[index - 1] == pair.old
-            log_ratios.append(speed_history.change(*series.pair(index)).log_ratio)
+            log_ratios.append(speed_series.change(*series.pair(index)).log_ratio)
             assert (series.name, pair.new) not in changes
     assert len(log_ratios) == 40
     assert math.sqrt(statistics.fmean(x * x for x in log_ratios)) < 0.005

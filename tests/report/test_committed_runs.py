@@ -10,6 +10,8 @@ import pytest
 from commands import ROOT
 from committed_trials import BETWEEN_BUILDS, INSIDE_STEP, RUNS, SELFCHECKS, trials_of
 
+from benchmarks.history import files, page
+from benchmarks.history.release_ratios import RatioRecord
 from benchmarks.studies import history_repeats, selfcheck_page
 from benchmarks.studies.page_part import of_lines
 from mjbench.paired import selfcheck
@@ -19,8 +21,6 @@ from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.paired.verdict import judge
 from mjbench.paths import BASE
 from mjbench.releases.release import NO_CHANGE_PAIRS
-from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import history, history_files
 from mjbench.report.advice import advise
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.path_speedups import derive_all
@@ -192,18 +192,18 @@ def test_docs_say_how_far_changes_of_the_second_history_differ(
     assert history_repeats.main([str(first), str(HISTORY_AGAIN)]) == ExitCode.OK
     (changes,) = [line for line in capsys.readouterr().out.splitlines() if " changes: " in line]
     deviation, largest = re.findall(r"([0-9.]+ %)", changes)
-    page = " ".join((ROOT / "docs/method/history.md").read_text().split())
+    page = " ".join((ROOT / "docs/method/page.md").read_text().split())
     assert f"committed run by {deviation} (root mean square), and by up to {largest}:" in page
 
 
 def test_a_pass_in_turns_is_as_exact_as_the_page_says_and_takes_two_minutes_a_release() -> None:
-    measured = history_files.read([NO_CHANGE], ROOT / "benchmarks/causes.toml")
-    (line,) = history.no_change_line(measured)
+    measured = files.read([NO_CHANGE], ROOT / "benchmarks/causes.toml")
+    (line,) = page.no_change_line(measured)
     figures = re.search(r"is ([0-9.]+ %), where their standard errors predict ([0-9.]+ %)", line)
     assert figures is not None
     assert float(figures[1].split()[0]) < 0.5
     assert "; 0 of them are listed" in line
-    page = " ".join((ROOT / "docs/method/history.md").read_text().split())
+    page = " ".join((ROOT / "docs/method/page.md").read_text().split())
     assert f"one pass in groups, AMD EPYC | {figures[1]} | {figures[2]} |" in page
     seconds: dict[str, float] = {}
     for record in runs.load(NO_CHANGE, RECORD_TYPES).of_type(RatioRecord):

@@ -2,10 +2,10 @@
 
 from speed_histories import STEP, history, record
 
-from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import history as of_history
-from mjbench.report import speed_history
-from mjbench.report.speed_history import SpeedHistory
+from benchmarks.history import page as of_history
+from benchmarks.history import speed_history
+from benchmarks.history.speed_history import SpeedHistory
+from benchmarks.history.speed_series import SpeedSeries
 from mjbench.status import Status
 
 

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import pytest
 from speed_histories import history_run
 
+from benchmarks.history import files
+from benchmarks.history.speed_history import SpeedHistory
 from mjbench.errors import InputError
-from mjbench.report import history_across, history_files
-from mjbench.report.speed_history import SpeedHistory
+from mjbench.report import history_across
 
 FLAT = [1.0] * 8
 STEP = [1.0] * 4 + [1.1] * 4
@@ -16,7 +17,7 @@ DOWN = [1.0] * 4 + [0.9] * 4
 
 def histories(**ratios: Sequence[float]) -> list[SpeedHistory]:
     runs = [history_run(name, values) for name, values in ratios.items()]
-    return history_files.of_runs(runs, None)
+    return files.of_runs(runs, None)
 
 
 def test_a_change_says_on_how_many_machines_it_is_listed() -> None:
@@ -59,7 +60,7 @@ def test_many_machines_have_a_row_each() -> None:
 
 def test_releases_since_one_are_listed_where_any_machine_measured_it() -> None:
     runs = [history_run("a", STEP), history_run("b", FLAT[:2])]
-    each = history_files.of_runs(runs, None, since="1.5")
+    each = files.of_runs(runs, None, since="1.5")
     assert history_across.changes(each) == []
     with pytest.raises(InputError, match=r"9\.9 was not measured"):
-        history_files.of_runs(runs, None, since="9.9")
+        files.of_runs(runs, None, since="9.9")

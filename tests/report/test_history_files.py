@@ -7,10 +7,10 @@ import pytest
 from set_files import labelled
 from speed_histories import history_run
 
+from benchmarks.history import files, page
+from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
+from benchmarks.history.speed_history import SpeedHistory
 from mjbench.errors import InputError
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
-from mjbench.report import history, history_files
-from mjbench.report.speed_history import SpeedHistory
 from mjbench.store.runs import SCHEMA, Run, RunHeader
 
 FLAT = [1.0] * 8
@@ -18,7 +18,7 @@ STEP = [1.0] * 4 + [1.1] * 4
 
 
 def histories(**ratios: Sequence[float]) -> list[SpeedHistory]:
-    return history_files.of_runs(
+    return files.of_runs(
         [history_run(name, values) for name, values in ratios.items()], None
     )
 
@@ -44,15 +44,15 @@ def operations_run(machine: str, cpu: str, ratios: Sequence[float]) -> Run:
 
 
 def test_operations_of_a_machine_without_steps_join_the_histories_that_have_none() -> None:
-    (only,) = history_files.of_runs(
+    (only,) = files.of_runs(
         [operations_run("b", "another", STEP), history_run("a", FLAT)], None
     )
     assert only.name == "a"
     assert [series.name for series in only.operations] == ["load pile"]
-    overview, *_ = history.sections(only)
+    overview, *_ = page.sections(only)
     assert "(operations on another, " in overview.notes[0]
     own = operations_run("a", labelled("a").cpu, FLAT)
-    each = history_files.of_runs(
+    each = files.of_runs(
         [history_run("a", FLAT), own, operations_run("b", "another", STEP)], None
     )
     assert [one.name for one in each] == ["a"]
@@ -62,23 +62,23 @@ def test_operations_of_a_machine_without_steps_join_the_histories_that_have_none
 
 def test_operations_alone_are_no_history() -> None:
     with pytest.raises(InputError, match="no times of steps"):
-        history_files.of_runs([operations_run("b", "another", STEP)], None)
+        files.of_runs([operations_run("b", "another", STEP)], None)
 
 
 def test_a_machine_is_chosen_by_its_name() -> None:
     each = histories(a=STEP, b=FLAT)
-    assert history_files.choose(each, "b") is each[1]
-    assert history_files.choose(each[:1], None) is each[0]
+    assert files.choose(each, "b") is each[1]
+    assert files.choose(each[:1], None) is each[0]
     with pytest.raises(InputError, match="give --machine NAME"):
-        history_files.choose(each, None)
+        files.choose(each, None)
     with pytest.raises(InputError, match="no machine x"):
-        history_files.choose(each[:1], "x")
+        files.choose(each[:1], "x")
 
 
 def test_runs_without_a_host_are_of_the_only_machine_of_their_kind() -> None:
     older = history_run("", STEP)
     named = history_run("a", FLAT)
-    (only,) = history_files.of_runs([older, named], None)
+    (only,) = files.of_runs([older, named], None)
     assert only.name == "a"
     other = dataclasses.replace(older, header=dataclasses.replace(older.header, command="history"))
-    assert len(history_files.of_runs([other], None)) == 1
+    assert len(files.of_runs([other], None)) == 1

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 from speed_histories import COUNTED, COUNTS, STEP, VERSIONS, history, record
 
+from benchmarks.history import speed_history
+from benchmarks.history import tables as tables
+from benchmarks.history.known_causes import KnownCause
+from benchmarks.history.release_ratios import OperationRatioRecord
+from benchmarks.history.speed_history import SpeedHistory
+from benchmarks.history.speed_series import SpeedSeries
 from mjbench.counts.records import CodeChange, CodeShare, Pair
-from mjbench.releases.known_causes import KnownCause
-from mjbench.releases.release_ratios import OperationRatioRecord
-from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import history_tables as tables
-from mjbench.report import speed_history
 from mjbench.report.content import DataTable
-from mjbench.report.speed_history import SpeedHistory
 from mjbench.status import Status
 
 WITH_COUNTS = SpeedHistory([STEP], counts=COUNTED)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from speed_histories import COUNTED, COUNTS, STEP, VERSIONS, history, record
 
+from benchmarks.history import speed_history
+from benchmarks.history.speed_history import Listed, SpeedHistory
+from benchmarks.history.speed_series import SpeedSeries
 from mjbench.counts.records import CodeChange, CodeShare
 from mjbench.paired.outcomes import Cause
-from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import speed_history
-from mjbench.report.speed_history import Listed, SpeedHistory
 from mjbench.status import Status
 
 

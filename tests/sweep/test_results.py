@@ -8,10 +8,10 @@ from example_races import compared, raced
 from example_records import measurement, model_record
 from sweep_examples import MACHINE, count_cell, header, line, verdict, verdict_cell
 
+from benchmarks.history.release_ratios import StepRatioRecord
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure, InputError
 from mjbench.host.neighbours import Disturbance
-from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import runs

@@ -4,20 +4,20 @@ import math
 import statistics
 from collections.abc import Iterator, Sequence
 
-from mjbench.host.machine import Machine
-from mjbench.measuring.ratio import LogEstimate
-from mjbench.releases import speed_history
-from mjbench.releases.change_points import (
+from benchmarks.history import plots, speed_series
+from benchmarks.history import tables as tables
+from benchmarks.history.change_points import (
     FALSE_DISCOVERY_RATE,
     MIN_CHANGE,
     MIN_DEVIATIONS,
     SIMULATED_DEVIATION,
 )
+from benchmarks.history.speed_history import SpeedHistory, listed_changes
+from mjbench.host.machine import Machine
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.releases.release import NO_CHANGE_PAIRS
-from mjbench.report import formats, history_plots
-from mjbench.report import history_tables as tables
+from mjbench.report import formats
 from mjbench.report.content import Conclusion, DataTable, Section
-from mjbench.report.speed_history import SpeedHistory, listed_changes
 from mjbench.simulation import models
 from mjbench.units import count_of
 
@@ -53,7 +53,7 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
                 " step ends from where the reference ends. Shaded: the ratio as shipped, where it"
                 " certainly differs."
             ],
-            figures=[history_plots.figure(history, series) for series in history.models],
+            figures=[plots.figure(history, series) for series in history.models],
             command=both,
             is_open=True,
         )
@@ -235,7 +235,7 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
             is_pair = before.release == pair.old and history.lists(pair.new)
             if is_pair and series.name in shipped:
                 names[pair.new] = None
-                changes.append(speed_history.change(before, after))
+                changes.append(speed_series.change(before, after))
                 points = series.changes.change_points
                 listed += any(series.measured[point.index] is after for point in points)
     if changes:

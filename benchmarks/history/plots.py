@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.history import release_ratios
+from benchmarks.history.change_points import MIN_DEVIATIONS
+from benchmarks.history.speed_history import SpeedHistory
+from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
 from mjbench.errors import writing
-from mjbench.releases import release_ratios
-from mjbench.releases.change_points import MIN_DEVIATIONS
-from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries
 from mjbench.report import charts, formats
 from mjbench.report.charts import BLUE, GREEN, GREY, ORANGE, Spec
 from mjbench.report.content import Column, DataTable, Figure
-from mjbench.report.speed_history import SpeedHistory
 
 _WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
 # No labels of an axis overlap, also in a wide font.

@@ -7,15 +7,15 @@ function (`mjbench history explain`), and from a table of causes that no measure
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from benchmarks.history import known_causes, speed_series
+from benchmarks.history.change_points import ChangePoint
+from benchmarks.history.known_causes import KnownCause
+from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord
+from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries, order
 from mjbench.counts.explain import REPEATABILITY
 from mjbench.counts.records import OTHER_CODE, CodeChange, ExplainRecord
 from mjbench.host.machine import Machine
 from mjbench.paired.outcomes import Cause
-from mjbench.releases import known_causes, speed_history
-from mjbench.releases.change_points import ChangePoint
-from mjbench.releases.known_causes import KnownCause
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
-from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries, order
 from mjbench.status import Status
 
 # How a measurement ends that a release crashed, hung or failed in.
@@ -67,7 +67,7 @@ class SpeedHistory:
 
     def releases(self) -> list[str]:
         releases = {each.release for series in self.all_series for each in series.measured}
-        return speed_history.in_order(releases)
+        return speed_series.in_order(releases)
 
 
 def from_records(
@@ -86,7 +86,7 @@ def from_records(
     ratios = [record for record in records if isinstance(record, RatioRecord)]
     counts = {(r.series, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
     models, operations = (
-        speed_history.histories(
+        speed_series.histories(
             r for r in ratios if isinstance(r, OperationRatioRecord) == is_operation
         )
         for is_operation in (False, True)
@@ -131,7 +131,7 @@ class Listed:
 
     @property
     def work_changes(self) -> list[str]:
-        return speed_history.work_changes(self.before, self.after)
+        return speed_series.work_changes(self.before, self.after)
 
     @property
     def cause(self) -> Cause:
@@ -144,7 +144,7 @@ class Listed:
             return Cause.UNDECIDED
         if self.work_changes:
             return Cause.WORK
-        is_known = speed_history.knows_work(self.before, self.after)
+        is_known = speed_series.knows_work(self.before, self.after)
         return Cause.CODE if is_known and not self.has_same_code else Cause.UNDECIDED
 
     @property

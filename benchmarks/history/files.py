@@ -4,14 +4,13 @@ from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.history import known_causes, speed_history
+from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
+from benchmarks.history.speed_history import SpeedHistory
+from benchmarks.history.speed_series import in_order
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.releases import known_causes
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
-from mjbench.releases.speed_history import in_order
-from mjbench.report import speed_history
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.report.speed_history import SpeedHistory
 from mjbench.store import run_set
 from mjbench.store.machine_identity import MachineIdentity, identify
 from mjbench.store.runs import Run

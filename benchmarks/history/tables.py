@@ -5,15 +5,15 @@ import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from benchmarks.history import change_points, release_ratios, speed_series
+from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes, title
+from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
 from mjbench.counts.function_differences import largest_differences
 from mjbench.counts.records import ExplainRecord
 from mjbench.measuring.ratio import LogEstimate
-from mjbench.releases import change_points, release_ratios, speed_history
-from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable
 from mjbench.report.counts import MAIN_FUNCTIONS
-from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes, title
 from mjbench.units import plain
 
 # The smallest change of a count of instructions that is marked.
@@ -245,7 +245,7 @@ def work(history: SpeedHistory) -> DataTable:
             for series in history.all_series
             for index, after in enumerate(series.measured)
             if index and after.release == release
-            if (changes := speed_history.work_changes(*series.pair(index)))
+            if (changes := speed_series.work_changes(*series.pair(index)))
         ],
     )
 
@@ -265,10 +265,10 @@ def _title(series: SpeedSeries) -> str:
 
 
 def total(series: SpeedSeries) -> LogEstimate:
-    return speed_history.change(series.measured[0], series.measured[-1])
+    return speed_series.change(series.measured[0], series.measured[-1])
 
 
 def _work_between(before: MeasuredRelease, after: MeasuredRelease) -> str:
-    if not speed_history.knows_work(before, after):
+    if not speed_series.knows_work(before, after):
         return "unknown"
-    return "; ".join(speed_history.work_changes(before, after)) or "the same"
+    return "; ".join(speed_series.work_changes(before, after)) or "the same"
