@@ -25,13 +25,14 @@ _VALUES: Mapping[str, Any] = {
     "engine_bytes": 0,
     "extension_bytes": 64,
     "began": "2026-11-01T12:00:00+00:00",
+    "knob": "jacobian",
     "orders": "ABBA",
     # of a microsecond and of two, as HdrHistogram encodes them
     "histogram": "HISTFAAAACd4nJNpmSzMwMDAxgABzFCaEYjFPcpeMNh/gAic52c6y88EAG6uBfs=",
 }
 
 # Texts of which no other will do.
-_EXACT = ("orders", "histogram", "schema")
+_EXACT = ("knob", "orders", "histogram", "schema")
 # The records that runs of each command have.
 KINDS: Mapping[str, Sequence[str]] = {
     "compare": ("model", "measurement", "race"),

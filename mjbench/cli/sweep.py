@@ -1,22 +1,23 @@
-"""`mjbench sweep`: a matrix of models, releases, paths and machines, on the nodes of a cluster."""
+"""`mjbench sweep`: a command for each combination of values, on the nodes of a Ray cluster."""
 
-import shlex
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli, command_line, report_line
-from mjbench.cli.shared import FILE, JSON, check_sizes
-from mjbench.errors import InputError, MachineError
+from mjbench.cli.group import cli
+from mjbench.cli.shared import FILE, JSON
+from mjbench.errors import InputError, MjbenchError, writing
 
 if TYPE_CHECKING:
-    from mjbench.api.sweep import Swept
-    from mjbench.sweep.matrix import Matrix
+    from mjbench.report.content import Section
+    from mjbench.report.documents import SweepRow
+    from mjbench.sweep import Cell, CellResult, Plan
 
-# Where run sets of sweeps are stored unless -o says otherwise.
+# In which folder each plan has one for its run files, unless -o says otherwise.
 SWEEPS_FOLDER = Path("results/sweeps")
 
 
@@ -31,39 +32,30 @@ SWEEPS_FOLDER = Path("results/sweeps")
 @click.option(
     "-o",
     "--output",
-    metavar="SET.jsonl",
+    metavar="FOLDER",
     type=FILE,
-    help="Run set to write; what it already has is not measured again"
-    "  [default: results/sweeps/PLAN.jsonl]",
+    help="Folder for the run files; what it already has is not measured again"
+    "  [default: results/sweeps/PLAN]",
 )
 @click.option("--dry-run", is_flag=True, help="Print what would be measured; measure nothing.")
-@click.option(
-    "--retry",
-    is_flag=True,
-    help="Also measure again what failed; the earlier failures stay in the run set.",
-)
 @JSON
 def sweep(
-    plan: Path,
-    address: str | None,
-    output: Path | None,
-    dry_run: bool,
-    retry: bool,
-    json_file: str | None,
+    plan: Path, address: str | None, output: Path | None, dry_run: bool, json_file: str | None
 ) -> None:
-    """Measure what PLAN.toml asks for on all nodes of a Ray cluster, each result once.
+    """Run the command of PLAN.toml for each combination of its values, on a Ray cluster.
 
-    The plan names models, releases, paths, metrics and machines. A node measures time only if its
-    machine is quiet. Results are stored as soon as they are complete. If a node dies, another one
-    does its work. After an interruption, or with a longer plan, give the same command again: it
-    measures only what is missing.
+    Each result is a run file, stored as soon as it arrives. A node runs one command at a time. If
+    it dies, another one does its work. After an interruption, or with a longer plan, give the same
+    command again: it measures only what is missing.
 
     It needs the extra `ray`.
 
     \b
     Example of a plan:
-      models = ["humanoid", "robot.xml"]
-      releases = ["3.3.0", "3.17.0", "4.0.0"]
+      command = "versions 3.3.0 {release} {model}"
+      [matrix]
+      model = ["humanoid", "robot.xml"]
+      release = ["3.17.0", "4.0.0"]
 
     \b
     Examples:
@@ -71,59 +63,98 @@ def sweep(
       mjbench sweep plan.toml
       mjbench sweep plan.toml --address auto
     """
-    from mjbench.api import sweep as sweeps
+    from mjbench import sweep as sweeps
+    from mjbench.report.documents import SWEEP, SweepRow
+
+    target = output or SWEEPS_FOLDER / plan.stem
+    with RunContext(json_file, [plan]) as run:
+        loaded, cells = sweeps.load(plan, check_command)
+        files = {cell: target / cell.file_name for cell in cells}
+        ended: dict[Cell, CellResult] = {}
+        missing = [] if dry_run else [cell for cell in cells if not files[cell].is_file()]
+        try:
+            results = _measure(run, missing, loaded, plan.absolute().parent, address)
+            with contextlib.closing(results):
+                for cell, ended[cell] in results:
+                    if ended[cell].content:
+                        _store(files[cell], ended[cell].content)
+        except KeyboardInterrupt:
+            run.interrupt(is_saved=any(map(Path.is_file, files.values())))
+        rows = [SweepRow.of(cell, files[cell], ended.get(cell)) for cell in cells]
+        run.show([_section(rows)])
+        run.write(SWEEP(results=rows))
+        run.out.print(f"\nRun files: {target}", soft_wrap=True)
+        run.exit(result.status for result in ended.values())
+
+
+def _measure(
+    run: RunContext, cells: "Sequence[Cell]", plan: "Plan", folder: Path, address: str | None
+) -> "Generator[tuple[Cell, CellResult], None, None]":
+    """Yield the result of each cell as it ends; nothing starts where none is missing."""
+    from mjbench import sweep as sweeps
     from mjbench.cli.progress import progress
-    from mjbench.report import sweep as report
-    from mjbench.report.documents import SweepDocument
-    from mjbench.sweep import matrix, software
-    from mjbench.sweep import plan as plans
 
-    target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
-    with RunContext(json_file, [plan, target]) as run:
-        cells = matrix.build(plans.load(plan, check_command), software.installed())
-        if dry_run:
-            stored = sweeps.stored(target, cells)
-            words = [word for word in command_line() if word != "--dry-run"]
-            command = shlex.join(["mjbench", *words])
-            run.show([report.cells_section(cells.cells, stored, command)])
-            run.write(SweepDocument.of(cells.cells, stored))
-            return
-        swept = sweeps.measure_missing(
-            cells, target, address, retry, lambda: progress(run.out), report_line
-        )
-        run.show([report.section(swept.outcomes, swept.summary)])
-        run.write(SweepDocument.of(cells.cells, swept.outcomes))
-        run.out.print(f"\nRun set: {target}", soft_wrap=True)
-        run.out.print(f"Report: mjbench show {target} --html", soft_wrap=True)
-        _end(run, cells, swept)
+    here = folder / plan.folder
+    if cells:
+        with (
+            progress(run.out) as on_progress,
+            sweeps.cluster(address, here if address and plan.folder else None),
+        ):
+            results = sweeps.measure(cells, plan.retries, None if address else here)
+            for number, (cell, result) in enumerate(results, 1):
+                yield cell, result
+                on_progress(f"{number} of {len(cells)} results", number / len(cells))
 
 
-def _end(run: RunContext, matrix: "Matrix", swept: "Swept") -> None:
-    """End with the exit code of the results, or say why some are missing."""
-    summary = swept.summary
-    if summary and summary.is_interrupted:
-        run.interrupt(is_saved=True)
-    elif summary and summary.missing:
-        reasons = "; ".join(summary.reasons)
-        raise MachineError(
-            f"{len(summary.missing)} of {len(matrix.cells)} results are missing: {reasons}"
-        )
-    run.exit(outcome.status for outcome in swept.outcomes.values())
+def _store(file: Path, content: bytes) -> None:
+    from mjbench.host import files
+
+    with writing(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with files.replacing(file) as partial:
+            partial.write_bytes(content)
 
 
-def check_command(arguments: Sequence[str]) -> None:
-    """Parse a command line of mjbench without running it; raises InputError if it is wrong."""
-    command: click.Command = cli
-    rest = list(arguments)
-    while isinstance(command, click.Group):
-        name, subcommand, rest = command.resolve_command(click.Context(command), rest)
-        assert subcommand is not None, name
-        command = subcommand
+def _section(rows: "Sequence[SweepRow]") -> "Section":
+    """Return a table with a row for each cell: what its run file comes to, or why there is none."""
+    from mjbench.report.content import Column, Conclusion, DataTable, Section
+    from mjbench.units import count_of
+
+    table = DataTable.of(
+        "Results",
+        rows,
+        (Column("command"), lambda row: row.command.removeprefix("mjbench ")),
+        (Column("machine"), lambda row: row.machine or None),
+        (Column("result", wraps=True), _result),
+    )
+    missing = sum(row.file is None for row in rows)
+    text = f"{count_of(len(rows), 'result')}, {missing} of them missing"
+    return Section("Results", [Conclusion(text)], tables=[table])
+
+
+def _result(row: "SweepRow") -> str:
+    from mjbench.report import kinds
+    from mjbench.report.content import Tone
+    from mjbench.store import runs
+
+    if row.file is None:
+        return f"{row.status}: {row.detail}" if row.status else "missing"
     try:
-        with command.make_context(command.name, rest) as context:
-            values = context.params
-    except click.BadParameter as error:
-        raise InputError(error.message) from None
+        run = runs.load(Path(row.file), kinds.RECORD_TYPES)
+    except MjbenchError as error:
+        return str(error)
+    conclusions = [c for section in kinds.kind_of(run).sections(run) for c in section.conclusions]
+    conclusions.sort(key=lambda conclusion: conclusion.tone == Tone.CAUTION)  # what disturbed it
+    return conclusions[0].text if conclusions else "no result"
+
+
+def check_command(words: Sequence[str]) -> None:
+    """Parse a command line of mjbench without running it; raises InputError if it is wrong."""
+    try:
+        _, command, rest = cli.resolve_command(click.Context(cli), list(words))
+        assert command is not None
+        command.make_context(command.name, rest)
     except click.UsageError as error:
         raise InputError(error.format_message()) from None
-    check_sizes(values.get("nstep"), values.get("hold") or 1)
+    if "results" not in {parameter.name for parameter in command.params}:
+        raise InputError("this command stores no results")

@@ -1,7 +1,8 @@
 """The documents that `--json` writes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, make_dataclass
+from pathlib import Path
 
 from benchmarks.history import speed_series
 from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
@@ -25,8 +26,7 @@ from mjbench.report.run_differences import RunDifference
 from mjbench.report.verdicts_across import AcrossMachines
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
-from mjbench.sweep.cells import Cell, CellKind
-from mjbench.sweep.results import CellOutcome
+from mjbench.sweep import Cell, CellResult
 
 
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
@@ -120,33 +120,25 @@ class SweepRow:
     """A result that a plan asks for.
 
     Attributes:
-      status: how it ended; None where it is missing.
+      machine: label of the nodes that may measure it; empty for any.
+      file: its run file; None where there is none.
+      status: how it ended; None where it was not measured now.
     """
 
-    name: str
-    kind: CellKind
-    model: str
-    release: str
-    baseline: str
-    status: Status | None = None
-    detail: str = ""
+    command: str
+    machine: str
+    file: str | None
+    status: Status | None
+    detail: str
 
     @classmethod
-    def of(cls, cell: Cell, outcome: CellOutcome | None) -> "SweepRow":
-        ended = (outcome.status, outcome.detail) if outcome else ()
-        return cls(cell.name, cell.kind, cell.model, cell.release, cell.baseline, *ended)
+    def of(cls, cell: Cell, file: Path, result: CellResult | None) -> "SweepRow":
+        stored = str(file) if file.is_file() else None
+        ended = (None, "") if result is None else (result.status, result.detail)
+        return cls(cell.command, cell.machine, stored, *ended)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SweepDocument:
-    """What `mjbench sweep --json` writes."""
-
-    schema: int = SCHEMA
-    results: Sequence[SweepRow]
-
-    @classmethod
-    def of(cls, cells: Sequence[Cell], outcomes: Mapping[Cell, CellOutcome]) -> "SweepDocument":
-        return cls(results=[SweepRow.of(cell, outcomes.get(cell)) for cell in cells])
+SWEEP = results_document(SweepRow, has_machine=False)
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "lint": LintDocument,
     "releases": listings.ReleasesDocument,
     "installs": listings.InstallsDocument,
-    "sweep": documents.SweepDocument,
+    "sweep": documents.SWEEP,
 }
 
 

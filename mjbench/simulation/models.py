@@ -4,18 +4,16 @@ A name is `cartpole` (one of ours, in models/), `path/to/robot.xml`, `.urdf` or 
 `gymnasium:ant` (a model file inside an installed Python package, found without importing it).
 
 `resolve` turns a name into a `ModelSource` and reads only the file system; `load` compiles it.
-Models that were carried here from another machine have the names that they have there.
 """
 
 import codecs
 import contextlib
 import errno
 import importlib.util
-import json
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,8 +32,6 @@ _HOMES = {
     "robosuite": ("models/assets", "robosuite"),
     "metaworld": ("assets", "metaworld"),
 }
-# Names a file that lists models which lie on another machine, that of the user of `mjbench sweep`.
-CARRIED_VARIABLE = "MJBENCH_CARRIED_MODELS"
 _COMPILED = ".mjb"
 # Packages that are known to ship models.
 MODEL_PACKAGES = tuple(_HOMES)
@@ -76,8 +72,6 @@ def shipped() -> list[str]:
 
 def resolve(name: str) -> ModelSource:
     """Return the source that `name` stands for; of a link, as MuJoCo finds meshes beside it."""
-    if carried := _carried(name):
-        return ModelSource(name, carried)
     if name in shipped():
         return ModelSource(name, shipped_folder() / f"{name}.xml")
     path = _expanded(name)
@@ -151,57 +145,6 @@ def save(model: "mujoco.MjModel", file: Path) -> None:
     mujoco.mj_saveModel(model, str(file), None)
     if not file.exists() or file.stat().st_size < mujoco.mj_sizeModel(model):
         raise MachineError(f"cannot write {file}: is the disk full?")
-
-
-def files_of(file: Path) -> tuple[str, ...]:
-    """Return the paths of a model's files: its own first, then those that it names and that exist.
-
-    An .mjb file names none. Releases without MjSpec or `mju_getXMLDependencies` (before 3.2.4) list
-    less.
-
-    Raises:
-      Exception: the model cannot be read; MuJoCo raises several types.
-    """
-    import mujoco
-
-    if file.suffix.lower() == _COMPILED:
-        return (str(file),)
-    # included files, and most assets
-    list_files = getattr(mujoco, "mju_getXMLDependencies", lambda name: ())
-    named = [str(file), *map(str, list_files(str(file))), *_assets(file)]
-    return tuple(dict.fromkeys(path for path in named if Path(path).is_file()))
-
-
-def _assets(file: Path) -> Iterator[str]:
-    """Yield assets, height fields from `meshdir`, as they are read (MuJoCo 3.14.0 and 4.0.0)."""
-    import mujoco
-
-    if not hasattr(mujoco, "MjSpec"):
-        return
-    spec = mujoco.MjSpec.from_file(str(file))
-    folders = {"meshes": spec.meshdir, "hfields": spec.meshdir, "skins": spec.meshdir}
-    for kind, below in {**folders, "textures": spec.texturedir}.items():
-        for asset in getattr(spec, kind, ()):
-            # a texture may have one for each side of a cube
-            names = [getattr(asset, "file", ""), *getattr(asset, "cubefiles", ())]
-            yield from (str(file.parent / below / str(name)) for name in names if name)
-
-
-def write_carried(file: Path, paths: Mapping[str, Path]) -> None:
-    """Write the list of carried models: where each one's file is, by its name."""
-    text = json.dumps({name: str(path.absolute()) for name, path in paths.items()})
-    file.write_text(text, encoding="utf-8")
-
-
-def _carried(name: str) -> Path | None:
-    listed = os.environ.get(CARRIED_VARIABLE)
-    if not listed:
-        return None
-    try:
-        path = json.loads(Path(listed).read_text(encoding="utf-8")).get(name)
-    except (OSError, ValueError, AttributeError):
-        return None
-    return Path(path) if isinstance(path, str) else None
 
 
 # -- paths --------------------------------------------------------------------------------------

@@ -277,4 +277,6 @@ def known(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def find(name: str) -> Knob:
-    return {knob.name: knob for knob in KNOBS}[name]
+    """Return a knob by its name; InputError for any other name, which a run file may have."""
+    known([name])
+    return next(knob for knob in KNOBS if knob.name == name)

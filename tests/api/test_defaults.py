@@ -30,7 +30,7 @@ OF_COMMANDS = {
 }
 # `compare --quick` and `--scaling` stand for other options; `--new` names releases that may also
 # be arguments.
-# `--family` is for verdicts of which a sweep runs each as a command, `--function` for environments.
+# `--family` is for verdicts of several commands, `--function` for environments.
 NOT_HERE = {"quick", "scaling", "news", "old", "family", "functions"}
 # What only functions have.
 OF_FUNCTIONS = {"target", "arguments", "quick", "on_progress", "model", "models", "old", "news"}

@@ -11,6 +11,7 @@ import process_tree
 import pytest
 from commands import PYTHONPATH, TESTS
 from isolated_tasks import Process, Text, step_with_ray
+from mjbench.sweep.ray_cluster import LOCAL
 
 from mjbench import paths
 from mjbench.errors import MachineError
@@ -20,7 +21,6 @@ from mjbench.paths.ray_actors import Ray
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.sweep import ray_cluster
-from mjbench.sweep.ray_cluster import LOCAL
 
 pytestmark = pytest.mark.skipif(Ray().unavailable() is not None, reason=str(Ray().unavailable()))
 

@@ -10,7 +10,6 @@ from example_records import FACTS, measurement, model_record
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.host import conditions
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.report import comparison, formats, path_speedups
@@ -18,7 +17,6 @@ from mjbench.report.path_speedups import Cores, ModelResults
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
-from mjbench.sweep.busy_node import Limits
 
 
 def former(**rows: dict[str, Any]) -> ModelResults:
@@ -140,7 +138,6 @@ def test_each_launch_is_judged_by_the_threads_of_the_paths_that_it_timed() -> No
 def test_one_threshold_says_that_threads_had_too_few_cores(
     cores: float, is_disturbed: bool
 ) -> None:
-    assert Limits().min_cores == conditions.ENOUGH_CORES
     expected = ["threads had 1.60 of 2 cores"] if is_disturbed else []
     assert derived(raced(cores=cores)).disturbances == expected
     old = model_record(cores_had=[cores], usable_cores=2)

@@ -8,6 +8,7 @@ import mujoco
 import pytest
 
 from benchmarks.studies.tuning_planted import rods
+from mjbench.errors import InputError
 from mjbench.loop.step_parts import OTHER, SENSORS, STAGES
 from mjbench.simulation import compat, model_options, models
 from mjbench.tuning import knob_values, knobs, usual_regime
@@ -368,3 +369,8 @@ def test_the_loop_has_a_clock_and_threads(monkeypatch: pytest.MonkeyPatch) -> No
         knob_values.topology, "read", lambda: SimpleNamespace(thread_counts=lambda: (1,))
     )
     assert "engine threads" not in knobs.settings(seen(model_xml()))
+
+
+def test_a_knob_of_a_run_file_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(InputError, match="did you mean jacobian"):
+        knobs.find("jacobean")
