@@ -10,7 +10,6 @@ from benchmarks.history.speed_history import SpeedHistory
 from benchmarks.history.speed_series import in_order
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import run_set
 from mjbench.store.machine_identity import MachineIdentity, identify
 from mjbench.store.runs import Run

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 
-from benchmarks.history import speed_series
-from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
 from mjbench.paired.selfcheck_records import SelfcheckRow
@@ -85,24 +83,6 @@ class SelfcheckDocument:
     machine: Machine
     busy: bool | None
     results: Sequence[SelfcheckRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class HistoryDocument:
-    """What `mjbench history measure --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[StepRatioRecord]
-    operations: Sequence[OperationRatioRecord]
-
-    @classmethod
-    def of(cls, machine: Machine, records: Sequence[RatioRecord]) -> "HistoryDocument":
-        """Return the document of records of both kinds, in the order of their releases."""
-        records = speed_series.in_order_of_release(records)
-        steps = [record for record in records if isinstance(record, StepRatioRecord)]
-        operations = [record for record in records if isinstance(record, OperationRatioRecord)]
-        return cls(machine=machine, results=steps, operations=operations)
 
 
 @dataclass(frozen=True, kw_only=True)

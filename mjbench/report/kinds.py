@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.history import ratio_section
-from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.checkups.records import CheckedPart
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.planning_run import PlanningRow
@@ -167,14 +165,6 @@ BISECT = Kind(
     lambda run: after_disturbances(run, bisect.sections(run.records)),
     lambda run: run.of_type(BisectRecord),
 )
-HISTORY = Kind(
-    ("history",),
-    (StepRatioRecord, OperationRatioRecord),
-    documents.HistoryDocument,
-    lambda run: documents.HistoryDocument.of(run.header.machine, run.of_type(RatioRecord)),
-    lambda run: after_disturbances(run, [ratio_section.section(run.of_type(RatioRecord))]),
-    lambda run: run.of_type(RatioRecord),
-)
 EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)
 INSTRUCTIONS = _kind(InstructionsRecord, counts.sections, "instructions", has_machine=False)
 TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
@@ -183,7 +173,7 @@ TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
     *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
-    *(PLACEMENT, BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE),
+    *(PLACEMENT, BISECT, EXPLAIN, INSTRUCTIONS, TUNE),
 )
 
 # The records of a run file by their `type`.
