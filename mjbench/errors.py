@@ -2,11 +2,19 @@
 
 import contextlib
 import difflib
+import errno
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.status import ExitCode, Status
+
+# What the operating system says when the machine, or a limit of this process, is used up.
+_EXHAUSTED = (
+    *(errno.EMFILE, errno.ENFILE, errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM),
+    *(errno.EIO, errno.EFBIG),
+)
 
 
 class MjbenchError(Exception):
@@ -78,6 +86,73 @@ def describe(error: BaseException) -> str:
     except Exception:  # an exception of the user's own whose __str__ raises
         message = ""
     return f"{name}: {message}" if message else name
+
+
+def describe_unforeseen(error: Exception) -> str:
+    """Return an unforeseen error in one line, and write its traceback to a file that it names.
+
+    A module that cannot be imported, memory that is short and what the operating system refuses
+    are the environment's fault; anything else is a defect of mjbench.
+    """
+    if exhausted := _exhausted(error):
+        return exhausted
+    is_defect = False
+    backend = os.environ.get("MUJOCO_GL")
+    match error:
+        case _ if backend and _is_of_rendering(error):
+            return (
+                f"MuJoCo cannot load the rendering library of MUJOCO_GL={one_line(backend, 30)}"
+                f" ({describe(error)}); install it, or unset MUJOCO_GL"
+            )
+        case ImportError():
+            line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
+        case OSError():
+            line = one_line(error)
+        case _:
+            line, is_defect = f"unexpected {describe(error)}", True
+    file = _write_details(error)
+    if file is None:
+        return line
+    return f"{line}; {'please report it with the ' if is_defect else ''}details in {file}"
+
+
+def _is_of_rendering(error: BaseException) -> bool:
+    import traceback
+
+    files = (frame.filename for frame in traceback.extract_tb(error.__traceback__))
+    return any("gl_context" in file or "/OpenGL/" in file for file in files)
+
+
+def _exhausted(error: BaseException | None) -> str:
+    """Return what the machine ran out of, in one line; empty if an error has another cause."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return "out of memory"
+        if isinstance(error, OSError) and error.errno in _EXHAUSTED:
+            return one_line(error)
+        error = error.__cause__ or error.__context__
+    return ""
+
+
+def _write_details(error: Exception) -> str | None:
+    """Write an error's traceback to a new file; return its name, or None where none can be."""
+    import tempfile
+    import traceback
+
+    details = "".join(traceback.format_exception(error))
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w",
+            prefix="mjbench-error-",
+            suffix=".txt",
+            delete=False,
+            encoding="utf-8",
+            errors="backslashreplace",
+        ) as file:
+            file.write(details)
+    except OSError:
+        return None
+    return file.name
 
 
 def printable(text: object) -> str:

@@ -31,36 +31,36 @@ fn=(5)
 50 300
 """
 
-# What `--dump-instr=yes` adds: the file of a function, and addresses, which may be relative.
-DUMP_WITH_ADDRESSES = """\
+# With the file of each function; lines may be relative.
+DUMP_WITH_LIBRARIES = """\
 # callgrind format
 version: 1
-positions: instr line
+positions: line
 events: Ir
 
 ob=(1) ???
 fn=(1) main
-0x10 10 5
+10 5
 cob=(2) /lib/libmujoco.so
 cfn=(2) mj_step
-calls=2 0x1000 20
-+4 * 90
+calls=2 20
+* 90
 ob=(2)
 fn=(2)
-0x1000 20 60
-+4 +1 20
--2 * 3
-* * 2
+20 60
++1 20
+* 3
+* 2
 cob=(3) /lib/libc.so.6
 cfn=(3) memcpy
-calls=1 0x88 0
-* * 5
+calls=1 0
+* 5
 fn=(2)
-0x2000 0 1
+0 1
 ob=(3)
 fn=(3)
-0x88 0 5
+0 5
 ob=(2)
 fn=(3)
-0x99 0 4
+0 4
 """

@@ -26,7 +26,7 @@ PLAIN = Variant("python_loop", {})
 ROLLOUT = Variant("rollout", {"threads": 2, "pool": "kept"})
 BATCH_STEP = Variant("batch_step", {"threads": 2, "data": "shared"})
 THREADS = Variant("threads", {"threads": 2})
-RAY = Variant("ray", {"actors": 2})
+BATCH_ROLLOUT = Variant("batch_rollout", {"threads": 2})
 # rollout is clearly the fastest for open loop, and Batch.step for closed loop.
 CLEAR: Sequence[Entrant] = ((ROLLOUT, 3.0), (BATCH_STEP, 2.0), (THREADS, 0.8))
 _BASE_NS, _STEPS = 1_000_000, 1000

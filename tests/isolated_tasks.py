@@ -206,25 +206,6 @@ def step_with_processes(request: Any, channel: Channel) -> None:
     time.sleep(600)
 
 
-def step_with_ray(request: Text, channel: Channel) -> None:
-    """Start the actors of the path `ray`; then wait for ever, or leave as the request says."""
-    import psutil
-
-    from mjbench import paths
-    from mjbench.paths.ray_actors import Ray
-    from mjbench.simulation import models, workload
-
-    small = workload.make(models.load(models.resolve("cartpole")), nbatch=2, nstep=1)
-    Ray().prepare(small, {"actors": 2}, paths.Resources(small)).run()
-    for process in psutil.Process().children(recursive=True):
-        channel.send(Process(process.pid))
-    if request.text:
-        os._exit(int(request.text))
-    channel.send(Text("all"))
-    channel.allow_silence(3600.0)
-    time.sleep(600)
-
-
 def hang_at_a_timestep(*arguments: Any) -> None:
     """Answer as `setting_launch.run_launch`, but never finish one of the settings."""
     from mjbench.tuning.records import Attempt  # late: other tasks start without MuJoCo

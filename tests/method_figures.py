@@ -26,7 +26,7 @@ from mjbench.host import conditions
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import habit_timing, latency
 from mjbench.measuring import calls, stats
-from mjbench.paired import metrics, outcomes, race, race_record
+from mjbench.paired import outcomes, race, race_record
 from mjbench.program import loop_time, py_spy
 from mjbench.program.hook import bursts, step_clock
 from mjbench.program.remedies import remedy
@@ -99,9 +99,6 @@ def history() -> Iterator[str]:
 def paired() -> Iterator[str]:
     yield f"differ by more than {percent(changed_work.SAME_WORK, 1)}"
     yield f"(`--min-effect`, {percent(outcomes.MIN_EFFECT)})"
-    yield "the time that 99 of 100 single steps do not exceed"  # p99
-    unit = f"{metrics.GROWTH_UNIT_BYTES / 1e6:.0f} MB"
-    yield f"(candidate + {unit}) / (baseline + {unit})"
     yield "does not contain 0 %"
     yield "closer to `--min-effect` than to 0 %"
     yield "as soon as 0 % is left out"
@@ -152,7 +149,6 @@ def loop() -> Iterator[str]:
     yield f"sleeps until {latency.SPIN_NS / 1e6:g} ms before a paced step"
     yield f"For the slowest {percent(1 - latency.SLOW)}"
     yield f"({latency_section._FACTOR} times as much"
-    yield "the time that 99 of 100 single steps do not exceed"  # p99
     yield f"differ by less than {percent(explain.REPEATABILITY, 1)}"
 
 

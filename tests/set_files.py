@@ -1,14 +1,11 @@
-"""Run files and run sets of invented machines, for tests of what reads them."""
+"""Run files of invented machines, for tests of what reads them."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mjbench.host.machine import Machine
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store import run_set, runs
-from mjbench.store.run_set import RunSection, RunSetFile
+from mjbench.store import runs
 from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Record, RunHeader
 
@@ -50,20 +47,3 @@ def run_file(
         file.append(record)
     file.close()
     return file.path
-
-
-def section_of(
-    path: Path, record_types: Mapping[str, type] = RECORD_TYPES, cell: str = ""
-) -> RunSection:
-    """Return a run file as a section."""
-    (section,) = run_set.read(path, record_types).sections
-    return replace(section, cell=cell)
-
-
-def set_of(path: Path, files: Sequence[Path]) -> Path:
-    """Return a run set of run files."""
-    file = RunSetFile.create(path)
-    for one in files:
-        file.append(section_of(one))
-    file.close()
-    return path

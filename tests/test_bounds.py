@@ -118,8 +118,8 @@ def write_pages(run: Run) -> None:
 
 @pytest.mark.parametrize("number", BEYOND)
 def test_a_number_that_nothing_can_be_is_refused(number: str) -> None:
-    header, trial, *_ = filled_records.lines("bisect_trial")
-    trial["log_ratios"] = ["here"]
+    header, trial, *_ = filled_records.lines("trial")
+    trial["launches"] = ["here"]
     lines = [json.dumps(line).replace('"here"', number).encode() for line in (header, trial, trial)]
     with pytest.raises(InputError, match="line 2: ") as refusal:
         runs.parse(FILE, lines, RECORD_TYPES)
@@ -127,10 +127,17 @@ def test_a_number_that_nothing_can_be_is_refused(number: str) -> None:
 
 
 def test_ratios_that_no_two_versions_have_are_refused() -> None:
-    header, trial, *_ = filled_records.lines("bisect_trial")
-    trial["log_ratios"] = [1000.0]
+    header, trial, *_ = filled_records.lines("trial")
+    trial["launches"] = [1000.0]
     with pytest.raises(InputError, match=r"line 2: Expected `float` <= 50"):
         parsed(header, trial)
+
+
+def test_ratios_of_a_search_that_no_two_versions_have_are_refused() -> None:
+    header, comparison, *_ = filled_records.lines("bisect_comparison")
+    comparison["verdict"]["ratio"]["estimate"] = 1e13
+    with pytest.raises(InputError, match=r"line 2: Expected `float` <= "):
+        parsed(header, comparison)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +152,7 @@ def test_an_extreme_number_is_refused_or_shown(command: str) -> None:
 
 @pytest.mark.parametrize("number", EXTREMES)
 def test_an_extreme_number_of_a_header_is_refused_or_shown(number: float) -> None:
-    check_shown(filled_records.lines("plan"), 0, number, is_allowed)
+    check_shown(filled_records.lines("latency"), 0, number, is_allowed)
 
 
 def check_shown(

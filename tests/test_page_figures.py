@@ -25,7 +25,7 @@ from mjbench.api import checkup
 from mjbench.cli import cli
 from mjbench.counts import explain
 from mjbench.loop import capture
-from mjbench.paired import bisect_search, call_results, outcomes, race_record
+from mjbench.paired import bisect, call_results, outcomes, race_record
 from mjbench.report import advice, checkup_items, program, run_differences
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import runs
@@ -146,8 +146,7 @@ def revisions() -> Iterator[str]:
     yield f"docstrings, {len(unchanged)} times | same |"
     seconds = max(result["verdict"]["seconds"] for result in results)
     yield f"A verdict took at most {math.ceil(seconds)} s"
-    yield f"A commit that reaches {percent(bisect_search.CERTAINTY)}"
-    yield f"explains less than {percent(1 - bisect_search._REST)} of the difference"
+    yield f"explains less than {percent(1 - bisect._REST)} of the difference"
     yield f"arrays above {call_results._MOST_BYTES / 2**20:.0f} MiB"
 
 

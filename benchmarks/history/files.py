@@ -10,13 +10,13 @@ from benchmarks.history.speed_history import SpeedHistory
 from benchmarks.history.speed_series import in_order
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.store import run_set
+from mjbench.store import runs
 from mjbench.store.machine_identity import MachineIdentity, identify
 from mjbench.store.runs import Run
 
 
 def run_files(folder: Path) -> list[Path]:
-    """Return the run files and sets of a folder: committed ones first, then by when they began."""
+    """Return the run files of a folder: committed ones first, then by when they began."""
     return sorted(
         folder.glob("*.jsonl"), key=lambda file: (not file.name.startswith("reference-"), file.name)
     )
@@ -47,7 +47,7 @@ def choose(histories: Sequence[SpeedHistory], machine: str | None) -> SpeedHisto
 def read_each(
     files: Sequence[Path], causes: Path | None, since: str | None = None
 ) -> list[SpeedHistory]:
-    """Return the histories that run files and run sets hold.
+    """Return the histories that run files hold.
 
     Args:
       files: in the order that they were written; of several builds of a release the last counts.
@@ -58,12 +58,11 @@ def read_each(
     Raises:
       InputError: a file cannot be read; nothing was measured, or not `since`.
     """
-    sections = run_set.load_files(files, RECORD_TYPES)
-    return of_runs([section.run for _, section in sections], causes, since)
+    return of_runs([runs.load(file, RECORD_TYPES) for file in files], causes, since)
 
 
 def of_runs(
-    runs: Sequence[Run], causes: Path | None, since: str | None = None
+    measured: Sequence[Run], causes: Path | None, since: str | None = None
 ) -> list[SpeedHistory]:
     """Return the histories that runs hold; see `read_each`.
 
@@ -72,8 +71,8 @@ def of_runs(
     """
     known = known_causes.load(causes) if causes else []
     # counts hold for any machine
-    counts = [record for run in runs for record in run.of_type(ExplainRecord)]
-    timed = [run for run in runs if run.of_type(RatioRecord)]
+    counts = [record for run in measured for record in run.of_type(ExplainRecord)]
+    timed = [run for run in measured if run.of_type(RatioRecord)]
     by_machine: dict[MachineIdentity, list[Run]] = defaultdict(list)
     for machine, run in zip(identify([r.header.machine for r in timed]), timed, strict=True):
         by_machine[machine].append(run)

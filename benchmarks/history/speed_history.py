@@ -12,8 +12,7 @@ from benchmarks.history.change_points import ChangePoint
 from benchmarks.history.known_causes import KnownCause
 from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord
 from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries, order
-from mjbench.counts.explain import REPEATABILITY
-from mjbench.counts.records import OTHER_CODE, CodeChange, ExplainRecord
+from mjbench.counts.records import ExplainRecord
 from mjbench.host.machine import Machine
 from mjbench.paired.outcomes import Cause
 from mjbench.status import Status
@@ -137,23 +136,14 @@ class Listed:
     def cause(self) -> Cause:
         """Whether the time changed with the work or with the code that does it, if it is known.
 
-        It is not where placement was not averaged out, where the work is not known, and where both
-        releases execute the same machine code.
+        It is not where placement was not averaged out, or where the work is not known.
         """
         if self.before.record.problem or self.after.record.problem:
             return Cause.UNDECIDED
         if self.work_changes:
             return Cause.WORK
         is_known = speed_series.knows_work(self.before, self.after)
-        return Cause.CODE if is_known and not self.has_same_code else Cause.UNDECIDED
-
-    @property
-    def has_same_code(self) -> bool:
-        code = self.counts.code if self.counts else None
-        if code is None or any(change in code for change in OTHER_CODE):
-            return False
-        unknown = code.get(CodeChange.UNKNOWN)
-        return unknown is None or unknown.share <= REPEATABILITY
+        return Cause.CODE if is_known else Cause.UNDECIDED
 
 
 def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> list[Listed]:

@@ -71,8 +71,6 @@ def _instruction_ratio(counts: ExplainRecord | None) -> float | None:
 def _accounts(listed: Listed) -> Iterator[str]:
     """Yield what accounts for a change: work, functions, known causes."""
     yield from listed.work_changes
-    if listed.has_same_code:
-        yield "both execute the same machine code"
     ratio = _instruction_ratio(listed.counts)
     if ratio is not None and (ratio - 1) * listed.point.change < 0:
         yield "its instructions changed in the other direction"

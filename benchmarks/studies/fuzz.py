@@ -51,7 +51,6 @@ _FILES: dict[str, bytes | None] = {
     "bom.py": b"\xef\xbb\xbfx = 1\n",
     "deep.py": b"x = " + b"-" * 50_000 + b"1\n",
     "broken.py": b"def\n",
-    "notebook.ipynb": b'{"cells": [{"cell_type": "code", "source": ["x = ("]}], "nbformat": 4}',
     "run.jsonl": b'{"type": "run", "schema": 1}\n',
     "torn.jsonl": b'{"type": "ru',
     "mujoco-9.9.9-py3-none-any.whl": b"not a zip",

@@ -52,8 +52,6 @@ _START_S, _WINDOW_S, _TRANSIT_S = 10.0, 0.25, 0.02
 # Seconds of the run in which the program is never left alone.
 _ORDINARY_S = 20.0
 _PROGRAMS = Path(__file__).with_name("programs")
-# States of a process in /proc that a profiler, or a signal, has stopped.
-_TRACED, _STOPPED = b"t", b"T"
 
 
 @dataclass(frozen=True)
@@ -118,9 +116,9 @@ def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
     from mjbench.program.py_spy import DEFAULT_RATE_HZ, MANY_RATE_HZ
 
     usual_hz = MANY_RATE_HZ if name == PROCESSES else DEFAULT_RATE_HZ
-    rate = ["--rate", str(rate_hz)] if rate_hz else []
+    rate = ["--sample-rate", str(rate_hz)] if rate_hz else []
     ordinary = _run(name, rate, lambda observers, of_program: _let_run(of_program))
-    half = ["--rate", str(math.ceil((rate_hz or usual_hz) / 2))]
+    half = ["--sample-rate", str(math.ceil((rate_hz or usual_hz) / 2))]
     divided = _run(
         name, half, lambda observers, of_program: _change_sides(observers, of_program, seconds)
     )
@@ -219,34 +217,21 @@ class _Observers:
 
     @contextlib.contextmanager
     def are_stopped(self) -> Iterator[None]:
-        """While the block runs, observers do not; nor have they stopped the program."""
+        """While the block runs, observers do not."""
+        import psutil
+
         children = self.run.children(recursive=True)
         profilers = [child for child in children if child.name().startswith("py-spy")]
-        program = [child for child in children if child not in profilers]
         try:
-            self._stop(profilers, program)
+            for profiler in profilers:
+                profiler.suspend()
+            while any(each.status() != psutil.STATUS_STOPPED for each in profilers):
+                time.sleep(0.0005)
             self.run.suspend()
             yield
         finally:
             for process in (*profilers, self.run):
                 process.resume()
-
-    def _stop(
-        self, profilers: Sequence["psutil.Process"], program: Sequence["psutil.Process"]
-    ) -> None:
-        """Stop profilers at a moment at which none of them has stopped the program."""
-        from mjbench.program.sampling import process_state
-
-        while True:
-            for profiler in profilers:
-                profiler.suspend()
-            while any(process_state(each.pid) not in (_STOPPED, None) for each in profilers):
-                time.sleep(0.0005)
-            if all(process_state(each.pid) != _TRACED for each in program):
-                return
-            for profiler in profilers:
-                profiler.resume()
-            time.sleep(0.002)
 
 
 def _change_sides(observers: _Observers, of_program: side.Side, seconds: float) -> None:

@@ -26,7 +26,7 @@ SETTINGS = PagePart("method/tune.md", "settings", WRITER)
 RECORDS = PagePart("formats.md", "records", WRITER)
 # Characters of a line of help, or of an example.
 WIDTH = 96
-RUNS = Path(__file__).resolve().parents[1] / "results" / "runs"
+RUNS = Path(__file__).resolve().parents[2] / "results" / "runs"
 
 
 def main() -> None:

@@ -3,9 +3,9 @@
     python -m benchmarks.studies.revisions_planted [--pairs 20] [--json FILE]
 
 plants changes in a scratch repository: 1 % and 5 % more work, a copy in a loop, an import that
-moved into a function. Each must be called slower. A leak of 1 MB in 1,000 calls must be found by
-`--metric growth`. Then it compares revisions in which comments, docstrings and empty lines changed;
-none may be called different. A comparison takes ten seconds, on an idle machine.
+moved into a function. Each must be called slower. Then it compares revisions in which comments,
+docstrings and empty lines changed; none may be called different. A comparison takes ten seconds,
+on an idle machine.
 
 The exit code is 1 if one is missed or falsely called different, and 0 otherwise.
 """
@@ -20,10 +20,8 @@ from pathlib import Path
 from benchmarks.studies import tally_command, tally_file
 from mjbench.paired import function_sides, function_verdict
 from mjbench.paired.function_sides import RevisionComparison
-from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
-from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.revisions import Repository
@@ -91,7 +89,6 @@ class Case:
     function: str
     text: str
     is_slower: bool
-    metric: Metric = Metric.TIME
 
 
 @dataclass(frozen=True)
@@ -104,7 +101,7 @@ class Result:
 
 
 def planted() -> Iterator[Case]:
-    """Yield the revisions that are slower, or leak."""
+    """Yield the revisions that are slower."""
     for name, divisor in (("1 % more work", 100), ("5 % more work", 20)):
         text = BASE.replace("    return total", _MORE_WORK.format(divisor))
         yield Case(name, "work", text, is_slower=True)
@@ -113,9 +110,6 @@ def planted() -> Iterator[Case]:
     yield Case("a copy in a loop", "step", text, is_slower=True)
     text = BASE.replace("def parse(text):\n", "def parse(text):\n    import json\n")
     yield Case("an import moved into a function", "parse", text, is_slower=True)
-    kept = f"{step}    KEPT.append(bytearray(1000))\n"
-    text = f"KEPT = []\n{BASE.replace(step, kept)}"
-    yield Case("a leak of 1 MB in 1,000 calls", "step", text, True, Metric.GROWTH)
 
 
 def unchanged(count: int) -> Iterator[Case]:
@@ -140,8 +134,7 @@ def decide(pool: WorkerPool, top: Path, number: int, case: Case) -> VerdictRecor
     function = function_sides.parse_function(f"bench.py::{case.function}", top, top)
     comparison = RevisionComparison(repository, baseline, candidate, [function], top)
     (targets,) = function_sides.check_out(pool, comparison)
-    plan = VerdictPlan(sizes=Sizes(metric=case.metric))
-    return function_verdict.decide(pool, targets, plan)
+    return function_verdict.decide(pool, targets, VerdictPlan())
 
 
 def is_wrong(case: Case, record: VerdictRecord) -> bool:
@@ -178,7 +171,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
                 record = decide(pool, top, number, case)
             mark = "WRONG: " if is_wrong(case, record) else ""
             line = describe_verdict(record.row())
-            print(f"{mark}{case.name}, {case.metric}: {line}; {record.seconds:.0f} s", flush=True)
+            print(f"{mark}{case.name}: {line}; {record.seconds:.0f} s", flush=True)
             wrong += bool(mark)
             results.append(Result(case.name, case.is_slower, record.row()))
     if options.json:

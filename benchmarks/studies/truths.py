@@ -44,7 +44,7 @@ _JAX, _OLD_JAX = (_jax("0.7.0"), _jax("0.7.1")), (_jax("0.4.31"), _jax("0.4.33")
 _WARP = (_warp("3.7.0"), _warp("3.8.0"))
 _LONGER = ("--budget", "300s")
 _SIZES = ("--settle", "0", "--nbatch", "1", "--nstep", "10")
-_MEMORY, _ARENA = ("--metric", "memory", *_SIZES), ("--metric", "arena", *_SIZES)
+_MEMORY = ("--metric", "memory", *_SIZES)
 _NUMPY_NOTES = "its notes", "https://numpy.org/doc/stable/release/2.4.0-notes.html"
 _MUJOCO_CHANGES = "changelog", "https://mujoco.readthedocs.io/en/stable/changelog.html"
 _ARRAY = _function("numpy_small.py::array")
@@ -112,14 +112,6 @@ TRUTHS = (
         False,
         _MUJOCO_CHANGES,
         ("3.3.1", "3.3.2", "spheres.xml", *_MEMORY),
-    ),
-    Truth(
-        "MuJoCo 3.2.7: arena of 300 spheres, with PGS",
-        ("3.2.6", "3.2.7", "spheres_pgs.xml", *_ARENA),
-        None,
-        False,
-        _MUJOCO_CHANGES,
-        ("3.2.5", "3.2.6", "spheres_pgs.xml", *_ARENA),
     ),
 )
 

@@ -1,5 +1,6 @@
 """What `mjbench bisect` measures: commits of the user's code, or releases of MuJoCo."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -7,25 +8,17 @@ from typing import Any
 
 from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.errors import InputError
-from mjbench.paired import release_bisect, revision_bisect
-from mjbench.paired.bisect_records import (
-    BisectMeasured,
-    BisectRecord,
-    BisectTrial,
-    VersionKind,
-    finished,
-)
-from mjbench.paired.bisect_search import short_name
+from mjbench.paired import bisect
+from mjbench.paired.bisect import BisectComparison, BisectMeasured, BisectRecord, VersionKind
 from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases import bundle, catalogue
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
-from mjbench.units import percent_change
 
-# Versions that are measured in a search, about, for its progress.
-_USUAL_TRIALS = 8
+# Comparisons beside those that halve: of the ends, and the one that confirms.
+_OTHER_COMPARISONS = 2
 
 # Yields what is measured; called with what shows the text of a phase, and with earlier records.
 _Search = Callable[[Callable[[str], None], Sequence[Record]], Iterator[BisectMeasured]]
@@ -35,7 +28,7 @@ def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Mea
     plan = replace(plan, as_shipped=True)
     (function,) = comparison.functions
     return _measurement(
-        lambda *observers: revision_bisect.search(comparison, plan, *observers),
+        lambda *observers: bisect.search_revisions(comparison, plan, *observers),
         VersionKind.COMMIT,
         {
             **asdict(plan),
@@ -56,7 +49,7 @@ def release_bisection(
         )
     releases = catalogue.releases_between(baseline, candidate, bundle.default_path())
     measurement = _measurement(
-        lambda *observers: release_bisect.search(releases, source, plan, *observers),
+        lambda *observers: bisect.search_releases(releases, source, plan, *observers),
         VersionKind.RELEASE,
         {
             **asdict(plan),
@@ -74,15 +67,12 @@ def _measurement(
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         if any(isinstance(record, BisectRecord) for record in earlier):
             return
-        trials = 0
-        for record in search(observer.begin, earlier):
+        expected = 0.0
+        for number, record in enumerate(search(observer.begin, earlier), 1):
             yield Item([record])
-            if isinstance(record, BisectTrial):
-                trials += 1
-                change = "cannot be measured"
-                if record.ratio is not None:
-                    change = f"{percent_change(record.ratio)} %"
-                text = f"{short_name(record.version, kind)} {change}"
-                observer(text, trials / (trials + _USUAL_TRIALS))
+            if isinstance(record, BisectComparison):
+                expected = expected or _OTHER_COMPARISONS + math.log2(record.version.number)
+                text = bisect.short_name(record.version, kind)
+                observer(text, number / max(expected, number + 1))
 
-    return Measurement("bisect", arguments, files, measure, finished, pinning_notes())
+    return Measurement("bisect", arguments, files, measure, bisect.finished, pinning_notes())

@@ -3,6 +3,7 @@
 A check-up asks the commands that look closer, each for a short time, and stores their records.
 """
 
+import contextlib
 import os
 import sys
 import time
@@ -24,7 +25,7 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.environment import measurement as environments
 from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
-from mjbench.errors import Failure, InputError, MjbenchError
+from mjbench.errors import Failure, InputError, MjbenchError, describe_unforeseen
 from mjbench.host import isolate, machine
 from mjbench.limits import SECONDS, TIME_LIMIT_S
 from mjbench.loop import lint, profile
@@ -139,11 +140,11 @@ def checkup(
     """Return what to do about a simulation that is slow, in a minute.
 
     The same as `mjbench TARGET`. A program runs unchanged, with its own output; all else is
-    measured in child processes. A notebook is read, and not run.
+    measured in child processes.
 
     Args:
-      target: a model by name, path, MjModel or MjSpec; the path of a program or a notebook; an
-        environment by its Gymnasium id, or as `module:function`.
+      target: a model by name, path, MjModel or MjSpec; the path of a program; an environment
+        by its Gymnasium id, or as `module:function`.
       *arguments: of a program.
       quick: whether to take 15 seconds, and to leave out settings.
       settle_s: simulated seconds for which a model moves before the first start state; None for
@@ -235,6 +236,8 @@ class _Parts:
             failure = failure_of_model(name, error)
             detail = failure.detail.removeprefix(f"{name}: ")
             ended = replace(begun, status=failure.status, detail=detail)
+        except Exception as error:  # the other parts stay
+            ended = replace(begun, status=Status.FAILED, detail=describe_unforeseen(error))
         ended = replace(ended, seconds=self.clock() - begin_s)
         self.records += [ended, *records]
         if ended.has_ended_well:
@@ -344,7 +347,7 @@ def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Items:
 
 
 def _program_items(source: ProgramFile, parts: _Parts) -> Items:
-    """Yield what lint finds, and where the program's time goes; a notebook does not run."""
+    """Yield what lint finds, and where the program's time goes."""
     times = parts.plan.times
 
     def read(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
@@ -353,12 +356,16 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
     def ran(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         program = launch.Program((source.name, *source.arguments), sys.executable)
         launch.check(program)
-        seen = launch.run(program, times.steps, most_s=times.program)
-        return part, [ProgramRow.of(program.name, seen)]
+        seen = launch.run(program, times.steps, most_s=times.program, ends_on_signal=True)
+        if not seen.was_interrupted:
+            with contextlib.suppress(KeyboardInterrupt):
+                return part, [ProgramRow.of(program.name, seen)]
+        ended = replace(part, status=Status.INTERRUPTED)
+        return ended, [ProgramRow.of(program.name, replace(seen, models=()))]
 
     first = parts.measured(CheckupPart.SOURCE, "reading it", read)
     yield first
-    if first.failure is None and not source.is_notebook:
+    if not any(part.status == Status.INPUT for part in parts.parts):
         doing = f"running it, for {times.program:.0f} s at most"
         yield parts.measured(CheckupPart.PROGRAM, doing, ran)
 

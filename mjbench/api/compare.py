@@ -16,7 +16,7 @@ from mjbench.errors import InputError
 from mjbench.limits import LARGE_COUNT, SECONDS, SEED, THREADS, TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.report.advice import Advice, ClockAdvice
-from mjbench.report.crossovers import Crossover, WorkCrossover
+from mjbench.report.crossovers import Crossover
 from mjbench.report.documents import CompareDocument
 from mjbench.report.path_speedups import ModelResults, PathResult, derive_all
 from mjbench.simulation import models as shipped_models
@@ -61,11 +61,6 @@ class Comparison(Measured):
         """From how many simulations on accelerated paths overtake C."""
         return tuple(self.document.crossovers)
 
-    @property
-    def work_crossovers(self) -> tuple[WorkCrossover, ...]:
-        """From how much work per call on Ray overtakes other paths."""
-        return tuple(self.document.work_crossovers)
-
 
 def compare(
     *models: "Model",
@@ -95,7 +90,7 @@ def compare(
 
     Args:
       *models: names as on the command line, paths, MjModels or MjSpecs; none for all shipped ones.
-      paths: names of paths (see `mjbench paths`), `c` for all C paths but `ray`, `usual` for those
+      paths: names of paths (see `mjbench paths`), `c` for all C paths, `usual` for those
         and MJX where that is installed, `module:Class` for one of your own; None for `c`.
       threads: thread counts; None for one, and all usable cores.
       chunk: simulations that a thread takes at a time; None for the path's default.

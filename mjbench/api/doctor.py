@@ -1,4 +1,4 @@
-"""What `mjbench doctor` looks at and measures, and what it does by --placement and --verdicts."""
+"""What `mjbench doctor` looks at and measures, and what it does by --verdicts."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -9,7 +9,6 @@ from mjbench.api.session import (
     Items,
     Measurement,
     Observer,
-    in_turn,
     input_files,
     pinning_notes,
 )
@@ -19,19 +18,13 @@ from mjbench.host import conditions
 from mjbench.host.conditions import Condition, Grade
 from mjbench.host.neighbours import Neighbour
 from mjbench.loop import rendering
-from mjbench.measuring.timing import Progress
-from mjbench.paired import detectable_change, placement_spread, selfcheck
-from mjbench.paired.placement_spread import SpreadPlan
-from mjbench.paired.run_sizes import Sizes
+from mjbench.paired import detectable_change, selfcheck
 from mjbench.paired.selfcheck_records import trial_records
-from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.selfcheck import describe_case
 from mjbench.simulation import engine_clock, models
-from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
 
 # Seconds after which a backend that renders nothing does not work.
@@ -75,36 +68,6 @@ def compare_with_itself(budget_s: float) -> NoiseRow:
             return NoiseRow.of(detectable_change.noise(pool, budget_s))
     except MjbenchError as error:
         return NoiseRow(detail=str(error))
-
-
-def placements(
-    sources: Sequence[ModelSource], release_name: str, launches: int, budget_s: float, sizes: Sizes
-) -> Measurement:
-    """Return the measurement of how far a step's time depends on where a release's code lies."""
-    (release,) = installs.parse_available([release_name])
-    targets = [Target(release, source) for source in sources]
-    plan = SpreadPlan(launches, budget_s, sizes)
-
-    def items(earlier: Sequence[Record], observer: Observer) -> Items:
-        with WorkerPool() as pool:
-
-            def measure(source: ModelSource, on_progress: Progress) -> Item:
-                def on_launch(count: int) -> None:
-                    on_progress(source.name, count / plan.most_launches)
-
-                target = Target(release, source)
-                return Item([placement_spread.measure(pool, target, plan, on_launch)])
-
-            yield from in_turn(sources, measure, earlier, observer)
-
-    return Measurement(
-        "placement",
-        {**asdict(plan), "targets": [target.row() for target in targets]},
-        [*(file for target in targets for file in target.files), *sizes.starts.files],
-        items,
-        placement_spread.finished,
-        pinning_notes(),
-    )
 
 
 def trials(

@@ -31,7 +31,7 @@ from mjbench.paired.function_sides import (
     FunctionTargets,
     RevisionComparison,
 )
-from mjbench.paired.metrics import COMPILING_METRICS, FUNCTION_METRICS, Metric
+from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.records import TargetRow, VerdictRecord, finished
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
@@ -84,14 +84,15 @@ def between_releases(
         path_names = [BASE]
     if compiling := [name for name in path_names if find(name).compiles]:
         others = [name for name in path_names if name not in compiling]
-        if others or metric not in COMPILING_METRICS:
-            named, known = listed(compiling), " or ".join(COMPILING_METRICS)
+        if others or not METRICS[metric].of_compiling_paths:
+            named = listed(compiling)
+            known = " or ".join(m for m, spec in METRICS.items() if spec.of_compiling_paths)
             unfit = listed(others) if others else f"--metric {metric}"
             raise InputError(f"{named} can be compared alone, by {known}: leave out {unfit}")
         compiled = AcceleratedComparison(baseline, candidates, sources, path_names, plan.sizes)
         return _of_compiled(compiled, plan)
     targets.check_metric(metric, path_names)
-    if metric == Metric.INSTRUCTIONS:
+    if METRICS[metric].measured == Measured.COUNTS:
         comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
         return _of_instructions(comparison, plan)
     pairs = targets.of_releases(baseline, candidates, sources, path_names)
@@ -219,7 +220,7 @@ def check_function_plan(plan: VerdictPlan) -> None:
     metric = plan.sizes.metric
     if plan.sizes != Sizes(metric=metric):
         raise InputError("sizes, start states and controls are of models, not of functions")
-    if metric not in FUNCTION_METRICS:
+    if not METRICS[metric].of_functions:
         raise InputError(f"--metric {metric} is of models, not of functions")
 
 

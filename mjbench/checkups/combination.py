@@ -24,8 +24,8 @@ from mjbench.tuning import edited_model
 from mjbench.tuning.records import CONFIDENCE, MIN_EFFECT, Effect, Recommendation, TuneRecord
 from mjbench.tuning.settings import NO_CHANGE, Edit, edits_of
 
-# Options of paths whose processes have a timer of their own.
-_OF_PROCESSES = {"processes", "actors"}
+# An option of paths whose processes have a timer of their own.
+_OF_PROCESSES = "processes"
 
 
 def free(record: TuneRecord | None) -> Recommendation | None:
@@ -46,7 +46,7 @@ def combined(race: RaceRecord | None, tuned: TuneRecord | None) -> Combination:
     settings = recommended.settings if recommended else ()
     pays = race is not None and race.timer_gain is not None
     turns_off = pays or any(each.loop.is_clock_off for each in settings)
-    has_timer = not turns_off or not _OF_PROCESSES.isdisjoint(variant.options)
+    has_timer = not turns_off or _OF_PROCESSES in variant.options
     return Combination(variant, [s for s in settings if s.loop == NO_CHANGE], has_timer)
 
 

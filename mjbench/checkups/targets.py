@@ -1,4 +1,4 @@
-"""What the word after `mjbench` stands for: a model, a program, a notebook or an environment.
+"""What the word after `mjbench` stands for: a model, a program or an environment.
 
 Nothing is imported or run to find out. What could be two things is refused in a line that names the
 commands for each.
@@ -19,13 +19,14 @@ from mjbench.simulation.models import ModelSource
 
 # What can be checked, for messages.
 FORMS = (
-    f"a shipped model, {models.FORMS}, a Python program or a notebook, a Gymnasium id such as"
+    f"a shipped model, {models.FORMS}, a Python program, a Gymnasium id such as"
     " Humanoid-v5, or MODULE:FUNCTION, which returns an environment"
 )
 _MODELS = (".xml", ".urdf", ".mjb")
-_PROGRAM, _NOTEBOOK = ".py", ".ipynb"
+_PROGRAM = ".py"
 # What has commands of its own, by what its name ends in.
 _OTHER_FILES = {
+    ".ipynb": "is a notebook: save it as a Python file (jupyter nbconvert --to script)",
     ".jsonl": "is a run file: `mjbench show` prints it",
     ".npz": "has states of a model: check the model, and give it by --states",
 }
@@ -37,22 +38,16 @@ class TargetKind(StrEnum):
 
     MODEL = "model"
     PROGRAM = "program"
-    NOTEBOOK = "notebook"
-    """Its code is read and not run."""
     ENVIRONMENT = "environment"
 
 
 @dataclass(frozen=True)
 class ProgramFile:
-    """A Python program with its arguments, or a notebook."""
+    """A Python program with its arguments."""
 
     name: str
     path: Path
     arguments: tuple[str, ...] = ()
-
-    @property
-    def is_notebook(self) -> bool:
-        return self.path.suffix == _NOTEBOOK
 
 
 CheckedSource = ModelSource | EnvironmentSource | ProgramFile
@@ -64,7 +59,7 @@ def kind_of(source: CheckedSource) -> TargetKind:
             return TargetKind.MODEL
         case EnvironmentSource():
             return TargetKind.ENVIRONMENT
-    return TargetKind.NOTEBOOK if source.is_notebook else TargetKind.PROGRAM
+    return TargetKind.PROGRAM
 
 
 def may_be_target(word: str) -> bool:
@@ -82,7 +77,7 @@ def recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSo
       InputError: it stands for nothing that can be checked, or for more than one thing.
     """
     source = _recognized(name, arguments, folder)
-    if arguments and not (isinstance(source, ProgramFile) and not source.is_notebook):
+    if arguments and not isinstance(source, ProgramFile):
         raise InputError(
             f"one thing at a time: {shown(arguments[0])} follows {shown(name)}, and only a program"
             " has arguments"
@@ -92,7 +87,7 @@ def recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSo
 
 def _recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSource:
     path = Path(name)
-    if path.suffix in (_PROGRAM, _NOTEBOOK):
+    if path.suffix == _PROGRAM:
         if not _exists(path):
             raise InputError(f"no such file: {shown(name)}")
         if not path.is_file():

@@ -14,7 +14,6 @@ from mjbench.cli import (  # each adds its command to the group
     latency,
     lint,
     listings,
-    plan,
     profile,
     releases,
     run,

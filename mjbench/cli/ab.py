@@ -12,7 +12,7 @@ from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli
 from mjbench.cli.shared import STORING, VERDICT_PLAN, metric_option, with_options
 from mjbench.errors import InputError, shown
-from mjbench.paired.metrics import Metric
+from mjbench.paired.metrics import METRICS, Metric
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
@@ -27,9 +27,7 @@ REVISION = "rev="
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
 @click.argument("functions", metavar="[FUNCTION]…", nargs=-1)
-@metric_option(
-    *(metric for metric in Metric if metric not in (Metric.INSTRUCTIONS, Metric.COMPILE))
-)
+@metric_option(*(metric for metric, spec in METRICS.items() if spec.is_of_targets))
 @with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def ab(
     baseline: str,
@@ -61,7 +59,7 @@ def ab(
       mjbench ab model=humanoid,solver=newton solver=cg
       mjbench ab model=a.xml model=b.xml --metric load
       mjbench ab rev=main rev=HEAD bench.py::step
-      mjbench ab rev=main rev=HEAD bench:step --metric growth
+      mjbench ab rev=main rev=HEAD bench:step --metric memory
       mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
     from mjbench.report import verdicts

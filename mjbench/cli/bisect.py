@@ -26,8 +26,9 @@ def bisect(
 ) -> None:
     """Which commit or release after OLD, up to NEW, made it slower or faster?
 
-    The ends are compared first. Versions between them are measured where that is most informative;
-    then the one that is probably the first to differ is compared with the one before it.
+    The ends are compared first, then the version in the middle with OLD, and so on by halving. The
+    one that is found is compared with the one before it. A verdict that is inconclusive gets twice
+    the time.
 
     With rev=OLD rev=NEW, these are commits, and FUNCTION is one of your code, named as for
     `mjbench ab rev=…`; before a FILE.py::FUNCTION, rev= may be left out. All commits run

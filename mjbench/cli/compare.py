@@ -37,8 +37,9 @@ if TYPE_CHECKING:
     "--paths",
     "path_names",
     type=NAMES,
-    help="Compare these (see `mjbench paths`) and python_loop, which is always added; `c` stands"
-    " for all C paths but ray, `usual` for those and, where installed, MJX  [default: c]",
+    help="Compare these (see `mjbench paths`), or MODULE:CLASS of your own, and python_loop, which"
+    " is always added; `c` stands for all C paths, `usual` for those and, where installed, MJX"
+    "  [default: c]",
 )
 @THREADS
 @click.option("--chunk", type=numbers(), help="Simulations that a thread takes at a time.")

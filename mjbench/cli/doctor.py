@@ -10,12 +10,10 @@ from mjbench.cli.shared import (
     COUNT,
     JSON,
     SHARES,
-    SIZES_OF_STARTS,
     STORING,
     TRIAL_PLAN,
     budget,
     mode,
-    models_argument,
     with_options,
 )
 from mjbench.simulation import engine_library
@@ -24,7 +22,6 @@ from mjbench.status import ExitCode
 
 @cli.command()
 @mode("--verdicts", "How often are verdicts wrong on this machine?")
-@mode("--placement", "How far does speed depend on where MuJoCo's code lies in memory?")
 @budget(12, "Time for comparing the cart-pole with itself.")
 @JSON
 def doctor(budget_s: float, json_file: str | None) -> None:
@@ -32,8 +29,8 @@ def doctor(budget_s: float, json_file: str | None) -> None:
 
     It looks at the processor, its clock, the load, the host, Python, valgrind and rendering, and
     then compares the cart-pole with itself. Exit code 1: something is bad, or changes of 1 %
-    cannot be decided within a minute. --verdicts and --placement take its place, and
-    much longer.
+    cannot be decided within a minute. --verdicts takes its place, and much
+    longer.
 
     \b
     Example:
@@ -56,46 +53,6 @@ def doctor(budget_s: float, json_file: str | None) -> None:
         run.exit_with(ExitCode.ENVIRONMENT)
     is_fit = noise.trusted and all(row.grade != Grade.BAD for row in rows)
     run.exit_with(ExitCode.OK if is_fit else ExitCode.FINDING)
-
-
-@cli.command("doctor --placement")
-@models_argument("cartpole", "humanoid")
-@click.option(
-    "--release",
-    "release_name",
-    default="installed",
-    show_default=True,
-    metavar="RELEASE",
-    help="A version such as 3.5.0, a wheel, a folder of wheels, or `installed`.",
-)
-@click.option(
-    "--launches",
-    type=COUNT,
-    default=14,
-    show_default=True,
-    help="Launches for each of the four placements; an interval needs at least 9.",
-)
-@budget(
-    180,
-    "Time for each model, once it is loaded; after it, no launch begins.",
-    is_renamed=True,
-)
-@with_options(SIZES_OF_STARTS, STORING)
-def doctor_placement(time_limit: float, output: OutputOptions, **options: Any) -> None:
-    """How far does the time of a step depend on where MuJoCo's machine code lies in memory?
-
-    Compares a release as shipped with the same release moved by 0, 16, 32 and 48 bytes within a
-    cache line. A benchmark of one build cannot tell smaller differences than these from a change of
-    the code. Without a MODEL: cartpole and humanoid.
-
-    \b
-    Examples:
-      mjbench doctor --placement robot.xml
-      mjbench doctor --placement cloth pile --release 3.3.1
-    """
-    from mjbench.api.doctor import placements
-
-    measure_and_print(placements(**options, budget_s=time_limit), output, at_end=True).exit()
 
 
 @cli.command("doctor --verdicts")

@@ -45,18 +45,17 @@ class OutputFile:
                 self._target.open("ab").close()  # a folder, no permission, a loop of links
             self._partial = files.create_beside(self._target)
 
-    def write(self, content: str | bytes) -> None:
+    def write(self, content: str) -> None:
         if self._file is None:
             if sys.stdout is None:
                 raise MachineError("cannot write to standard output: it is closed")
             click.echo(content, nl=False)
             return
         with writing(self._file):
-            encoded = content.encode() if isinstance(content, str) else content
             if self._partial is None:
-                self._target.write_bytes(encoded)
+                self._target.write_bytes(content.encode())
                 return
-            self._partial.write_bytes(encoded)
+            self._partial.write_bytes(content.encode())
             files.put_in_place(self._partial, self._target)
             self._partial = None
 

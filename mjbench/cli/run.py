@@ -1,14 +1,13 @@
 """`mjbench run`: where the time of the user's own program goes."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, OUTPUT, RenamedOption, count, seconds
+from mjbench.cli.shared import OUTPUT, count, seconds
 from mjbench.errors import InputError
 from mjbench.limits import SAMPLES_PER_S
 from mjbench.status import ExitCode
@@ -46,27 +45,11 @@ class _ProgramCommand(click.Command):
     " counts from its first compiled function  [default: run it to its end]",
 )
 @click.option(
-    "--attach",
-    "pid",
-    type=COUNT,
-    metavar="PID",
-    help="Sample a running program for --seconds (10s by default). It keeps running.",
-)
-@click.option(
     "--sample-rate",
-    "--rate",
     "rate_hz",
-    cls=RenamedOption,
     type=count(SAMPLES_PER_S),
     help="Samples of the program's stacks per second  [default: 100; 20 of a program with several"
-    " child processes; 10 with --native, or fewer where they would cost too much]",
-)
-@click.option(
-    "--native",
-    "has_native",
-    is_flag=True,
-    help="Also read the stacks of libraries, to tell NumPy and PyTorch from Python. Each sample"
-    " then stops the program for some milliseconds.",
+    " child processes]",
 )
 @click.option(
     "--python",
@@ -74,24 +57,8 @@ class _ProgramCommand(click.Command):
     metavar="FILE",
     help="Python interpreter that runs the program  [default: the one that runs mjbench]",
 )
-@click.option(
-    "-o",
-    "--output",
-    "flame_graph",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="Also write the samples as a flame graph (FILE.svg), or as a profile for"
-    " https://www.speedscope.app (FILE.json).",
-)
-@click.option(
-    "--confirm",
-    "is_confirmed",
-    is_flag=True,
-    help="Measure the savings from changes that mjbench can make itself: run the program 8 times"
-    " with and 8 times without each.",
-)
 @OUTPUT
-def run(flame_graph: Path | None, output: OutputOptions, **options: Any) -> None:
+def run(output: OutputOptions, **options: Any) -> None:
     """Where does the time of my own program go, and what should I change first?
 
     PROGRAM is a Python file, or -m and a module, as after `python`. Its arguments follow it;
@@ -103,18 +70,12 @@ def run(flame_graph: Path | None, output: OutputOptions, **options: Any) -> None
     Examples:
       mjbench run --seconds 30 train.py --num-envs 4
       mjbench run -m package.train
-      mjbench run --confirm --seconds 30 train.py
-      mjbench run --output flame.svg train.py
-      mjbench run --attach 4242
     """
     from mjbench.api.run import exit_code_of, measurement
-    from mjbench.report import flame
 
-    if flame_graph is not None:
-        flame.check(flame_graph)
     if output.json_file == "-":
         raise InputError("--json -: standard output is the program's own; name a file")
-    work = measurement(**options, flame_graph=flame_graph)
+    work = measurement(**options)
     context = measure_and_print(work, output, to_stderr=True)
     code = exit_code_of(context.session.run())
     context.exit_with(ExitCode.INTERRUPTED if code is None else code)

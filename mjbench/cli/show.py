@@ -1,4 +1,4 @@
-"""`mjbench show`: run files and run sets again, printed, as a page, or beside an earlier run."""
+"""`mjbench show`: run files again, printed, as a page, or beside an earlier run."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -63,16 +63,16 @@ def show(
     results: Path,
     json_file: str | None,
 ) -> None:
-    """Show run files and run sets again; without a RUN, the newest in results/runs.
+    """Show run files again; without a RUN, the newest in results/runs.
 
-    Runs from several machines start with a comparison of the machines.
+    Runs of several machines start with one table, a column a machine.
 
     --html is one file, which needs no network and nothing beside it. Its charts need
     vl-convert-python and Jinja2: the extra `report`.
 
-    --against compares runs of `compare`; in run sets, each machine is compared with itself. The two
-    were measured at different times, so only what certainly differs by more than 5 % is slower or
-    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
+    --against compares two runs of `compare`. They were measured at different times, so only what
+    certainly differs by more than 5 % is slower or faster. `mjbench versions` and `mjbench ab`
+    alternate both, and find smaller changes.
 
     With --against, --fail-on judges these differences; without, the verdicts that `versions` or
     `ab` stored in RUN.
@@ -107,27 +107,25 @@ def show(
         else:
             _print(chosen, code, json_file, fail_on)
         return
-    olds = [Path(against)] if against else files[:1]  # the first RUN of `diff OLD NEW`
-    news = files if against else files[1:]
-    if len(olds) != 1 or len(news) > 1:
-        raise InputError("--against compares one RUN; `mjbench results merge` makes one of several")
-    new = news[0] if news else runs.latest(results)
-    _show_differences(olds[0], new, across, fail_on, json_file)
+    if len(files) > 1:
+        raise InputError("--against compares one RUN with OLD")
+    new = files[0] if files else runs.latest(results)
+    _show_differences(Path(against), new, across, fail_on, json_file)
 
 
 def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: FailOn) -> None:
     """Print runs, and write their JSON document; end with the exit code of their verdicts."""
     from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import run_set
+    from mjbench.store import runs
 
     with RunContext(json_file, files) as run:
-        stored = run_set.read_together(files, RECORD_TYPES)
-        if stored.is_run_file:
-            run.write(_shown(run, stored.runs[0], code))
+        stored = [runs.load(file, RECORD_TYPES) for file in dict.fromkeys(files)]
+        if len(stored) == 1:
+            run.write(_shown(run, stored[0], code))
         else:
-            _print_set(run, stored.runs, code)
+            _print_several(run, stored, code)
     if fail_on.findings:
-        run.exit_with(_exit_code(stored.runs, fail_on))
+        run.exit_with(_exit_code(stored, fail_on))
 
 
 def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
@@ -149,27 +147,27 @@ def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
     return exit_code
 
 
-def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
-    """Print what machines show side by side, and each run after it; of many runs, a list."""
-    from mjbench.report import advice_across, machines_side_by_side
-    from mjbench.report.documents import RunSetDocument
+def _print_several(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
+    """Print what machines answer side by side, and each run after it; of many runs, a list."""
+    from mjbench.report import machines
+    from mjbench.report.documents import MachinesDocument
 
-    results = machines_side_by_side.side_by_side(stored)
-    if results.has_several:
-        for line in advice_across.cautions(results.advice):
+    compared = machines.of_runs(stored)
+    if compared.has_several:
+        for line in compared.cautions:
             run.out.print(line, soft_wrap=True)
-        run.show(filter(None, [machines_side_by_side.section(results)]))
-    names = [machine.name for machine in results.machines]
+        run.show(filter(None, [machines.section(compared)]))
+    names = [machine.name for machine in compared.identities]
     if len(stored) > _MOST_RUNS:
         run.out.print()
-        run.table(machines_side_by_side.runs_table(stored, names))
+        run.table(machines.runs_table(stored, names))
         report_line(f"{len(stored)} runs: only listed; `mjbench show --html` has a section of each")
     else:
         for number, (each, name) in enumerate(zip(stored, names, strict=True), 1):
             run.out.print()
             run.out.rule(f"Run {number} of {len(stored)}: {each.header.command} on {name}")
             _shown(run, each, code)
-    run.write(RunSetDocument.of(stored, results))
+    run.write(MachinesDocument.of(stored, compared))
 
 
 def _shown(run: RunContext, stored: "Run", code: bool) -> object:
@@ -188,20 +186,16 @@ def _show_differences(
 ) -> None:
     from mjbench.report.documents import DiffDocument
     from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.report.run_differences import differences, differences_section, left_out
-    from mjbench.store import run_set
+    from mjbench.report.run_differences import differences, differences_section
+    from mjbench.store import runs
 
     with RunContext(json_file, [old, new]) as run:
-        stored = [run_set.read(path, RECORD_TYPES) for path in (old, new)]
-        rows = differences(stored[0], stored[1], across)
-        if line := left_out(stored):
-            report_line(line)
-        if rows:
-            run.show([differences_section(rows)])
-        if not any(row.path for row in rows):
+        rows = differences(runs.load(old, RECORD_TYPES), runs.load(new, RECORD_TYPES), across)
+        if not rows:
             raise InputError(
                 f"{old} and {new} have no timed row of `compare` in common; of verdicts,"
                 " `mjbench show RUN --fail-on slower` judges one run"
             )
+        run.show([differences_section(rows)])
         run.write(DiffDocument(results=rows))
     run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))

@@ -12,30 +12,23 @@ from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.pages.reports import NamedRun
-    from mjbench.store.run_set import RunSet
+    from mjbench.store.runs import Run
 
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
 _COMMENT = "comment"
-FORMATS = (
-    *(*_PAGES, _COMMENT, "csv", "parquet", "github-action-benchmark", "bencher", "otava"),
-    "junit",
-)
+FORMATS = (*_PAGES, _COMMENT, "csv", "github-action-benchmark", "junit")
 
 
 def write(files: Sequence[Path], form: str, output: str | None) -> None:
-    """Write run files and sets in a format.
+    """Write run files in a format.
 
     Args:
       output: a file, or `-` for standard output; None for the default of the format.
     """
     target = output or ("report.html" if form == "html" else "-")
     if form not in _PAGES and len(files) > 1:
-        raise InputError(
-            f"--format {form} takes one RUN; `mjbench results merge` makes one of several"
-        )
-    if form == "parquet" and target == "-":
-        raise InputError("--format parquet needs a file: give -o FILE")
+        raise InputError(f"--format {form} takes one RUN")
     file = OutputFile("-o", target, files)
     with RunContext(inputs=files) as run, contextlib.closing(file):
         file.open()
@@ -44,19 +37,19 @@ def write(files: Sequence[Path], form: str, output: str | None) -> None:
             run.out.print(f"Report: {target}", soft_wrap=True)
 
 
-def _stored(file: Path) -> "RunSet":
-    """Return a run file or set for another tool; say what to know before its numbers."""
+def _stored(file: Path) -> "Run":
+    """Return a run for another tool; say what to know before its numbers."""
     from mjbench.pages import exports
     from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import run_set
+    from mjbench.store import runs
 
-    stored = run_set.read(file, RECORD_TYPES)
+    stored = runs.load(file, RECORD_TYPES)
     for caution in exports.cautions(stored):
         report_line(caution)
     return stored
 
 
-def _content(form: str, files: Sequence[Path]) -> str | bytes:
+def _content(form: str, files: Sequence[Path]) -> str:
     from mjbench.pages import comment, exports, reports
 
     if form == _COMMENT:

@@ -34,12 +34,11 @@ if TYPE_CHECKING:
 def versions_explain(
     names: tuple[str, ...], top: int, clock: bool, plan: "VerdictPlan", output: OutputOptions
 ) -> None:
-    """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
+    """Explain what changed from the OLD release to the NEW one: instructions, work, or time alone.
 
     Needs valgrind. Lists instructions per step by function and by stage, the largest difference
-    first, with the work done and the ratio of wall-clock times, and whether the machine code that
-    executes changed. Times and counts are of the same simulations. Without a MODEL: all shipped
-    models.
+    first, with the work done and the ratio of wall-clock times. Times and counts are of the same
+    simulations. Without a MODEL: all shipped models.
 
     \b
     Example:

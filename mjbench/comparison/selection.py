@@ -96,7 +96,7 @@ def named(names: Sequence[str]) -> tuple[str, ...]:
 def expand(names: Sequence[str]) -> list[str]:
     """Return paths by name, with `c` replaced by the C paths, `usual` by those and MJX if there.
 
-    Paths that are not usual, such as `ray`, are in neither.
+    Paths that are not usual are in neither.
     """
     usual = {n: path for n, path in paths.registry().items() if path.usual}
     expanded: list[str] = []

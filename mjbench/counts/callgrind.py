@@ -4,16 +4,15 @@ A dump is text, a section for each function (Valgrind manual, "Callgrind Format 
 
     ob=(3) /a/libmujoco.so  the file whose code the functions below are
     fn=(7) mj_step          the function that the lines below belong to
-    0x1020 20 100           at address 0x1020, line 20, it executed 100 instructions itself
-    +4 +1 50                and 50 four bytes and one line further on
+    20 100                  in line 20, it executed 100 instructions itself
+    +1 50                   and 50 one line further on
     cob=(3)                 in this file
     cfn=(8) mj_forward      it called this function,
-    calls=2 0x1400 30       twice, at the callee's address and line;
-    * * 850                 from the position before; all that the callee did cost 850 instructions
+    calls=2 30              twice, at the callee's line;
+    * 850                   from the line before; all that the callee did cost 850 instructions
 
-Addresses, which are those of the file on disk, are there only with `--dump-instr=yes`. A name is
-written out once, with an id, and later stands as the id alone. Lines for source files (`fl=`, …)
-and most of the header say nothing about cost and are skipped.
+A name is written out once, with an id, and later stands as the id alone. Lines for source files
+(`fl=`, …) and most of the header say nothing about cost and are skipped.
 
 The *self cost* of a function is what it executed itself. Its *inclusive cost* adds what the
 functions that it called executed, directly or through others.
@@ -37,43 +36,24 @@ _OPERATOR = re.compile(
 
 
 @dataclass(frozen=True)
-class CodePlace:
-    """Where the instructions lie that one function executed in one file.
-
-    Attributes:
-      library: the file; empty where Callgrind knows none.
-      addresses: of the instructions, sorted, as the file gives them; empty without
-        `--dump-instr=yes`.
-    """
-
-    library: str
-    addresses: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class CallgrindProfile:
     """The content of one dump.
 
     Attributes:
       arcs: instructions of each (caller, callee), with all that the callee called.
-      places: where the code of each function lies, by name; several files may have a function
-        of that name.
+      libraries: a file that has the code of each function, by name; empty where Callgrind knows
+        none.
     """
 
     self_cost: Mapping[str, int]
     arcs: Mapping[tuple[str, str], int]
-    places: Mapping[str, tuple[CodePlace, ...]]
+    libraries: Mapping[str, str]
 
     def __add__(self, other: "CallgrindProfile") -> "CallgrindProfile":
-        addresses: dict[tuple[str, str], set[int]] = defaultdict(set)
-        for profile in (self, other):
-            for name, places in profile.places.items():
-                for place in places:
-                    addresses[name, place.library].update(place.addresses)
         return CallgrindProfile(
             Counter(self.self_cost) + Counter(other.self_cost),
             Counter(self.arcs) + Counter(other.arcs),
-            _places(addresses),
+            {**other.libraries, **self.libraries},
         )
 
     @property
@@ -122,9 +102,9 @@ def _parse(text: str) -> CallgrindProfile:
     functions, libraries = _Names(source_name), _Names(lambda name: name if name.strip("?") else "")
     self_cost: dict[str, int] = defaultdict(int)
     arcs: dict[tuple[str, str], int] = defaultdict(int)
-    places: dict[tuple[str, str], set[int]] = defaultdict(set)
+    library_of: dict[str, str] = {}
     function = callee = library = ""
-    address, has_addresses, is_call_cost = 0, False, False
+    is_call_cost = False
     for line in text.splitlines():
         key, _, value = line.partition("=")
         if key == "fn":
@@ -137,28 +117,15 @@ def _parse(text: str) -> CallgrindProfile:
             libraries.read(value)
         elif key == "calls":
             is_call_cost = True
-        elif line.startswith("positions:"):
-            has_addresses = "instr" in line.split()
         elif line and (line[0].isdigit() or line[0] in "+-*"):
-            position, *_, cost = line.split()
-            if has_addresses:
-                address = _moved(address, position)
+            _, cost = line.split()
             if is_call_cost:
                 arcs[function, callee] += int(cost)
             else:
                 self_cost[function] += int(cost)
-                if has_addresses:
-                    places[function, library].add(address)
+                library_of.setdefault(function, library)
             is_call_cost = False
-    return CallgrindProfile(dict(self_cost), dict(arcs), _places(places))
-
-
-def _places(addresses: Mapping[tuple[str, str], set[int]]) -> dict[str, tuple[CodePlace, ...]]:
-    """Return where functions lie; `addresses` are by function and file."""
-    places: defaultdict[str, tuple[CodePlace, ...]] = defaultdict(tuple)
-    for (function, library), executed in addresses.items():
-        places[function] += (CodePlace(library, tuple(sorted(executed))),)
-    return dict(places)
+    return CallgrindProfile(dict(self_cost), dict(arcs), library_of)
 
 
 class _Names:
@@ -174,14 +141,6 @@ class _Names:
         if name is not None:
             self._full[identifier] = name
         return self._normal(self._full[identifier])
-
-
-def _moved(address: int, position: str) -> int:
-    """Return the address that a position says, which may be relative to the one before."""
-    if position == "*":
-        return address
-    number = int(position.lstrip("+-"), 0)
-    return {"+": address + number, "-": address - number}.get(position[0], number)
 
 
 def source_name(name: str) -> str:

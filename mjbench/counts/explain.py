@@ -6,18 +6,12 @@ from dataclasses import dataclass, replace
 
 from mjbench.counts import counted_program
 from mjbench.counts.counted_program import OperationRequest
-from mjbench.counts.function_differences import (
-    CodeChanges,
-    code_shares,
-    function_differences,
-    is_different,
-)
+from mjbench.counts.function_differences import function_differences
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
     ExplainRecord,
     finished,
 )
-from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.timing import Progress
 from mjbench.paired.metrics import Metric
@@ -36,13 +30,7 @@ def explain_change(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
 ) -> ExplainRecord:
     failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
-    code, code_detail = None, "" if failed is None else "a release was not counted"
-    if failed is None:
-        try:
-            code = _code_changes(baseline, candidate)
-        except MachineError as error:
-            code_detail = str(error)
-    functions = function_differences(baseline, candidate, code)
+    functions = function_differences(baseline, candidate)
     before, after = baseline.stages or {}, candidate.stages or {}
     return ExplainRecord(
         model=candidate.model,
@@ -57,17 +45,9 @@ def explain_change(
             stage: Pair(before.get(stage, 0.0), after.get(stage, 0.0))
             for stage in {**before, **after}
         },
-        functions=[function for function in functions if is_different(function)],
-        code=code_shares(functions) if code else None,
-        code_detail=code_detail,
+        functions=[function for function in functions if function.difference],
         time=time,
     )
-
-
-def _code_changes(baseline: ModelCount, candidate: ModelCount) -> CodeChanges:
-    from mjbench.counts.code_comparison import compare  # late: Capstone takes long to import
-
-    return compare(baseline.places, candidate.places)
 
 
 def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) -> VerdictRow:

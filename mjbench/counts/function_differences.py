@@ -1,19 +1,18 @@
-"""Match the functions of two counts: what each executes, how its code changed, what cost moved.
+"""Match the functions of two counts: what each executes, and what cost moved.
 
 A compiler that inlines a function moves its instructions to the caller; one that no longer does, or
-a programmer who splits a function, moves them out of it. The caller's code has then changed, it
-costs about as much more as its callee costs less, or the other way round, and neither difference is
-a change of speed.
+a programmer who splits a function, moves them out of it. The caller then costs about as much more
+as its callee costs less, or the other way round, and neither difference is a change of speed.
 """
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import OTHER_CODE, CodeChange, CodeShare, FunctionDifference
+from mjbench.counts.records import FunctionDifference
 
 # The smallest cost whose move is reported, as a share of a step.
 MIN_MOVED = 0.001
@@ -29,68 +28,29 @@ MIN_PART = 0.05
 _UNNAMED = "0x"
 
 
-@dataclass(frozen=True)
-class CodeChanges:
-    """How the code changed of the functions that either of two releases executes.
-
-    Attributes:
-      changes: of each function, by its name in the candidate; by that in the baseline, if only the
-        baseline executes it.
-      old_names: names in the baseline of functions that were renamed, by those in the candidate.
-    """
-
-    changes: Mapping[str, CodeChange] = field(default_factory=dict)
-    old_names: Mapping[str, str] = field(default_factory=dict)
-
-
-def function_differences(
-    baseline: ModelCount, candidate: ModelCount, code: CodeChanges | None
-) -> list[FunctionDifference]:
+def function_differences(baseline: ModelCount, candidate: ModelCount) -> list[FunctionDifference]:
     """Return all functions that either release executes, the largest difference first.
 
     Of equal differences the costliest function comes first. Functions without names are put
     together by their library, because their addresses differ between releases.
     """
-    names = {old: new for new, old in code.old_names.items()} if code else {}
-    before, after = _self_costs(baseline, names), _self_costs(candidate, {})
+    before, after = _self_costs(baseline), _self_costs(candidate)
     functions = {
         name: FunctionDifference(
             name=name,
-            old_name=code.old_names.get(name) if code else None,
             old=before.get(name),
             new=after.get(name),
             difference=after.get(name, 0.0) - before.get(name, 0.0),
-            code=code.changes.get(name, CodeChange.UNKNOWN) if code else None,
         )
         for name in {**before, **after}
     }
-    if code:
-        calls = {(names.get(a, a), names.get(b, b)) for a, b in baseline.calls} | candidate.calls
-        min_cost = MIN_MOVED * (candidate.instructions_per_step or 0.0)
-        for group in moved_cost(functions, calls, min_cost):
-            members = sorted((functions[name] for name in group), key=_largest_first)
-            for each in members:
-                others = [other.name for other in members if other.difference * each.difference < 0]
-                functions[each.name] = replace(each, moved_with=others)
+    min_cost = MIN_MOVED * (candidate.instructions_per_step or 0.0)
+    for group in moved_cost(functions, baseline.calls | candidate.calls, min_cost):
+        members = sorted((functions[name] for name in group), key=_largest_first)
+        for each in members:
+            others = [other.name for other in members if other.difference * each.difference < 0]
+            functions[each.name] = replace(each, moved_with=others)
     return sorted(functions.values(), key=lambda f: (-abs(f.difference), -(f.new or 0.0), f.name))
-
-
-def is_different(function: FunctionDifference) -> bool:
-    """Return whether a function executes other instructions, or as many others."""
-    return bool(function.difference) or function.code in OTHER_CODE
-
-
-def code_shares(functions: Sequence[FunctionDifference]) -> dict[CodeChange, CodeShare]:
-    costs: dict[CodeChange, list[float]] = defaultdict(list)
-    for function in functions:
-        assert function.code
-        costs[function.code].append((function.old or 0.0) + (function.new or 0.0))
-    total = sum(map(sum, costs.values())) or 1.0
-    return {
-        change: CodeShare(len(costs[change]), sum(costs[change]) / total)
-        for change in CodeChange
-        if change in costs
-    }
 
 
 def moved_groups(functions: Iterable[FunctionDifference]) -> list[list[FunctionDifference]]:
@@ -121,17 +81,16 @@ def largest_differences(functions: Sequence[FunctionDifference], count: int) -> 
     return sorted(net, key=lambda d: (-abs(d.difference), d.names))[:count]
 
 
-def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]:
+def _self_costs(count: ModelCount) -> dict[str, float]:
     """Return what each function executes itself, by name; unnamed ones by library."""
     costs: dict[str, float] = defaultdict(float)
     for function in count.functions:
         name = function.name
         if name.startswith(_UNNAMED):
-            files = [place.library for place in count.places.get(name, ()) if place.library]
-            library = PurePath(files[0]).name if files else "unknown library"
+            library = PurePath(count.libraries.get(name) or "unknown library").name
             name = f"{library.partition('.')[0]} (no symbols)"
         if function.self:
-            costs[names.get(name, name)] += function.self
+            costs[name] += function.self
     return dict(costs)
 
 
@@ -146,9 +105,7 @@ def moved_cost(
     neighbours: dict[str, set[str]] = defaultdict(set)
     for caller, name in calls:
         callee = functions.get(name)
-        # other callers cannot have taken over, or given up, instructions of a callee
-        has_other_code = caller in functions and functions[caller].code in OTHER_CODE
-        if callee is None or not has_other_code:
+        if callee is None or caller not in functions:
             continue
         if abs(callee.difference) >= MIN_CALLEE_CHANGE * max(callee.old or 0.0, callee.new or 0.0):
             neighbours[caller].add(name)

@@ -9,7 +9,6 @@ cache misses, mispredicted branches and system calls take time without taking in
 """
 
 import contextlib
-import os
 import shutil
 import subprocess
 import time
@@ -21,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.counts import callgrind, counted_program
-from mjbench.counts.callgrind import CallgrindProfile, CodePlace
+from mjbench.counts.callgrind import CallgrindProfile
 from mjbench.counts.counted_program import (
     CountAnswer,
     CountedOperation,
@@ -70,15 +69,15 @@ class ModelCount(InstructionsRecord):
     Of an operation around the step, it is what doing it once costs.
 
     Attributes:
-      places: where the code of each of the functions lies that were executed, by name.
-      calls: (caller, callee) of them.
+      libraries: a file that has the code of each function, by name.
+      calls: (caller, callee) of the functions that were executed.
       healthy: (nbatch,) bool: the simulations that did not diverge; None where the model was not
         counted.
       followed: what the release did from the states of the workload's probe; None likewise.
     """
 
     operation: str = ""
-    places: Mapping[str, Sequence[CodePlace]] = field(default_factory=dict)
+    libraries: Mapping[str, str] = field(default_factory=dict)
     calls: AbstractSet[tuple[str, str]] = frozenset()
     healthy: np.ndarray | None = None
     followed: Followed | None = None
@@ -199,7 +198,7 @@ def _program(
 
     The dumps become `callgrind.out.1`, `callgrind.out.2`, … in the folder.
     """
-    core, parent = folder / "core", os.getpid()
+    core = folder / "core"
     with writing(folder):
         core.mkdir()
         release_python.link_mjbench(core)
@@ -207,7 +206,8 @@ def _program(
 
         def command(descriptor: int) -> list[str]:
             code = f"from mjbench.counts.counted_program import main; main({descriptor})"
-            return [*_callgrind(folder), *release_python.command(code, core, install)]
+            program = [*_callgrind(folder), *release_python.command(code, core, install)]
+            return child.ending_with_parent(program)
 
         connection = child_connection.start(
             command,
@@ -221,7 +221,6 @@ def _program(
                 "PYTHONHASHSEED": HASH_SEED,
                 "TMPDIR": str(folder),  # valgrind's own temporary files go with the folder
             },
-            preexec_fn=lambda: child.die_with_parent(parent),
         )
         try:
             with contextlib.suppress(OSError):  # its end is reported where its answer is read
@@ -234,7 +233,6 @@ def _program(
 def _callgrind(folder: Path) -> list[str]:
     return [
         *("valgrind", "--tool=callgrind", "--quiet"),
-        "--dump-instr=yes",  # addresses, by which explain finds the code of functions
         f"--dump-before={counted_program.MARKER}",
         f"--instr-atstart={'no' if counted_program.can_switch_instrumentation() else 'yes'}",
         f"--callgrind-out-file={folder / 'callgrind.out'}",
@@ -276,7 +274,7 @@ def _operation_count(
         instructions_per_step=both.total / (2 * repeats),
         functions=both.counts(executed, 2 * repeats),
         repeats=abs(repeated.total - profile.total) / max(1, profile.total),
-        places={name: both.places[name] for name in executed},
+        libraries=both.libraries,
         calls={arc for arc in both.arcs if executed.issuperset(arc)},
     )
 
@@ -301,7 +299,7 @@ def _model_count(
         diverged=counted.diverged,
         warnings=counted.warnings,
         starts=counted.starts,
-        places={name: profile.places[name] for name in executed},
+        libraries=profile.libraries,
         calls={arc for arc in profile.arcs if executed.issuperset(arc)},
         healthy=counted.healthy,
         followed=counted.followed,

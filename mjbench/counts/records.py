@@ -6,10 +6,9 @@ candidate `new`, as on the command line.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import ClassVar
 
-from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt, Share, Version
+from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt, Version
 from mjbench.paired.records import Pair, VerdictRow
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
@@ -71,60 +70,22 @@ def counted(records: Sequence[object]) -> list[InstructionsRecord]:
     return [r for r in records if isinstance(r, InstructionsRecord) and r.status in FINISHED]
 
 
-class CodeChange(StrEnum):
-    """How the machine code of a function changed from one release to another."""
-
-    IDENTICAL = "identical"
-    """The same instructions, at other addresses."""
-    OFFSETS = "offsets only"
-    """The same instructions; offsets of fields in structs, or the functions called, differ."""
-    CHANGED = "changed"
-    """Other instructions."""
-    NEW = "new"
-    """Only the candidate has the function."""
-    GONE = "gone"
-    """Only the baseline has it."""
-    UNKNOWN = "unknown"
-    """Its code cannot be read: its library has no symbols, or is not the engine's."""
-
-
-# Of functions that execute other instructions than in the baseline.
-OTHER_CODE = (CodeChange.CHANGED, CodeChange.NEW, CodeChange.GONE)
-
-
 @dataclass(frozen=True, kw_only=True)
 class FunctionDifference:
-    """Instructions per step that a function executes itself, and its code, in both releases.
+    """Instructions per step that a function executes itself in both releases.
 
     Attributes:
-      name: of the function; in the candidate, if it was renamed.
-      old_name: of the function in the baseline, if it was renamed; None where it was not.
       old: in the baseline; None where it does not execute.
       new: in the candidate; None where it does not execute.
       difference: candidate minus baseline.
-      code: how its machine code changed; None where the code was not compared.
       moved_with: functions to which cost moved from this one, or from which it came.
     """
 
     name: str
-    old_name: str | None = None
     old: NonNegativeFloat | None
     new: NonNegativeFloat | None
     difference: AnyFloat
-    code: CodeChange | None = None
     moved_with: Sequence[str] = ()
-
-
-@dataclass(frozen=True)
-class CodeShare:
-    """The functions whose code changed in one way, of those that execute in either release.
-
-    Attributes:
-      share: of the instructions that both releases execute, from 0 to 1.
-    """
-
-    functions: NonNegativeInt
-    share: Share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,11 +99,8 @@ class ExplainRecord:
       status: how counting ended; the baseline's, if both failed.
       instructions_per_step: of the engine.
       outside_per_step: of everything else: the bindings, and Python.
-      functions: that differ in instructions executed or in code, the largest difference first; a
-        run file has those that changed most.
-      code: how many functions and instructions execute, by how the code changed; None where the
-        code was not compared.
-      code_detail: why the code was not compared, in one line; empty where it was.
+      functions: that differ in instructions executed, the largest difference first; a run file has
+        those that changed most.
       time: the paired comparison of time; None where time was not compared.
       operation: name of the operation (see `paired.operations`); empty for a step.
     """
@@ -157,8 +115,6 @@ class ExplainRecord:
     work: Pair[Work | None]
     stages: Mapping[str, Pair[AnyFloat | None]]
     functions: Sequence[FunctionDifference]
-    code: Mapping[CodeChange, CodeShare] | None = None
-    code_detail: str = ""
     time: VerdictRow | None
     operation: str = ""
 

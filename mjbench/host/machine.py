@@ -7,20 +7,20 @@ Parts of this module also run inside the environments of old releases, where psu
 see `available_memory_bytes`.
 """
 
+import contextlib
 import hashlib
 import hmac
 import importlib.metadata
 import math
-import mmap
 import os
 import platform
 import subprocess
 import sys
 import threading
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
@@ -30,7 +30,13 @@ from mjbench.host import platforms
 if TYPE_CHECKING:
     import mujoco
 
-_CGROUP, _CPUINFO = Path("/sys/fs/cgroup"), "/proc/cpuinfo"
+_ROOT, _CPUINFO = Path("/"), "/proc/cpuinfo"
+# Of a control group of version 2 and of version 1: its limit, what it uses, and the key of what of
+# that are cached files.
+_MEMORY_FILES = (
+    ("memory.max", "memory.current", "inactive_file"),
+    ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+)
 # Packages that a result depends on.
 _PACKAGES = (
     *("mujoco", "mujoco-core", "mujoco-mjx", "mujoco-warp"),
@@ -60,27 +66,42 @@ _CALIBRATION_STEPS = 5000
 MEMORY_SHARE = 0.6
 
 
-def usable_cores(cgroup: Path = _CGROUP) -> int:
+def usable_cores(root: Path = _ROOT) -> int:
     cores = len(platforms.affinity()) or os.cpu_count() or 1
-    quota = cgroup_quota(cgroup)
+    quota = cgroup_quota(root)
     return max(1, min(cores, math.ceil(quota))) if quota else cores
 
 
-def cgroup_quota(cgroup: Path = _CGROUP) -> float | None:
-    """Return the CPU quota of the control group in cores, or None if there is none.
+def cgroup_quota(root: Path = _ROOT) -> float | None:
+    """Return the least CPU quota of the control groups of this process, in cores; None without.
 
     It is in other files of version 2 and version 1 of control groups; psutil knows neither.
     """
-    older = (read_text(cgroup / f"cpu/cpu.cfs_{name}_us") for name in ("quota", "period"))
-    try:
-        quota, period = read_text(cgroup / "cpu.max").split()[:2] or older
-        cores = int(quota) / int(period)
-    except (ValueError, ZeroDivisionError):  # "max" or nothing: no limit
-        return None
-    return cores if cores > 0 else None
+    quotas = []
+    for group in _control_groups("cpu", root):
+        older = (read_text(group / f"cpu.cfs_{name}_us") for name in ("quota", "period"))
+        with contextlib.suppress(ValueError, ZeroDivisionError):  # "max" or nothing: no limit
+            quota, period = read_text(group / "cpu.max").split()[:2] or older
+            quotas.append(int(quota) / int(period))
+    return min((quota for quota in quotas if quota > 0), default=None)
 
 
-def available_memory_bytes(cgroup: Path = _CGROUP) -> int:
+def _control_groups(controller: str, root: Path) -> Iterator[Path]:
+    """Yield the folders of this process's control group and of those that contain it.
+
+    /proc/self/cgroup has a line such as `0::/a/b` for version 2, and one such as `4:cpu,cpuacct:/a`
+    for each hierarchy of version 1. Outside of a container's own groups, the path names none.
+    """
+    for line in ("0::/", *read_text(root / "proc/self/cgroup").splitlines()):
+        _, controllers, name = line.split(":", 2)
+        if controllers and controller not in controllers.split(","):
+            continue
+        top = root / "sys/fs/cgroup" / (controller if controllers else "")
+        group = PurePath("" if ".." in name else name.lstrip("/"))
+        yield from (top / each for each in (group, *group.parents))
+
+
+def available_memory_bytes(root: Path = _ROOT) -> int:
     """Return the memory that can be used without swapping, limited by the control group's.
 
     Without psutil, and without such a limit, memory counts as unlimited.
@@ -92,7 +113,7 @@ def available_memory_bytes(cgroup: Path = _CGROUP) -> int:
         pass
     else:
         available = psutil.virtual_memory().available
-    remaining = _cgroup_remaining_bytes(cgroup)
+    remaining = _cgroup_remaining_bytes(root)
     return available if remaining is None else max(0, min(available, remaining))
 
 
@@ -106,16 +127,18 @@ def check_memory(bytes_needed: float, work: str, remedy: str) -> None:
         )
 
 
-def _cgroup_remaining_bytes(cgroup: Path) -> int | None:
-    try:
-        limit = int((cgroup / "memory.max").read_text())
-        used = int((cgroup / "memory.current").read_text())
-        for line in (cgroup / "memory.stat").read_text().splitlines():
-            if line.startswith("inactive_file "):  # cached files, which the kernel frees on demand
-                used -= int(line.split()[1])
-    except (OSError, ValueError):  # no control group, or "max": no limit
-        return None
-    return limit - used
+def _cgroup_remaining_bytes(root: Path) -> int | None:
+    """Return the least memory that a control group of this process leaves; None without a limit."""
+    remaining = []
+    for group in _control_groups("memory", root):
+        for limit, used, cached in _MEMORY_FILES:
+            with contextlib.suppress(ValueError):  # "max" or nothing: no limit
+                bytes_left = int(read_text(group / limit)) - int(read_text(group / used))
+                for line in read_text(group / "memory.stat").splitlines():
+                    if line.startswith(f"{cached} "):  # files that the kernel frees on demand
+                        bytes_left += int(line.split()[1])
+                remaining.append(bytes_left)
+    return min(remaining, default=None)
 
 
 def data_bytes(model: "mujoco.MjModel") -> int:
@@ -145,18 +168,6 @@ def peak_memory_bytes() -> int:
         return peak_bytes
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
-
-
-def resident_bytes() -> int | None:
-    """Return the memory of this process; None where the system does not say.
-
-    What statm says may be some pages of each core off (proc_pid_statm(5)).
-    """
-    counted = _own_bytes("/proc/self/smaps_rollup", "Rss")
-    if counted is not None:
-        return counted
-    statm = read_text("/proc/self/statm").split()
-    return int(statm[1]) * mmap.PAGESIZE if statm else None
 
 
 def _own_bytes(file: str, key: str) -> int | None:
@@ -207,7 +218,7 @@ class Machine:
       versions: of the packages that a result depends on, by name.
       flags: environment variables that change speed or results, by name.
       label: the user's name for this machine, from MJBENCH_MACHINE.
-      host: see `host_hash`; empty in older files.
+      host: see `host_hash`.
     """
 
     cpu: str

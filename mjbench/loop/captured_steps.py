@@ -288,8 +288,7 @@ class StepRecorder:
         self._data, self._with_mjb = data, with_mjb
         self._by_layout: dict[tuple[str, ModelLayout, int], ModelRecorder] = {}
         # by the identity of the MjModel, as long as that lives; None for one that is not captured
-        self._by_identity: dict[int, ModelRecorder | None] = {}
-        self._references: dict[int, weakref.ref[mujoco.MjModel]] = {}
+        self._by_identity: dict[int, tuple[ModelRecorder | None, weakref.ref[mujoco.MjModel]]] = {}
         # steps that were not captured, by the name of their model
         self.other_nstep: collections.Counter[str] = collections.Counter()
 
@@ -322,7 +321,7 @@ class StepRecorder:
                     return function(*args, **keywords)
                 model, data, nstep = arguments
             try:
-                recorder = by_identity[id(model)]
+                recorder, _ = by_identity[id(model)]
             except KeyError:
                 recorder = self._recorder_of(model)
             if recorder is None or (only_data is not None and data is not only_data):
@@ -346,8 +345,10 @@ class StepRecorder:
         if model.nv and self._digest in (None, model_digest(model)):
             recorder = self._of_layout(model)
         identity = id(model)
-        self._references[identity] = weakref.ref(model, lambda _: self._forget(identity))
-        return self._by_identity.setdefault(identity, recorder)
+        # Another MjModel may get the identity. A function of C forgets it: Python drops what is
+        # raised in such a callback, and a signal handler may run in one of Python.
+        reference = weakref.ref(model, functools.partial(self._by_identity.pop, identity))
+        return self._by_identity.setdefault(identity, (recorder, reference))[0]
 
     def _of_layout(self, model: mujoco.MjModel) -> ModelRecorder | None:
         nstate = compat.state_size(model)
@@ -358,11 +359,6 @@ class StepRecorder:
             if self._by_layout.setdefault(key, recorder) is not recorder:
                 recorder.close()
         return self._by_layout.get(key)
-
-    def _forget(self, identity: int) -> None:
-        """Drop an MjModel that the program has dropped: another may get its identity."""
-        self._by_identity.pop(identity, None)
-        self._references.pop(identity, None)
 
 
 def _arguments(

@@ -3,17 +3,17 @@
 The rules are in lint_rules.py; stepping_script.py describes a script to them.
 """
 
-import contextlib
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt
 from mjbench.errors import InputError
 from mjbench.loop.lint_rule import Match, Rule
 from mjbench.loop.lint_rules import RULES
-from mjbench.loop.lint_settings import ALL_CODES
+from mjbench.loop.lint_settings import ALL_CODES, RuleChoice
 from mjbench.loop.python_source import PythonProgram, read_program
+from mjbench.loop.script_files import UncheckedFile
 from mjbench.loop.stepping_script import SteppingScript
 
 
@@ -23,12 +23,11 @@ class Finding:
 
     Attributes:
       file: its name, as given.
-      line: from 1; of the cell, in a notebook.
+      line: from 1.
       col: from 1, in characters.
       code: of the rule.
       message: what is wrong, and what to write instead.
       ns_per_step: about what it costs in each step; None where the rule is not about time.
-      cell: of a notebook, from 1; None in a Python file.
       callee: what is called there, such as "mj_forward"; empty where the rule is not about a call.
       instead: functions of the engine, called with the model and the MjData, that do enough in the
         place of the callee; none where the call moves out of the loop or is deleted.
@@ -41,48 +40,48 @@ class Finding:
     code: str
     message: str
     ns_per_step: NonNegativeFloat | None
-    cell: NonNegativeInt | None
     callee: str = ""
     instead: tuple[str, ...] = ()
     is_wrong_result: bool = False
 
 
+def check_all(
+    files: Iterable[str | UncheckedFile], choice: RuleChoice
+) -> Iterator[Sequence[Finding] | UncheckedFile]:
+    """Yield the findings of each file, or why it is unchecked."""
+    for file in files:
+        if isinstance(file, UncheckedFile):
+            yield file
+            continue
+        try:
+            yield check(file, choice.codes_for(file))
+        except InputError as error:
+            yield UncheckedFile(file, str(error).removeprefix(f"{file}: "))
+
+
 def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
     """Return the findings of a file in the order of its lines; InputError if it is unfit."""
-    with refusing_deep_nesting(file):
-        return findings_of(file, read_program(file), codes)
-
-
-@contextlib.contextmanager
-def refusing_deep_nesting(file: str) -> Iterator[None]:
-    """Turn what a parser or a rule raises for a file that is too deep or large into InputError."""
     try:
-        yield
+        program = read_program(file)
+        of_rules = matches(program, SteppingScript(program.tree), codes)
+        return [_finding(file, program, rule, match) for rule, match in of_rules]
     except (RecursionError, MemoryError) as error:
         raise InputError(
             f"{file}: nested too deeply, or too large, for Python's parser or for lint"
         ) from error
 
 
-def findings_of(file: str, program: PythonProgram, codes: Collection[str]) -> list[Finding]:
-    of_rules = matches(program, SteppingScript(program.tree), codes)
-    return [finding_of(file, program, rule, match) for rule, match in of_rules]
-
-
-def finding_of(file: str, program: PythonProgram, rule: Rule, match: Match) -> Finding:
-    line = program.line_of(match.node)
+def _finding(file: str, program: PythonProgram, rule: Rule, match: Match) -> Finding:
     message = match.message or rule.message
     if match.loop is not None:
-        place = program.line_of(match.loop).place
-        message += f"; the loop in {place} calls this in every iteration"
+        message += f"; the loop in line {match.loop.lineno} calls this in every iteration"
     return Finding(
         file=file,
-        line=line.number,
-        col=line.column(match.node.col_offset),
+        line=match.node.lineno,
+        col=program.column_of(match.node),
         code=rule.code,
         message=message,
         ns_per_step=match.ns_per_step,
-        cell=line.cell,
         callee=match.callee,
         instead=match.instead,
         is_wrong_result=rule.is_wrong_result,
@@ -96,7 +95,7 @@ def matches(
     by_place = {}  # and rule: nested loops match the same node twice
     for rule in RULES:
         for match in rule.matches(script) if rule.code in codes else ():
-            if not _is_suppressed(program.line_of(match.node).text, rule.code):
+            if not _is_suppressed(program.line_of(match.node), rule.code):
                 place = (match.node.lineno, match.node.col_offset, rule.code)
                 by_place[place] = rule, match
     return [by_place[place] for place in sorted(by_place)]

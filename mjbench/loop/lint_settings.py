@@ -74,10 +74,6 @@ class RuleChoice:
         return self._by_file[file]
 
 
-# Those that pyproject.toml selects; without one, all.
-ALL_RULES = RuleChoice()
-
-
 def _matching(beginnings: Sequence[str]) -> set[str]:
     for beginning in beginnings:
         if not beginning or not any(code.startswith(beginning.upper()) for code in ALL_CODES):

@@ -1,9 +1,7 @@
 """Where the names of a script are bound, and which functions its calls mean.
 
 Scopes are those of functions and of the module, as Python resolves names. A name that a `global` or
-`nonlocal` statement mentions may be bound again anywhere, and so may every name where the script
-uses `exec`, `setattr`, `globals` or the like, and a module's name where it sets such an attribute
-of a module.
+`nonlocal` statement mentions may be bound again anywhere.
 
 A call means a function where its name is bound once, by a `def` without decorators; where it is
 `self.method(…)` of a class that has one such method, or `env.method(…)` where one statement binds
@@ -21,16 +19,6 @@ from functools import cached_property
 from mjbench.loop.script_syntax import FUNCTIONS, ancestors, dotted_name, is_bound, parameters_of
 
 Scope = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
-# What may pass by what is in it, or end early; the values of an assignment included.
-_BRANCHES = ast.If | ast.IfExp | ast.BoolOp | ast.For | ast.AsyncFor | ast.While | ast.Try
-_BRANCHES |= ast.Match | ast.ExceptHandler
-_STAR = "*"  # what `from module import *` binds, in place of names that are not known
-# What may read or bind names by their spelling.
-_REACHES_NAMES = {
-    *("delattr", "dir", "eval", "exec", "globals", "import_module", "locals", "setattr", "vars"),
-    *("__dict__", "__globals__", "__import__", "__main__", "__setattr__", "cell_contents"),
-    *("f_globals", "f_locals", "modules", "patch"),
-}
 
 
 class NameBindings:
@@ -38,7 +26,6 @@ class NameBindings:
 
     Attributes:
       identifiers: all names in it, those of attributes and arguments included.
-      reaches_names: whether it can read or bind names by their spelling, as `exec` does.
     """
 
     def __init__(self, tree: ast.Module, parents: Mapping[ast.AST, ast.AST]):
@@ -46,15 +33,11 @@ class NameBindings:
         self._bindings: defaultdict[tuple[Scope, str], list[ast.AST]] = defaultdict(list)
         self._origins: defaultdict[str, set[str]] = defaultdict(set)
         self.declared: set[str] = set()
-        self.reaches_names = False
         self.identifiers: set[str] = set()
-        self._set_in_modules = _set_in_modules(tree)
         for node in ast.walk(tree):
             self.identifiers.update(_identifiers(node))
             if isinstance(node, ast.Global | ast.Nonlocal):
                 self.declared.update(node.names)
-            elif _REACHES_NAMES.intersection(_identifiers(node)):
-                self.reaches_names = True
             for name in bound_by(node):
                 self._origins[name].add(self._imported(node))
                 for scope in self._scopes_of_binding(node):
@@ -77,44 +60,6 @@ class NameBindings:
         owner = self.owner(name, node)
         return self.bindings(name, owner) if owner is not None else ()
 
-    def rebinding(self, name: str, loop: ast.For | ast.While) -> str:
-        """Return why a name may change its value during a loop; empty where it cannot."""
-        owner = self.owner(name, loop)
-        if owner is None:
-            return f"where {name} gets its value is not known"
-        if any({name, _STAR}.intersection(bound_by(node)) for node in ast.walk(loop)):
-            return f"the loop binds {name} again"
-        if name in self.declared:
-            return f"a global or nonlocal statement names {name}"
-        if self.reaches_names:
-            return f"exec, setattr, globals or the like could reach {name}"
-        if isinstance(owner, ast.Module) and name in self._set_in_modules:
-            return f"the script sets {name} of a module, which may be this one"
-        if owner is not self.scope_of(loop) and not self._is_bound_once(name, owner):
-            return f"{name} belongs to another scope, which may bind it again"
-        return ""
-
-    def is_certainly_bound(self, name: str, loop: ast.For | ast.While) -> bool:
-        """Return whether a name has a value before a loop, whichever branches a script takes.
-
-        One that is bound under an `if`, in a `try` or by another loop may have none, and None may
-        stand for a value that is missing, unless the loop is in the same place. A parameter counts.
-        """
-        owner = self.owner(name, loop)
-        if owner is None:
-            return False
-        around = set(self._nodes_up_to(loop, owner))
-        for node in self._bindings[owner, name]:
-            above = list(self._nodes_up_to(node, owner))
-            if any(isinstance(n, _BRANCHES) and n not in around for n in above):
-                return False
-            values = [n.value for n in above if isinstance(n, ast.Assign | ast.AnnAssign)]
-            values += [e for v in values if isinstance(v, ast.Tuple) for e in v.elts]
-            has_none = any(isinstance(v, ast.Constant) and v.value is None for v in values)
-            if has_none or any(isinstance(v, _BRANCHES) for v in values):
-                return False
-        return True
-
     def origin(self, dotted: str) -> str:
         """Return what a dotted name was imported as, such as `mujoco.mj_step`; empty if unknown."""
         root, _, rest = dotted.partition(".")
@@ -123,15 +68,6 @@ class NameBindings:
             return ""
         (origin,) = origins
         return ".".join(filter(None, (origin, rest))) if origin else ""
-
-    def _is_bound_once(self, name: str, scope: Scope) -> bool:
-        if (scope, _STAR) in self._bindings:
-            return False
-        nodes = self._bindings[scope, name]
-        return len(nodes) == 1 and not any(
-            isinstance(above, ast.For | ast.AsyncFor | ast.While)
-            for above in self._nodes_up_to(nodes[0], scope)
-        )
 
     def _imported(self, node: ast.AST) -> str:
         if not isinstance(node, ast.alias):
@@ -149,10 +85,6 @@ class NameBindings:
 
     def _scopes_around(self, node: ast.AST) -> Iterator[Scope]:
         return (above for above in ancestors(self._parents, node) if isinstance(above, Scope))
-
-    def _nodes_up_to(self, node: ast.AST, scope: Scope) -> Iterator[ast.AST]:
-        above = itertools.takewhile(lambda each: each is not scope, ancestors(self._parents, node))
-        return itertools.chain(above, [scope])
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,19 +179,6 @@ class ScriptFunctions:
     def _binding(self, name: ast.Name) -> ast.AST | None:
         bindings = self._bindings.of(name.id, name)
         return bindings[0] if len(bindings) == 1 else None
-
-
-def _set_in_modules(tree: ast.Module) -> set[str]:
-    nodes = list(ast.walk(tree))
-    imported = {name for node in nodes if isinstance(node, ast.alias) for name in bound_by(node)}
-    return {
-        node.attr
-        for node in nodes
-        if isinstance(node, ast.Attribute)
-        and is_bound(node)
-        and isinstance(node.value, ast.Name)
-        and node.value.id in imported
-    }
 
 
 def _identifiers(node: ast.AST) -> Iterator[str]:

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.loop.python_source import NOTEBOOK_SUFFIX
-
-_SUFFIXES = (".py", NOTEBOOK_SUFFIX)
+_SUFFIX = ".py"
 _CHECKPOINTS = ".ipynb_checkpoints"  # copies that Jupyter saves
 
 
@@ -26,7 +24,7 @@ class UncheckedFile:
 
 
 def script_files(names: Sequence[str]) -> list[str | UncheckedFile]:
-    """Return the files that are named, and all Python files and notebooks below the folders.
+    """Return the files that are named, and all Python files below the folders.
 
     Links to folders are not followed. A folder that cannot be listed, or has no such file, stands
     in the list itself.
@@ -58,8 +56,8 @@ def _files_below(folder: str) -> list[str | UncheckedFile]:
 
     for parent, subfolders, names in os.walk(folder, onerror=refuse):
         subfolders[:] = [name for name in subfolders if name != _CHECKPOINTS]
-        files = [str(Path(parent, name)) for name in names if name.endswith(_SUFFIXES)]
+        files = [str(Path(parent, name)) for name in names if name.endswith(_SUFFIX)]
         entries.update(zip(files, files, strict=True))
     if not entries:
-        return [UncheckedFile(folder, "no Python file or notebook in this folder")]
+        return [UncheckedFile(folder, "no Python file in this folder")]
     return [entry for _, entry in sorted(entries.items())]

@@ -1,25 +1,20 @@
-"""Run files and run sets in the formats of other tools."""
+"""Run files in the formats of other tools."""
 
 import csv
 import io
 import json
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from mjbench.comparison.records import ModelRecord
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError
 from mjbench.paired import family
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
-from mjbench.report import rows, verdicts, verdicts_across
-from mjbench.report.machines_side_by_side import verdict_cell
+from mjbench.report import rows, verdicts
 from mjbench.report.path_speedups import derive_all, disturbed, path_results
-from mjbench.report.verdicts_across import MachinesOutcome
 from mjbench.status import Status
-from mjbench.store.machine_identity import identify
-from mjbench.store.run_set import RunSet
 from mjbench.store.runs import Run
 
 # What the formulas of spreadsheets begin with, in narrow and in wide letters.
@@ -38,59 +33,32 @@ class ExportedMetric:
     disturbances: Sequence[str] = ()
 
 
-def metrics(stored: RunSet) -> list[ExportedMetric]:
+def metrics(run: Run) -> list[ExportedMetric]:
     """Return nanoseconds of a step of every path, and ratios of paired comparisons.
 
-    Of several machines, names begin with that of the machine.
-
     Raises:
-      InputError: there is neither, or a machine measured something several times.
+      InputError: there is neither.
     """
-    runs = stored.runs
-    _check_kind(runs)
-    values = [
-        replace(metric, name=f"{prefix}{metric.name}")
-        for run, prefix in _prefixed(runs)
-        for metric in (*_step_times(run), *_ratios(run))
-    ]
-    names = Counter(metric.name for metric in values)
-    repeated = [name for name, count in names.items() if count > 1]
-    if repeated and len(runs) > 1:
-        raise InputError(
-            f"{repeated[0]} was measured {names[repeated[0]]} times, and this form has room for"
-            " one: give a run file, or --format csv"
-        )
-    return values
+    _check_kind(run)
+    return [*_step_times(run), *_ratios(run)]
 
 
-def cautions(stored: RunSet) -> list[str]:
+def cautions(run: Run) -> list[str]:
     """Return what to know before the numbers of runs of `compare`, a line each."""
     lines = (
-        f"{prefix}{model_results.model.model}: {caution}"
-        for run, prefix in _prefixed(stored.runs)
+        f"{model_results.model.model}: {caution}"
         for model_results in derive_all(run.records)
         for caution in model_results.cautions
     )
     return list(dict.fromkeys(lines))
 
 
-def _prefixed(runs: Sequence[Run]) -> list[tuple[Run, str]]:
-    machines = identify([run.header.machine for run in runs])
-    has_several = len(set(machines)) > 1
-    return [
-        (run, f"{machine.name}: " if has_several else "")
-        for run, machine in zip(runs, machines, strict=True)
-    ]
-
-
-def _check_kind(runs: Sequence[Run]) -> None:
-    """Refuse runs none of which is of `compare` or of paired comparisons."""
-    kinds = (ModelRecord, VerdictRecord)
-    if not any(isinstance(record, kinds) for run in runs for record in run.records):
-        commands = dict.fromkeys(f"`{run.header.command}`" for run in runs)
+def _check_kind(run: Run) -> None:
+    """Refuse a run that is neither of `compare` nor of paired comparisons."""
+    if not any(isinstance(record, ModelRecord | VerdictRecord) for record in run.records):
         raise InputError(
-            f"a run of {', '.join(commands) or 'nothing'} has no such form: give one of compare,"
-            " versions or ab, or --format csv"
+            f"a run of `{run.header.command}` has no such form: give one of compare, versions or"
+            " ab, or --format csv"
         )
 
 
@@ -111,8 +79,8 @@ def _ratios(run: Run) -> Iterator[ExportedMetric]:
             )
 
 
-def as_csv(stored: RunSet) -> str:
-    table = rows.of_set(stored)
+def as_csv(run: Run) -> str:
+    table = rows.of_run(run)
     return csv_text([list(table[0]) if table else [], *(row.values() for row in table)])
 
 
@@ -134,10 +102,10 @@ def _cell(cell: rows.Cell) -> rows.Cell:
     return cell
 
 
-def as_github_action_benchmark(stored: RunSet) -> str:
+def as_github_action_benchmark(run: Run) -> str:
     """Return metrics for benchmark-action/github-action-benchmark, tool customSmallerIsBetter."""
     entries = []
-    for metric in metrics(stored):
+    for metric in metrics(run):
         entry: dict[str, str | float] = {
             "name": metric.name,
             "unit": metric.unit,
@@ -151,48 +119,16 @@ def as_github_action_benchmark(stored: RunSet) -> str:
     return json.dumps(entries, indent=1) + "\n"
 
 
-def as_bencher(stored: RunSet) -> str:
-    """Return metrics in the Bencher Metric Format, for `bencher run --adapter json`."""
-    measures = {"ns/step": "latency", "ratio": "ratio"}
-    report: dict[str, dict[str, dict[str, float]]] = {}
-    for metric in metrics(stored):
-        value = {"value": metric.value}
-        if metric.low is not None and metric.high is not None:
-            value |= {"lower_value": metric.low, "upper_value": metric.high}
-        report[metric.name] = {measures[metric.unit]: value}
-    return json.dumps(report, indent=1) + "\n"
-
-
-def as_otava(stored: RunSet) -> str:
-    """Return metrics as one row of CSV, as Apache Otava reads it: a time, then a column each.
-
-    Rows of several runs make the series in which Otava detects changes. The time is when the run
-    began; of a set, the last one.
-
-    Raises:
-      InputError: a run is of an earlier version, and does not say when it began.
-    """
-    began = [run.header.began for run in stored.runs]
-    if not all(began):
-        raise InputError("this run file is of an earlier version, and does not say when it began")
-    all_metrics = metrics(stored)
-    heading = ["time", *(metric.name for metric in all_metrics)]
-    return csv_text([heading, [max(began), *(metric.value for metric in all_metrics)]])
-
-
-def as_junit(stored: RunSet) -> str:
+def as_junit(run: Run) -> str:
     """Return what was compared as JUnit XML, one test case each.
 
     A path that disagrees, and a release that is slower or does other work, is a failure; what
     crashed or hung is an error; what could not be compared, or was not decided, is skipped. As for
-    `--fail-on`, all comparisons are decided together; of several machines, all their verdicts.
+    `--fail-on`, all comparisons are decided together.
     """
-    runs = stored.runs
-    _check_kind(runs)
-    commands = dict.fromkeys(run.header.command for run in runs)
-    suite = ElementTree.Element("testsuite", name=f"mjbench {', '.join(commands)}")
-    cases = _cases(runs[0]) if len(runs) == 1 else _cases_by_machine(runs)
-    for case in cases:
+    _check_kind(run)
+    suite = ElementTree.Element("testsuite", name=f"mjbench {run.header.command}")
+    for case in _cases(run):
         element = ElementTree.SubElement(suite, "testcase", classname=case.group, name=case.name)
         if case.outcome:
             ElementTree.SubElement(element, case.outcome, message=case.detail)
@@ -220,12 +156,6 @@ _OUTCOMES: Mapping[Status, str] = {
     Status.NEW: "skipped",
     Status.INTERRUPTED: "skipped",
 }
-_MACHINE_OUTCOMES: Mapping[MachinesOutcome, str] = {
-    MachinesOutcome.SLOWER: "failure",
-    MachinesOutcome.FASTER: "",
-    MachinesOutcome.SAME: "",
-    MachinesOutcome.UNDECIDED: "skipped",
-}
 
 
 def _cases(run: Run) -> Iterator[_Case]:
@@ -247,54 +177,9 @@ def _path_cases(run: Run) -> Iterator[_Case]:
         yield _Case(r.model, str(r.variant), _OUTCOMES.get(r.status, "error"), r.detail)
 
 
-def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
-    machines = [machine.name for machine in identify([run.header.machine for run in runs])]
-    for run, machine in zip(runs, machines, strict=True):
-        yield from (replace(case, name=f"{machine}: {case.name}") for case in _path_cases(run))
-    across = verdicts_across.decide(verdicts_across.rows_of(runs, machines))
-    for comparison in across.comparisons:
-        name = verdicts.comparison_name(comparison)
-        sentence = verdicts.describe_machines(comparison, name)
-        for verdict in comparison.machines:
-            outcome = _MACHINE_OUTCOMES[verdict.outcome]
-            if verdict.changed_work:
-                outcome = "failure"
-            elif verdict.ratio is None:
-                outcome = "error"
-            detail = f"{verdict_cell(verdict)}; {sentence}"
-            yield _Case(comparison.model, f"{verdict.machine}: {name}", outcome, detail)
-
-
-def as_parquet(stored: RunSet) -> bytes:
-    """Return results as a file of Parquet.
-
-    Raises:
-      MachineError: neither pandas with pyarrow nor polars is installed.
-    """
-    table: Sequence[Mapping[str, rows.Cell]] = rows.of_set(stored)
-    file = io.BytesIO()
-    try:
-        import polars
-    except ImportError:
-        pass
-    else:
-        polars.DataFrame(table, infer_schema_length=None, strict=False).write_parquet(file)
-        return file.getvalue()
-    try:
-        import pandas
-
-        pandas.DataFrame(table).to_parquet(file)
-        return file.getvalue()
-    except ImportError as error:
-        raise MachineError("--format parquet needs polars, or pandas with pyarrow") from error
-
-
 # The formats by name.
-FORMATS: Mapping[str, Callable[[RunSet], str | bytes]] = {
+FORMATS: Mapping[str, Callable[[Run], str]] = {
     "csv": as_csv,
-    "parquet": as_parquet,
     "github-action-benchmark": as_github_action_benchmark,
-    "bencher": as_bencher,
-    "otava": as_otava,
     "junit": as_junit,
 }

@@ -1,4 +1,4 @@
-"""From run files and run sets to the content of a report."""
+"""From run files to the content of a report."""
 
 import itertools
 import shlex
@@ -10,10 +10,9 @@ from pathlib import Path
 from mjbench import command_names
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import one_line, printable
-from mjbench.report import formats, kinds
-from mjbench.report import machines_side_by_side as across
+from mjbench.report import formats, kinds, machines
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
-from mjbench.store import run_set
+from mjbench.store import runs
 from mjbench.store.machine_identity import MachineIdentity
 from mjbench.store.runs import Run
 from mjbench.units import count_of
@@ -34,20 +33,15 @@ _MOST_FIGURES = 20
 
 @dataclass(frozen=True)
 class NamedRun:
-    """A run that was read, and its run file, or the set that it is in."""
+    """A run that was read, and its run file."""
 
     file: Path
     run: Run
 
     @property
     def command(self) -> str:
-        """The command that wrote it, as it was typed where that is known."""
-        return shlex.join(["mjbench", *(self.run.header.command_line or self.present_name.split())])
-
-    @property
-    def present_name(self) -> str:
-        """What the command is called by now."""
-        return command_names.present_name(self.run.header.command)
+        """The command that wrote it, as it was typed."""
+        return shlex.join(["mjbench", *self.run.header.command_line])
 
 
 @dataclass(frozen=True)
@@ -64,21 +58,16 @@ class _Part:
 
 
 def read(files: Sequence[Path]) -> list[NamedRun]:
-    """Return the runs of run files and run sets, each once.
-
-    Raises:
-      InputError: a file is neither.
-    """
-    sections = run_set.load_files(files, kinds.RECORD_TYPES)
-    return [NamedRun(file, section.run) for file, section in sections]
+    """Return the runs of run files; InputError for what is none."""
+    return [NamedRun(file, runs.load(file, kinds.RECORD_TYPES)) for file in dict.fromkeys(files)]
 
 
 def build(named_runs: Sequence[NamedRun]) -> Report:
-    results = across.side_by_side([named.run for named in named_runs])
+    compared = machines.of_runs([named.run for named in named_runs])
     parts = [
         replace(part, source=printable(named.file.stem))
-        for named, machine in zip(named_runs, results.machines, strict=True)
-        for part in _parts(named, machine.name if results.has_several else "")
+        for named, machine in zip(named_runs, compared.identities, strict=True)
+        for part in _parts(named, machine.name if compared.has_several else "")
     ]
     chosen = _with_unique_headings(_most_important(parts)) if len(named_runs) > 1 else parts
     # several models may say the same
@@ -86,7 +75,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
     summaries = [replace(p.section, conclusions=()) for p in chosen if p.section.is_summary]
     sections = [part.section for part in chosen if not part.section.is_summary]
-    if results.has_several and (first := across.section(results)):
+    if compared.has_several and (first := machines.section(compared)):
         summaries.insert(0, replace(first, conclusions=(), command=_report_command(named_runs)))
         main = [*first.conclusions, *main]
     main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)
@@ -107,7 +96,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         _subtitle(named_runs),
         main[_MOST_CONCLUSIONS:],
         summaries,
-        _machines(named_runs, results.machines),
+        _machines(named_runs, compared.identities),
     )
 
 
@@ -136,13 +125,10 @@ def _has_content(section: Section) -> bool:
 
 def title(named_runs: Sequence[NamedRun]) -> str:
     if len(named_runs) != 1:
-        return f"mjbench {', '.join(dict.fromkeys(n.present_name for n in named_runs))}"
+        names = (command_names.command_of(named.run.header.command) for named in named_runs)
+        return f"mjbench {', '.join(dict.fromkeys(names))}"
     (named,) = named_runs
-    text = named.command
-    if not named.run.header.command_line:  # models as the records name them
-        models = dict.fromkeys(getattr(record, "model", "") for record in named.run.records)
-        text += " ".join(["", *filter(None, models)])
-    return one_line(text, _TITLE_LENGTH)
+    return one_line(named.command, _TITLE_LENGTH)
 
 
 def _subtitle(named_runs: Sequence[NamedRun]) -> str:
@@ -238,7 +224,7 @@ def _main(kind: kinds.Kind, section: Section, machine: str) -> Sequence[Conclusi
 
 
 def _machines(named_runs: Sequence[NamedRun], identities: Sequence[MachineIdentity]) -> DataTable:
-    table = DataTable.of(
+    return DataTable.of(
         "Machines",
         [
             (identity.name, printable(named.file.name), named.run.header.machine)
@@ -252,5 +238,3 @@ def _machines(named_runs: Sequence[NamedRun], identities: Sequence[MachineIdenti
         (Column("Python"), lambda row: row[2].python),
         (Column("versions"), lambda row: ", ".join(map(" ".join, row[2].versions.items()))),
     )
-    # a set may hold many runs of a machine
-    return replace(table, rows=list(dict.fromkeys(map(tuple, table.rows))))

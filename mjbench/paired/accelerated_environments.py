@@ -10,7 +10,7 @@ from pathlib import Path
 from mjbench.errors import InputError
 from mjbench.paired import function_sides
 from mjbench.paired.function_sides import FunctionTarget, FunctionTargets, SteppedRun
-from mjbench.paired.metrics import Metric
+from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
 from mjbench.paired.worker import Worker
@@ -121,7 +121,7 @@ def _source(
         f" Path({str(workload)!r})"
     )
     call = f"compiled_step({arguments}, Path({str(cache)!r}))"
-    if metric == Metric.COMPILE:
+    if METRICS[metric].measured == Measured.COMPILATION:
         call = f"compilation({arguments})"
     text = (
         "from pathlib import Path\n"

@@ -23,10 +23,9 @@ from mjbench.paired.function_sides import (
     check_origin,
     check_versions,
 )
-from mjbench.paired.memory_blocks import GROWTH_NSTEP
-from mjbench.paired.metrics import Metric
+from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import ResultsOutcome, Verdict
-from mjbench.paired.pair_launches import LaunchedPair, PairWork, ProcessPair, check_growth
+from mjbench.paired.pair_launches import LaunchedPair, PairWork, ProcessPair
 from mjbench.paired.records import (
     MAX_E_VALUE,
     CompilationFigures,
@@ -72,8 +71,6 @@ class CallPlan:
     def of(cls, facts: Sequence[FunctionFacts], metric: Metric = Metric.TIME) -> "CallPlan":
         is_threaded = any(each.cores > _THREADED_CORES for each in facts)
         count = min(each.calls for each in facts)
-        if metric == Metric.GROWTH:
-            count = GROWTH_NSTEP
         both_s = count * sum(each.call_s for each in facts)
         return cls(count, both_s, machine.usable_cores() if is_threaded else 1, metric)
 
@@ -88,7 +85,7 @@ class _FunctionWork(PairWork):
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         # what a function does only once is of no interest, unless it compiles
-        calls_it = self._metric != Metric.COMPILE
+        calls_it = METRICS[self._metric].measured != Measured.COMPILATION
         for process, target in zip(processes, self._targets, strict=True):
             process.ask(import_function, target.source, calls_it=calls_it)
 
@@ -116,8 +113,6 @@ class FunctionPair(LaunchedPair):
     def _new_work(self) -> PairWork:
         self.time_limit.start()
         plan = self._plan
-        if plan.metric == Metric.GROWTH:
-            check_growth(plan.both_s, self._pool)
         work = _FunctionWork(self._targets, plan)
         self.time_limit.check_first_launch(work.launch_s(plan.both_s))
         return work
@@ -270,7 +265,7 @@ class _Decision:
         if first[0] is None or first[1] is None:
             return None
         launched = [each.compilations for each in self._launches if each.compilations]
-        is_timed = self._plan.sizes.metric == Metric.TIME
+        is_timed = METRICS[self._plan.sizes.metric].is_of_steps
         runs_s = [launch.block_s for launch in self._launches] if is_timed else []
         return Pair(
             CompilationFigures.of([first[0], *(e.old for e in launched)], [s.old for s in runs_s]),
@@ -288,7 +283,7 @@ class _Decision:
         control = control_row(self._control, self._plan.confidence)
         if verdict is not None and control is not None and not control.covers:
             verdict, detail = Verdict.INCONCLUSIVE, detail or "the baseline differs from itself"
-        is_timed = bool(launches) and metric == Metric.TIME
+        is_timed = bool(launches) and METRICS[metric].is_of_steps
         return VerdictRecord(
             model=candidate.function,
             path=candidate.path,
@@ -335,25 +330,3 @@ def decide(
       BuildError: what a side needs cannot be installed.
     """
     return _Decision(pool, targets, plan, on_launch, clock).run()
-
-
-def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) -> list[float]:
-    """Return the log ratios of some launches, whatever they say.
-
-    Raises:
-      InputError: a side cannot do it, or their results differ.
-    """
-    try:
-        observed = _observe(pool, targets)
-    except _NewError as error:
-        raise InputError(str(error)) from error
-    if observed.results.outcome == ResultsOutcome.DIFFERENT:
-        raise InputError(f"results differ: {observed.results.detail}")
-    calls = CallPlan.of((observed.baseline, observed.candidate))
-    pair = FunctionPair(pool, targets, calls, TimeLimit())
-    _launch(pair, count)
-    if pair.ending.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    if pair.ending.status != Status.OK:
-        raise MachineError(pair.ending.detail)
-    return [launch.log_ratio for launch in pair.launches]

@@ -1,12 +1,10 @@
-"""The plain loop in sections, which blocks time one after the other, or step by step.
+"""The plain loop in sections, which blocks time one after the other.
 
 What else the machine does changes within a millisecond how fast a core is. So the two targets
 take turns after a tenth of that: a block is one section of the run. The section before it runs
 first, untimed, because the caches still hold what the other target did.
 """
 
-import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,9 +16,6 @@ from mjbench.measuring import calls
 from mjbench.paths import Resources
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
-
-# Of the steps of a block, the share that do not exceed its time where the slowest are compared.
-_SHARE = 0.99
 
 
 @dataclass(frozen=True)
@@ -185,49 +180,3 @@ def _run(resources: Resources, stretches: Sequence[_Stretch]) -> Callable[[], No
                 mujoco.mj_getState(model, data, stretch.end, spec)
 
     return run
-
-
-class TimedSteps:
-    """The plain loop, each step timed on its own: how long do its slowest steps take?
-
-    A verdict on them rests on the median of many blocks of the same states, so it compares the
-    steps that are heavy, as in contact, and not those that the machine interrupted. Each time
-    includes one reading of the clock.
-
-    Attributes:
-      final_state: (nbatch, nstate) where each simulation ended in the last run.
-    """
-
-    def __init__(self, workload: Workload):
-        self.final_state = np.empty_like(workload.initial_state)
-        self._workload = workload
-        self._data = mujoco.MjData(workload.model)
-        self._has_reset = compat.has_sleep(workload.model)
-        self._ns = np.empty(workload.nbatch * workload.nstep, dtype=np.int64)
-
-    def run(self) -> None:
-        workload, data, ns, hold = self._workload, self._data, self._ns, self._workload.hold
-        model, mj_step, clock = workload.model, mujoco.mj_step, time.perf_counter_ns
-        k = 0
-        for start, controls, end in zip(
-            workload.initial_state, workload.control, self.final_state, strict=True
-        ):
-            if self._has_reset:
-                mujoco.mj_resetData(model, data)
-            compat.set_state(model, data, start)
-            for values in controls:
-                data.ctrl[:] = values
-                for _ in range(hold):
-                    begin = clock()
-                    mj_step(model, data)
-                    ns[k] = clock() - begin
-                    k += 1
-            compat.get_state(model, data, end)
-
-    def p99_ns(self) -> int:
-        """Return the nanoseconds that 99 of 100 steps of the last run do not exceed.
-
-        It is an order statistic of the steps, not an interpolation.
-        """
-        rank = math.ceil(_SHARE * len(self._ns)) - 1
-        return int(np.partition(self._ns, rank)[rank])

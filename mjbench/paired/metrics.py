@@ -15,8 +15,6 @@ class Metric(StrEnum):
 
     TIME = "time"
     """Of a block of steps."""
-    P99 = "p99"
-    """The time that 99 of 100 single steps of a block do not exceed."""
     INSTRUCTIONS = "instructions"
     """That the engine executes in a step."""
     LOAD = "load"
@@ -31,10 +29,6 @@ class Metric(StrEnum):
     """The time of a short call of `mujoco.batch.Batch.rollout`."""
     MEMORY = "memory"
     """The peak of a new process that loads the model and steps it."""
-    GROWTH = "growth"
-    """What 1,000 steps add to the memory of a process."""
-    ARENA = "arena"
-    """The most that the arena of MjData holds at a time."""
     COMPILE = "compile"
     """The time that tracing and compiling a model's steps takes once."""
 
@@ -44,8 +38,6 @@ class Measured(Enum):
 
     STEPS = auto()
     """The time of blocks of steps."""
-    SINGLE_STEPS = auto()
-    """The time of each step of a block."""
     OPERATION = auto()
     """The time of blocks of an operation around the step (see `operations`)."""
     MEMORY = auto()
@@ -65,7 +57,11 @@ class MetricSpec:
       more: what the candidate does that is worse, such as `slower`.
       less: what it does that is better.
       refusal: why it is not of all paths; empty where it is.
+      note: what else the help of `--metric` tells; empty for nothing.
       is_exact: whether it has no noise, so that one measurement is certain.
+      of_functions: whether it is of a function of the user's code, too, whose calls are its steps.
+      of_compiling_paths: whether it is of a model by a path that compiles, too.
+      reads_source: whether it is of the file of a model, and not of the compiled model.
     """
 
     metric: Metric
@@ -75,36 +71,55 @@ class MetricSpec:
     more: str = "slower"
     less: str = "faster"
     refusal: str = ""
+    note: str = ""
     is_exact: bool = False
+    of_functions: bool = False
+    of_compiling_paths: bool = False
+    reads_source: bool = False
+
+    @property
+    def is_of_steps(self) -> bool:
+        """Whether it is the time of steps, or of calls of a function."""
+        return self.measured == Measured.STEPS
+
+    @property
+    def is_of_targets(self) -> bool:
+        """Whether two targets that a user describes can be compared by it."""
+        return self.measured not in (Measured.COUNTS, Measured.COMPILATION)
 
     @property
     def follows_placement(self) -> bool:
         """Whether it may depend on where machine code lies in memory."""
-        return self.measured in (Measured.STEPS, Measured.SINGLE_STEPS, Measured.OPERATION)
+        return self.measured in (Measured.STEPS, Measured.OPERATION)
+
+    @property
+    def is_read_once(self) -> bool:
+        """Whether a launch has one layout and one quad, because more would be the same again."""
+        return self.measured in (Measured.MEMORY, Measured.COMPILATION)
 
     def outcome(self, verdict: Verdict) -> str:
         """Return a verdict in the words of this metric."""
         return {Verdict.SLOWER: self.more, Verdict.FASTER: self.less}.get(verdict, verdict.value)
 
 
-# Growth is compared as a ratio of sums with this many bytes: nothing may grow in the baseline.
-GROWTH_UNIT_BYTES = 1_000_000
-
-
-def _operation(metric: Metric, meaning: str) -> MetricSpec:
+def _operation(metric: Metric, meaning: str, reads_source: bool = False) -> MetricSpec:
     return MetricSpec(
-        metric, Measured.OPERATION, meaning, f", {meaning}", refusal="does not step by a path"
+        metric,
+        Measured.OPERATION,
+        meaning,
+        f", {meaning}",
+        refusal="does not step by a path",
+        reads_source=reads_source,
     )
 
 
 _ALL = (
-    MetricSpec(Metric.TIME, Measured.STEPS, "the time of steps"),
     MetricSpec(
-        Metric.P99,
-        Measured.SINGLE_STEPS,
-        "the time that 99 of 100 single steps do not exceed",
-        ", the slowest 1 % of steps",
-        refusal="times single steps of python_loop only",
+        Metric.TIME,
+        Measured.STEPS,
+        "the time of steps",
+        of_functions=True,
+        of_compiling_paths=True,
     ),
     MetricSpec(
         Metric.INSTRUCTIONS,
@@ -112,9 +127,11 @@ _ALL = (
         "the instructions of the engine",
         ", instructions",
         refusal="counts python_loop only",
+        note="Instruction counts repeat within 0.1 %. They do not need a quiet machine, but they"
+        " need valgrind, and --confidence, --precision, --budget and --as-shipped do not apply.",
         is_exact=True,
     ),
-    _operation(Metric.LOAD, "loading the model"),
+    _operation(Metric.LOAD, "loading the model", reads_source=True),
     _operation(Metric.RESET, "mj_resetData"),
     _operation(Metric.RAYS, "casting rays"),
     _operation(Metric.ROLLOUT, "a call of rollout with 5 steps of each simulation"),
@@ -127,25 +144,7 @@ _ALL = (
         "more memory",
         "less memory",
         refusal="steps by python_loop only",
-    ),
-    MetricSpec(
-        Metric.GROWTH,
-        Measured.MEMORY,
-        "how much memory 1,000 steps or calls add",
-        ", growth of memory",
-        "more growth",
-        "less growth",
-        refusal="steps by python_loop only",
-    ),
-    MetricSpec(
-        Metric.ARENA,
-        Measured.MEMORY,
-        "the most that the arena of MjData holds at a time",
-        ", arena",
-        "larger arena",
-        "smaller arena",
-        refusal="steps by python_loop only",
-        is_exact=True,
+        of_functions=True,
     ),
     MetricSpec(
         Metric.COMPILE,
@@ -153,10 +152,7 @@ _ALL = (
         "tracing and compiling the steps of a path that compiles, such as mjx",
         ", compiling",
         refusal="is of paths that compile only",
+        of_compiling_paths=True,
     ),
 )
-# Those of a function of the user's code, whose calls are its steps.
-FUNCTION_METRICS = (Metric.TIME, Metric.MEMORY, Metric.GROWTH)
-# Those of a model by a path that compiles.
-COMPILING_METRICS = (Metric.TIME, Metric.COMPILE)
 METRICS: Mapping[Metric, MetricSpec] = {spec.metric: spec for spec in _ALL}

@@ -25,14 +25,13 @@ from typing import Self
 
 import numpy as np
 
-from mjbench.errors import Failure, InputError, MjbenchError
+from mjbench.errors import Failure, MjbenchError
 from mjbench.host import machine
 from mjbench.measuring import timing
 from mjbench.measuring.calls import Compilation
 from mjbench.paired import cores
 from mjbench.paired.call_results import ResultsCheck
-from mjbench.paired.memory_blocks import GROWTH_NSTEP
-from mjbench.paired.metrics import Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.records import LaunchRow, Pair
 from mjbench.paired.time_limit import (
     ENDING_ERRORS,
@@ -53,15 +52,6 @@ from mjbench.simulation.starts import Starts
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 
-# Metrics of which a launch has one layout and one quad, because more would be the same again; and
-# how many blocks of each side take time: that of the layout, and those of a quad that do more than
-# read what was measured.
-_BLOCKS_OF_ONE_QUAD: Mapping[Metric, int] = {
-    Metric.MEMORY: 1,
-    Metric.GROWTH: 3,
-    Metric.ARENA: 1,
-    Metric.COMPILE: 1,
-}
 # Asks new processes, of the baseline and the candidate, for what a launch needs, without waiting.
 Equip = Callable[[Sequence[WorkerProcess]], None]
 
@@ -258,7 +248,7 @@ class PairWork(ABC):
 
     def __init__(self, metric: Metric):
         self._metric = metric
-        self._nblock = _BLOCKS_OF_ONE_QUAD.get(metric)
+        self._is_read_once = METRICS[metric].is_read_once
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:  # noqa: B027
         """Have the processes of a launch read what they need, without waiting."""
@@ -289,17 +279,15 @@ class PairWork(ABC):
         Args:
           all_blocks_s: see `time_limit.quad_count`.
         """
-        if self._nblock is not None:
+        if self._is_read_once:
             return 1, 1
         return layout_count(all_blocks_s, self.nsection), MAX_LAYOUTS
 
     def quad_count(self, all_blocks_s: float) -> int:
-        return 1 if self._nblock is not None else quad_count(all_blocks_s, self.nsection)
+        return 1 if self._is_read_once else quad_count(all_blocks_s, self.nsection)
 
     def launch_s(self, all_blocks_s: float) -> float:
-        if self._nblock is not None:
-            return self._nblock * all_blocks_s
-        return launch_s(all_blocks_s, self.nsection)
+        return all_blocks_s if self._is_read_once else launch_s(all_blocks_s, self.nsection)
 
     def close(self) -> None:  # noqa: B027
         """Remove what is no longer needed."""
@@ -457,12 +445,3 @@ def time_quads(
     for process in processes.values():
         process.end_blocks()
     return orders, ns
-
-
-def check_growth(both_s: float, pool: WorkerPool) -> None:
-    """Refuse blocks of growth in which a process may count as hung; `both_s` is of both sides."""
-    if both_s > pool.limit_s:
-        raise InputError(
-            f"--metric growth needs {GROWTH_NSTEP:,} steps or calls in a block, which would take"
-            f" {both_s:.0f} s here: give it a smaller model, or a function that does less"
-        )

@@ -1,9 +1,8 @@
 """How much work a run is: what the user asked for, or what takes about a millisecond."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from mjbench.errors import InputError
 from mjbench.paired.metrics import Metric
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product, whole_holds
@@ -21,8 +20,6 @@ MAX_NSTEP = 100
 # Seconds of a run for each thread of a path with threads: long enough that starting the threads
 # is not what is measured.
 THREADED_RUN_S = 0.01
-# Steps of a run whose slowest are compared, at least: five are above the 99th percentile.
-MIN_P99_STEPS = 500
 
 
 @dataclass(frozen=True)
@@ -42,15 +39,6 @@ class Sizes:
     returns: Product = Product.FINAL
     metric: Metric = Metric.TIME
     perturbs: bool = False
-
-    def __post_init__(self) -> None:
-        if self.metric != Metric.P99 or self.nbatch is None or self.nstep is None:
-            return
-        if self.nbatch * self.nstep < MIN_P99_STEPS:
-            raise InputError(
-                f"--metric p99 needs at least {MIN_P99_STEPS} steps in a run: --nbatch times"
-                " --nstep"
-            )
 
 
 class RunSize(NamedTuple):
@@ -81,13 +69,9 @@ def run_size(sizes: Sizes, nthread: int, step_s: float, most_nstep: int | None =
     """
     run_s = RUN_S if nthread == 1 else nthread * THREADED_RUN_S
     steps, hold = max(1, int(run_s / step_s)), sizes.hold
-    if sizes.metric == Metric.P99:
-        steps = max(steps, MIN_P99_STEPS)
     longest = steps if most_nstep is None else most_nstep
     if sizes.nbatch:
         nstep = sizes.nstep or whole_holds(min(steps // sizes.nbatch, longest), hold)
-        if most_nstep is not None:
-            replace(sizes, nstep=nstep)  # refuses too few steps
         return RunSize(sizes.nbatch, nstep)
     nstep = sizes.nstep or whole_holds(min(steps, MAX_NSTEP, longest), hold)
     return RunSize(max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep)

@@ -18,14 +18,12 @@ from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import memory_blocks, operations
 from mjbench.paired.call_results import Leaf, compare
-from mjbench.paired.memory_blocks import GROWTH_NSTEP
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.pair_launches import (
     LaunchedPair,
     PairWork,
     ProcessPair,
     WorkCheck,
-    check_growth,
 )
 from mjbench.paired.run_sizes import RUN_S, RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
@@ -70,10 +68,8 @@ class TargetPair(LaunchedPair):
         super().__init__(pool, releases, names, time_limit or TimeLimit())
 
     def _new_work(self) -> PairWork:
-        metric = self._sizes.metric
-        if METRICS[metric].measured == Measured.OPERATION:
-            return OperationWork(self._pool, self._targets, metric, self.time_limit)
-        return StepWork(self._pool, self._targets, self._sizes, self.time_limit)
+        kind = _WORK[METRICS[self._sizes.metric].measured]
+        return kind(self._pool, self._targets, self._sizes, self.time_limit)
 
 
 class StepWork(PairWork):
@@ -97,14 +93,8 @@ class StepWork(PairWork):
         # Simulations may differ in how much slower they are, so they are timed equally often.
         self._times_drawn = [0] * self.prepared.nsim
         self._drawn: list[int] = []
-        if sizes.metric == Metric.GROWTH:
-            both_s = 2 * GROWTH_NSTEP * self.prepared.step_s
-            check_growth(both_s, pool)
-            time_limit.check_first_launch(self.launch_s(both_s))
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        if self._metric == Metric.MEMORY:  # all that a process loads is part of its peak
-            return
         prepared = self.prepared
         for process, target, model, workload in zip(
             processes, self._targets, prepared.models, prepared.workloads, strict=True
@@ -118,16 +108,7 @@ class StepWork(PairWork):
         return super().lay_out(pair)
 
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        target, workload = self._targets[i], self.prepared.workloads[i]
-        match self._metric:
-            case Metric.MEMORY:
-                options = dict(target.model_options)
-                file = target.model.path
-                return process.call(memory_blocks.prepare_peak, file, options, workload)
-            case Metric.GROWTH:
-                return process.call(memory_blocks.prepare_growth, allowed)
-            case Metric.ARENA:
-                return process.call(memory_blocks.prepare_arena)
+        target = self._targets[i]
         return process.call(
             Worker.prepare,
             target.path,
@@ -138,7 +119,6 @@ class StepWork(PairWork):
             slowdown=target.slowdown,
             has_timer=target.has_timer,
             returns=self._sizes.returns,
-            metric=self._metric,
             nsection=self.nsection,
         )
 
@@ -148,6 +128,18 @@ class StepWork(PairWork):
             file.unlink(missing_ok=True)
 
 
+class MemoryWork(StepWork):
+    """The simulations of two targets, whose processes are compared by their memory."""
+
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+        """Tell the processes nothing: all that one loads is part of its peak."""
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        target, workload = self._targets[i], self.prepared.workloads[i]
+        options = dict(target.model_options)
+        return process.call(memory_blocks.prepare_peak, target.model.path, options, workload)
+
+
 class OperationWork(PairWork):
     """An operation around the step, on the models of two targets (see `operations`)."""
 
@@ -155,15 +147,15 @@ class OperationWork(PairWork):
         self,
         pool: WorkerPool,
         targets: tuple[Target, Target],
-        metric: Metric,
+        sizes: Sizes,
         time_limit: TimeLimit,
     ):
         """Load the models, and choose how often a block does it."""
-        super().__init__(metric)
+        super().__init__(sizes.metric)
         with loaded(pool, targets, time_limit) as (processes, models):
             self._models = models
-            is_of_source = metric == Metric.LOAD
-            self._files = [target.model.path for target in targets] if is_of_source else [*models]
+            reads_source = METRICS[sizes.metric].reads_source
+            self._files = [target.model.path for target in targets] if reads_source else [*models]
             once = [self._ready(process, i, (), 1) for i, process in enumerate(processes)]
             slower_s = 1e-9 * max(each.ns for each in once)
             self._repeats = min(max(1, round(RUN_S / slower_s)), MAX_REPEATS)
@@ -187,6 +179,14 @@ class OperationWork(PairWork):
         source = ModelSource("", self._files[i])
         prepare = functools.partial(operations.OF_METRIC[self._metric], source, repeats)
         return process.call(Worker.prepare_operation, prepare, allowed)
+
+
+# What two targets do, by how a metric is measured.
+_WORK: Mapping[Measured, type[StepWork | OperationWork]] = {
+    Measured.STEPS: StepWork,
+    Measured.OPERATION: OperationWork,
+    Measured.MEMORY: MemoryWork,
+}
 
 
 def draw_least(times_drawn: list[int], count: int) -> list[int]:
@@ -337,7 +337,7 @@ def _choose_sizes(
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
     """Return whether all that is timed is to step simulations in the plain loop."""
-    is_timed = sizes.metric == Metric.TIME and sizes.returns == Product.FINAL
+    is_timed = METRICS[sizes.metric].is_of_steps and sizes.returns == Product.FINAL
     return is_timed and all(each.path == paths.BASE and not each.options for each in targets)
 
 

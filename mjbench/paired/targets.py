@@ -111,7 +111,7 @@ def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
         unused = [*target.options] if spec.refusal else []
         if not target.has_timer and spec.measured in (Measured.OPERATION, Measured.MEMORY):
             unused.append("timer")
-        if metric == Metric.LOAD:
+        if spec.reads_source:
             unused += target.model_options
         if unused:
             raise InputError(

@@ -351,7 +351,7 @@ def prepare_function(
         function = imported.fresh()
         if METRICS[metric].measured == Measured.MEMORY:
             block = functools.partial(_block, function, count)
-            return memory_blocks.section_of(metric, block, count)
+            return memory_blocks.peak_section(block)
         if isinstance(function, calls.PreparedCall):
             if METRICS[metric].measured == Measured.COMPILATION:
                 return _called_once(function)

@@ -4,7 +4,6 @@
 are, and makes the record.
 """
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.errors import MachineError
 from mjbench.measuring import launch_stats
 from mjbench.measuring.launch_stats import Evidence, Interval
 from mjbench.measuring.ratio import Ratio
@@ -113,12 +111,6 @@ def judge(
     """
     evidence = launch_stats.evidence(log_ratios, confidence, residues)
     return conclude(evidence, min_effect, confidence, precision, family)
-
-
-def judge_exact(log_ratio: float, min_effect: float) -> Judgement:
-    """Judge a ratio that has no noise: one launch decides."""
-    ratio = math.exp(log_ratio)
-    return Judgement(exact_verdict(ratio, min_effect), Ratio(ratio, ratio, ratio), 1, enough=True)
 
 
 def exact_verdict(ratio: float, min_effect: float) -> Verdict:
@@ -317,13 +309,13 @@ def decide(
     Where a side crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds what
     was measured until then.
     """
-    begin_s, is_exact = clock(), METRICS[plan.sizes.metric].is_exact
+    begin_s = clock()
     limit = TimeLimit(plan.time_limit_s, clock=clock, purpose="a verdict")
     averaged: Averaging | None = None
     # time that is up, a failure or Ctrl-C ends the block, not the function: see `pair.ending`
     with TargetPair(pool, baseline, candidate, plan.sizes, limit) as pair:
         averaged = _averaging(pool, baseline, candidate, plan)
-        limit.min_launches = 1 if is_exact else averaged.launches_with(MIN_LAUNCHES)
+        limit.min_launches = averaged.launches_with(MIN_LAUNCHES)
         pair.prepare(averaged.placements())
         launch_until_certain(pair, plan, on_launch)
     log_scale, work = _log_scale(pair, plan), pair.work
@@ -362,24 +354,6 @@ def launch_until_certain(
         is_enough, has_answer = judgement.enough, judgement.launches >= MIN_LAUNCHES
 
 
-def launch_log_ratios(
-    pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
-) -> list[float]:
-    """Return the log ratios of some launches, whatever they say, as `decide` would judge them."""
-    limit = TimeLimit(plan.time_limit_s, count, purpose="a ratio")
-    with TargetPair(pool, baseline, candidate, plan.sizes, limit) as pair:
-        pair.prepare(_averaging(pool, baseline, candidate, plan).placements())
-        while len(launches_to_judge(pair.launches)) < count and pair.has_time(has_answer=False):
-            pair.launch()
-    if pair.ending.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    judged = launches_to_judge(pair.launches)
-    if len(judged) < count:
-        raise MachineError(pair.ending.detail)
-    log_scale = _log_scale(pair, plan)
-    return [launch.log_ratio + log_scale for launch in judged]
-
-
 def _averaging(
     pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan
 ) -> Averaging:
@@ -391,11 +365,10 @@ def _averaging(
 def _log_scale(pair: LaunchedPair, plan: VerdictPlan) -> float:
     """Return what turns log ratios of the time of a step into those that are judged.
 
-    Where timesteps differ, they are of the time of a simulated second; not the slowest steps, which
-    have to keep up with a rate.
+    Where timesteps differ, they are of the time of a simulated second.
     """
     work_check = pair.work.work_check if pair.work else None
-    if work_check is None or plan.sizes.metric != Metric.TIME:
+    if work_check is None or not METRICS[plan.sizes.metric].is_of_steps:
         return 0.0
     return work_check.log_scale
 
@@ -412,8 +385,6 @@ def judge_launches(
     used = launches_to_judge(launches)
     if not used:
         return None
-    if METRICS[plan.sizes.metric].is_exact:
-        return judge_exact(used[0].log_ratio, plan.min_effect)
     return judge(
         [launch.log_ratio + log_scale for launch in used],
         plan.min_effect,

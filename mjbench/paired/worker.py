@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.host import child, platforms
 from mjbench.paired import memory_layout
-from mjbench.paired.metrics import Metric
 from mjbench.paired.worker_answers import (
     BLOCK,
     NANOSECONDS,
@@ -235,7 +234,6 @@ class Worker:
         callback: str = "",
         slowdown: float = 0.0,
         returns: "Product | None" = None,
-        metric: Metric = Metric.TIME,
         nsection: int = 1,
         has_timer: bool = True,
     ) -> int:
@@ -282,12 +280,7 @@ class Worker:
         name = f"path {path_name}"
         if callback:
             name += f" with {callback} called inside each step"
-        if metric == Metric.P99:
-            steps = loop_sections.TimedSteps(selected)
-            steps.run()
-            self.sections = [loop_sections.LoopSection(steps.run, reading=steps.p99_ns)]
-            states = States(steps.final_state)
-        elif nsection > 1:
+        if nsection > 1:
             self.sections = loop_sections.sections(self.resources, nsection)
             states = States(self.resources.final_state())
         elif selected.lead_in:

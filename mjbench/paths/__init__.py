@@ -41,7 +41,6 @@ _CLASSES = {
     "batch_rollout": "batch:BatchRollout",
     "threads": "threads:Threads",
     "processes": "processes:Processes",
-    "ray": "ray_actors:Ray",
     "mjx": "mjx:Mjx",
     "mjx64": "mjx:Mjx64",
     "mjx_warp": "mjx:MjxWarp",

@@ -27,7 +27,7 @@ from mjbench.simulation.workload import Product, StepOutputs, Workload
 Options = Mapping[str, Any]
 
 # Options that set how many threads or worker processes share the simulations, as --threads does.
-WORKER_OPTIONS = ("threads", "processes", "actors")
+WORKER_OPTIONS = ("threads", "processes")
 # All options that set a number of threads or worker processes.
 PARALLEL_OPTIONS = (*WORKER_OPTIONS, "engine_threads")
 

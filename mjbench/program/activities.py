@@ -4,13 +4,13 @@ import contextlib
 import enum
 import itertools
 import re
-import sysconfig
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from mjbench.bounds import AnyInt
+from mjbench.program.hook import file_owners
 from mjbench.program.py_spy import Frame
 from mjbench.program.source_loops import source_line
 
@@ -26,7 +26,6 @@ class Activity(enum.StrEnum):
     """The interpreter, and what has no activity of its own."""
     NUMPY = "NumPy"
     """NumPy and SciPy compute."""
-    ALLOCATION = "NumPy allocation"
     POLICY = "policy"
     """A framework for neural networks: PyTorch, JAX, TensorFlow, ONNX Runtime."""
     RENDERING = "rendering"
@@ -84,34 +83,6 @@ class Place:
         return f"{self.file}:{self.line}"
 
 
-# The package of Python's own modules.
-STANDARD_LIBRARY = "Python's standard library"
-# Libraries, by what their path holds.
-_ENGINE = re.compile(r"(^|/)(libmujoco\.|libmujoco-|mujoco\.dll)")
-_BINDINGS = re.compile(r"/mujoco/_\w+\.")
-_NUMPY_LIBRARY = re.compile(r"/(numpy|scipy)(\.libs)?/|openblas|libblas|libmkl")
-_INTERPRETER = re.compile(r"/(libpython3|python3?(\.\d+)?$|_\w+\.cpython-)|/lib-dynload/")
-_CLOCK = re.compile(r"\[vdso\]|linux-vdso")
-_POLICY_LIBRARY = re.compile(r"/(torch|jaxlib|tensorflow|onnxruntime)/|libtorch")
-_GL_LIBRARY = re.compile(
-    r"lib(OSMesa|EGL|GL|GLX|GLdispatch|OpenGL|gallium|glapi|glfw|LLVM)[\w.-]*\.so|swrast|_dri\.so"
-    r"|nvidia-(gl|egl)"
-)
-# Functions of libraries.
-_DRAWS = re.compile(r"mjr_|mjv_|glReadPixels|_mesa_|llvmpipe_|lp_rast")
-_ALLOCATES = re.compile(
-    r"PyArray_(NewFromDescr|Zeros|Empty|NewLikeArray|NewCopy)|array_(dealloc|zeros|empty|new)"
-    r"|npy_(alloc|free)_cache|PyDataMem_|default_(malloc|calloc|free)"
-)
-_LOADS = re.compile(
-    r"mj[CX][A-Z]|mjXReader|tinyxml2|qh_|lodepng|std::|mj_(load|parse|compile|saveLast|copyModel)"
-    r"|mjs_"
-)
-_COLLECTS = re.compile(r"gc_collect|deduce_unreachable|subtract_refs|gc_freeze|visit_reachable")
-_WRITES = re.compile(r"_io_|fileio_|textiowrapper|buffered_|bufferedwriter|builtin_print|__write$")
-_LOCKS = re.compile(r"(__)?pthread_cond|take_gil|sem_(timed)?wait|sem_clockwait")
-_SLEEPS = re.compile(r"(clock_)?nanosleep|pysleep|time_sleep")
-_WAITS = re.compile(r"^(read|recv\w*|poll|ppoll|select|epoll_wait|wait4|waitpid|waitid)$")
 # Python files.
 _DRAWING_FILE = re.compile(
     r"/mujoco/(renderer|viewer)\.py$|/mujoco/rendering/|/mujoco/(egl|osmesa|cgl|glfw)/|mujoco_rendering\.py$"
@@ -136,10 +107,8 @@ _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_b
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
-_CLOCKS = re.compile(r"program/hook/\w+\.py$")
-_CLOCK_OF_JAX = "program/hook/jax_functions.py"
-CALL_CLOCK = "program/hook/call_clock.py"
-# What a line of Python does that calls libraries, where their stacks were not read.
+_CLOCK_OF_JAX, _CALL_CLOCK = "jax_functions.py", "call_clock.py"
+# What a line of Python does that calls libraries.
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),
     (re.compile(r"\bmj[uvdr]?_\w+\(|\.contact\b"), Activity.BINDINGS),
@@ -160,180 +129,87 @@ _LINES = (
 _NEAR = 4
 
 
-def activity(
-    stack: Sequence[Frame], has_native: bool = True, has_thread_pool: bool = False
-) -> Activity | None:
-    """Return what a stack shows; None where only the line's other samples can tell.
+def activity(stack: Sequence[Frame], has_thread_pool: bool = False) -> Activity:
+    """Return what a stack shows.
 
     Args:
-      has_native: whether stacks of libraries were read. Where they were not, a line of Python that
-        steps counts as physics.
       has_thread_pool: whether pools of `multiprocessing` are of threads in this process.
     """
-    python = [frame for frame in stack if frame.is_python]
-    library = _libraries_at_end(stack)
     return (
-        _by_engine(python, library)
-        or _by_caller(python, library, has_thread_pool)
-        or _by_library(library)
-        or (None if has_native else _by_line(python))
-        or _by_python(python, library)
-        or _interpreter(library)
+        _by_caller(stack, has_thread_pool)
+        or _by_line(stack)
+        or _by_python(stack)
+        or Activity.PYTHON
     )
 
 
-def _by_line(python: Sequence[Frame]) -> Activity | None:
-    if not python:
+def _by_line(stack: Sequence[Frame]) -> Activity | None:
+    if not stack:
         return None
-    frame = python[-1]
-    if _CLOCKS.search(frame.file):
-        return Activity.DISPATCH if frame.file.endswith(_CLOCK_OF_JAX) else Activity.PHYSICS
+    frame = stack[-1]
+    if is_step_clock(frame):
+        is_of_jax = Path(frame.file).name == _CLOCK_OF_JAX
+        return Activity.DISPATCH if is_of_jax else Activity.PHYSICS
     text = source_line(frame.file, frame.line)
     return next((activity for pattern, activity in _LINES if pattern.search(text)), None)
 
 
-def _interpreter(library: Sequence[Frame]) -> Activity | None:
-    """Return Python where the interpreter is on top; None for a library such as that of C."""
-    is_interpreter = not library or _INTERPRETER.search(library[0].file)
-    return Activity.PYTHON if is_interpreter else None
-
-
-def _libraries_at_end(stack: Sequence[Frame]) -> list[Frame]:
-    """Return the frames of libraries that the innermost line of Python called, innermost first."""
-    return list(itertools.takewhile(lambda frame: not frame.is_python, reversed(stack)))
-
-
-def _by_engine(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
-    """Return what MuJoCo does for any caller; None where it is not on top of the stack.
-
-    A renderer is the exception: what it calls of the engine draws.
-    """
-    if library and _LOCKS.match(library[0].function):
-        return None
-    called = list(_called_by_own(python))
-    draws = any(_DRAWING_FILE.search(frame.file) for frame in called)
-    if draws and not any(map(imports, called)):
-        return Activity.RENDERING
-    for frame in library:
-        if _DRAWS.match(frame.function):
-            return Activity.RENDERING
-        if _ENGINE.search(frame.file):
-            return Activity.LOADING if _LOADS.match(frame.function) else Activity.PHYSICS
-        if _BINDINGS.search(frame.file):
-            return Activity.BINDINGS
-    return None
-
-
-def _called_by_own(python: Sequence[Frame]) -> Iterator[Frame]:
+def _called_by_own(stack: Sequence[Frame]) -> Iterator[Frame]:
     """Return the lines that the innermost line of the user's code has called, innermost first."""
-    return itertools.takewhile(lambda frame: not is_own(frame), reversed(python))
+    return itertools.takewhile(lambda frame: not is_own(frame), reversed(stack))
 
 
-def _by_caller(
-    python: Sequence[Frame], library: Sequence[Frame], has_thread_pool: bool
-) -> Activity | None:
+def _by_caller(stack: Sequence[Frame], has_thread_pool: bool) -> Activity | None:
     """Return the activity of what is one whole, whatever it calls.
 
     Callers beyond the innermost line of the user's code do not count: that line is what they run.
     """
-    if any(_COLLECTS.match(frame.function) for frame in library):
-        return Activity.COLLECTION
-    called = list(_called_by_own(python))
+    called = list(_called_by_own(stack))
     if any(map(imports, called)):
         return Activity.IMPORT
+    if any(_DRAWING_FILE.search(frame.file) for frame in called):
+        return Activity.RENDERING
     for frame in called:
         file = frame.file
         if _POLICY_FILE.search(file):
             return Activity.POLICY
         if _BUILDING_FILE.search(file):
             return Activity.BUILDING
-        if _LOGGING_FILE.search(file) or _STANDARD_LOGGING.match(standard_name(file)):
+        if _LOGGING_FILE.search(file) or _STANDARD_LOGGING.match(file_owners.standard_name(file)):
             return Activity.LOGGING
         if _THREADED_ENGINE.search(file):
             return Activity.PHYSICS
-        if standard_name(file) == _POOL:
+        if file_owners.standard_name(file) == _POOL:
             return Activity.THREADS if has_thread_pool else Activity.PROCESSES
     return None
 
 
-def _by_library(library: Sequence[Frame]) -> Activity | None:
-    if library and _LOCKS.match(library[0].function):
-        return Activity.THREADS
-    for frame in library:
-        if _GL_LIBRARY.search(frame.file) or _DRAWS.match(frame.function):
-            return Activity.RENDERING
-        if _POLICY_LIBRARY.search(frame.file):
-            return Activity.POLICY
-        if _NUMPY_LIBRARY.search(frame.file):
-            allocates = any(_ALLOCATES.match(each.function) for each in library)
-            return Activity.ALLOCATION if allocates else Activity.NUMPY
-        if _SLEEPS.match(frame.function):
-            return Activity.SLEEPING
-        if _WRITES.match(frame.function):
-            return Activity.LOGGING
-    return None
-
-
-def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
-    if not python:
+def _by_python(stack: Sequence[Frame]) -> Activity | None:
+    if not stack:
         return None
-    names = [standard_name(frame.file) for frame in reversed(python)][:_NEAR]
-    waits = any(_WAITS.match(frame.function) for frame in library)
+    names = [file_owners.standard_name(frame.file) for frame in reversed(stack)][:_NEAR]
     if any(_STANDARD_PROCESSES.match(name) for name in names) and (
-        waits or _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
+        _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
     ):
         return Activity.PROCESSES
     if _STANDARD_THREADS.match(names[0]) or _STANDARD_WAITING.match(names[0]):
         return Activity.THREADS
-    if library and library[0].function in ("write", "__write", "fsync", "open", "openat"):
-        return Activity.LOGGING
-    if _CLOCKS.search(python[-1].file):
-        return Activity.BINDINGS if _interpreter(library) else Activity.PHYSICS
-    return Activity.NUMPY if package_of(python[-1].file) in ("numpy", "scipy") else None
+    return Activity.NUMPY if file_owners.package_of(stack[-1].file) in ("numpy", "scipy") else None
 
 
 @cache
 def shown_path(file: str) -> str:
     """Return a path for people: within the current folder, an installed package, or in full."""
     match = re.search(r"/(?:site|dist)-packages/(.+)$", file)
-    if match or standard_name(file):
-        return match[1] if match else standard_name(file)
+    if match or file_owners.standard_name(file):
+        return match[1] if match else file_owners.standard_name(file)
     with contextlib.suppress(ValueError):
         return str(Path(file).relative_to(Path.cwd()))
     return file
 
 
-@cache
-def standard_name(file: str) -> str:
-    """Return a file's name within Python's standard library; nothing for another file."""
-    if file.startswith("<frozen"):
-        return file
-    for folder in _standard_folders():
-        if file.startswith(folder) and "site-packages" not in file[len(folder) :]:
-            return file[len(folder) :].lstrip("/")
-    match = re.search(r"/lib/python3\.\d+/(?!site-packages|dist-packages)(.+)$", file)
-    return match[1] if match else ""
-
-
-@cache
-def _standard_folders() -> tuple[str, ...]:
-    paths = sysconfig.get_paths()
-    folders = {paths["stdlib"], paths["platstdlib"]}
-    return tuple(sorted({*folders, *(str(Path(folder).resolve()) for folder in folders)}))
-
-
-@cache
-def package_of(file: str) -> str:
-    """Return the installed package that a file belongs to; nothing for the user's own code."""
-    match = re.search(r"/(?:site|dist)-packages/([^/]+)", file)
-    if match:
-        return match[1].removesuffix(".py")
-    return STANDARD_LIBRARY if standard_name(file) else ""
-
-
 def is_own(frame: Frame) -> bool:
-    is_source = frame.is_python and not frame.file.startswith("<")
-    return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
+    return file_owners.is_own(frame.file)
 
 
 def place_of(frame: Frame) -> Place:
@@ -346,7 +222,7 @@ def imports(frame: Frame) -> bool:
 
 
 def is_of_thread_pool(stack: Sequence[Frame]) -> bool:
-    names = [standard_name(frame.file) for frame in stack]
+    names = [file_owners.standard_name(frame.file) for frame in stack]
     is_worker = any(
         name == _POOL and frame.function == _WORKER
         for name, frame in zip(names, stack, strict=True)
@@ -359,11 +235,10 @@ def steps_on_threads(stack: Sequence[Frame]) -> bool:
     return any(_THREADED_ENGINE.search(frame.file) for frame in stack)
 
 
-def is_engine_clock(stack: Sequence[Frame]) -> bool:
-    """Return whether a stack of physics is in the timer of MuJoCo's Python package."""
-    return any(_CLOCK.search(frame.file) for frame in _libraries_at_end(stack)[:2])
-
-
 def is_step_clock(frame: Frame) -> bool:
-    """Return whether a frame is of the clocks, which stand for functions of the engine."""
-    return frame.is_python and _CLOCKS.search(frame.file) is not None
+    return file_owners.is_of_clocks(frame.file)
+
+
+def is_slow_call(frame: Frame) -> bool:
+    """Return whether a frame stands for a slow function, each call of which is timed."""
+    return is_step_clock(frame) and Path(frame.file).name == _CALL_CLOCK

@@ -14,7 +14,7 @@ from pathlib import Path
 from mjbench.bounds import AnyFloat, Int64, NonNegativeFloat, NonNegativeInt
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place
-from mjbench.program.hook import call_clock
+from mjbench.program.hook import call_clock, file_owners
 from mjbench.program.py_spy import Frame
 from mjbench.program.source_loops import SourceLoop, outermost_loop
 from mjbench.program.step_times import Header, read_engine
@@ -236,14 +236,14 @@ def _lines(file: Path) -> list[str]:
 
 def _places(stack: Sequence[tuple[str, int, str]]) -> list[Place]:
     """Return the lines of the user's code, innermost first; the innermost line where none is."""
-    own = [frame for frame in stack if not activities.package_of(frame[0])] or stack[:1]
+    own = [frame for frame in stack if not file_owners.package_of(frame[0])] or stack[:1]
     return [activities.place_of(Frame(function, file, line)) for file, line, function in own]
 
 
 def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
     """Return the outermost loop on a stack; those of JAX trace and compile, and run nothing."""
     for file, line, _ in reversed(stack):
-        loop = None if activities.package_of(file) == "jax" else outermost_loop(file, line)
+        loop = None if file_owners.package_of(file) == "jax" else outermost_loop(file, line)
         if loop is not None:
             return replace(loop, file=activities.shown_path(loop.file))
     return None

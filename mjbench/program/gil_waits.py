@@ -25,7 +25,6 @@ _RUNNING = {
     Activity.PYTHON,
     Activity.BINDINGS,
     Activity.NUMPY,
-    Activity.ALLOCATION,
     Activity.BUILDING,
     Activity.COLLECTION,
 }
@@ -160,8 +159,7 @@ def _waiting_share(thread: ThreadSamples) -> float:
     if not thread.stacks:
         return 0.0
     waiting = sum(
-        activities.steps_on_threads(stack)
-        or activities.activity(stack, thread.has_native) not in {*_RUNNING, None}
+        activities.steps_on_threads(stack) or activities.activity(stack) not in _RUNNING
         for stack in thread.stacks
     )
     return waiting / len(thread.stacks)

@@ -12,36 +12,37 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
-from mjbench.errors import InputError, MachineError, shown
+from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.host import files
+from mjbench.loop.python_source import NOTEBOOK_SUFFIX, save_as_python
 from mjbench.program import activities, call_times, gil_waits, py_spy, recorded_models, step_times
 from mjbench.program.activities import Place
 from mjbench.program.call_times import ProgramCalls
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.py_spy import Frame, ThreadSamples
 from mjbench.program.recorded_models import RecordedModel
-from mjbench.program.sampling import ProcessorClock, ProcessorUse, Profiling, Sampling
+from mjbench.program.sampling import ProcessorClock, ProcessorUse, Profiling
 from mjbench.program.step_times import StepTimes
 
-# Seconds between looks at the program: each also sees whether the profiler has stopped it.
-_LOOK_S = 0.01
+# Seconds between looks at the program: until Python has started it, and then.
+_START_LOOK_S, _LOOK_S = 0.01, 0.03
 # Seconds for the step clock to begin its file, which Python does before the program.
 _START_S = 10.0
-# Seconds for the program to end after Ctrl-C, and again after SIGTERM.
-_END_S = 10.0
-# Seconds after the first step from which its pauses count: before, the profiler reads libraries.
-_CALM_S = 1.0
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
+# Seconds for the program to end after Ctrl-C, and again after SIGTERM; and after a signal that ends
+# the run, too.
+_END_S, _INTERRUPTED_S = 10.0, 0.3
+_ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+_SIGNALS = (*_ENDING_SIGNALS, "SIGUSR1", "SIGUSR2")
 # A frame of a stack that Python's `faulthandler` writes.
 _FAULT_LINE = re.compile(r'File "(.+)", line (\d+) in (.+)$', re.MULTILINE)
 _HOOK = Path(__file__).with_name("hook")
-_USUAL_SAMPLING = Sampling()
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,20 @@ class Program:
 
 
 @dataclass(frozen=True)
+class UncaughtException:
+    """What ended a program: its type and its message, and the user's line that raised it."""
+
+    text: str
+    place: Place | None
+
+
+@dataclass(frozen=True)
 class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
-      paused_share: as that of `records.ProgramRow`.
+      was_ended: as that of `records.ProgramRow`.
+      was_interrupted: whether a signal to mjbench ended the run.
       problem: why there are no samples, in one line; empty where there are.
       untimed_pids: processes whose steps were not timed, since the disk is full.
     """
@@ -71,15 +81,15 @@ class ProgramObservation:
     threads: Sequence[ThreadSamples]
     steps: Sequence[StepTimes]
     rate_hz: int
-    has_native: bool
-    paused_share: float | None
     exit_code: int = 0
     was_ended: bool = False
+    was_interrupted: bool = False
     processor: ProcessorUse | None = None
     problem: str = ""
     calls: ProgramCalls = ProgramCalls()  # noqa: RUF009 - it is frozen
     models: Sequence[RecordedModel] = ()
     crash: Place | None = None
+    exception: UncaughtException | None = None
     gil_waits: Sequence[GilWait] = ()
     untimed_pids: Collection[int] = ()
 
@@ -92,89 +102,73 @@ def check(program: Program) -> None:
             raise InputError("-m needs the name of a module")
     elif not os.path.exists(first):  # noqa: PTH110 - False for a name that no file can have
         raise InputError(f"{shown(first)}: no such file")
-    elif first.endswith(".ipynb"):
-        raise InputError(f"{shown(first)} is a notebook: save it as a Python file first")
+    elif first.endswith(NOTEBOOK_SUFFIX):
+        raise InputError(f"{shown(first)}: {save_as_python(first)}")
     py_spy.program()
 
 
 def run(
     program: Program,
     seconds: float | None = None,
-    sampling: Sampling = _USUAL_SAMPLING,
+    rate_hz: int | None = None,
     most_s: float = math.inf,
+    ends_on_signal: bool = False,
 ) -> ProgramObservation:
     """Run a program to its end, and return what was seen.
 
     Args:
+      ends_on_signal: whether Ctrl-C, SIGTERM and SIGHUP end the run within a second, and the
+        program with it; by default they are the program's, which may go on.
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run. A program of MJX counts as stepping from the first function that JAX has compiled.
     """
     with files.temporary_folder() as folder:
         running: list[subprocess.Popen[bytes]] = []
-        with _passing_signals_to(running):
+        received: list[signal.Signals] = []
+        with _noting_signals(received) if ends_on_signal else _passing_signals_to(running):
             begin = ProcessorClock.now()
             process = _start(program, folder)
             running.append(process)
             was_ended, first_ns = False, None
             try:
-                profiling = _start_profiler(process, folder, sampling)
+                profiling = _start_profiler(process, folder, rate_hz, received)
                 while process.poll() is None:
-                    time.sleep(_LOOK_S if profiling is None else profiling.look_s)
+                    time.sleep(_START_LOOK_S if profiling is None else _LOOK_S)
                     first_ns = first_ns or _first_step_ns(folder)
                     if profiling is not None:
                         profiling.look()
-                        if _since_s(first_ns) > _CALM_S:
-                            profiling.look_for_pause()
                     has_stepped = seconds is not None and _stepped_s(folder, first_ns) > seconds
                     is_late = time.monotonic() - begin.time_s > most_s
-                    if not was_ended and (has_stepped or is_late):
+                    if received or (not was_ended and (has_stepped or is_late)):
                         was_ended = True
-                        _end(process)
+                        _end(process, received)
             except BaseException:  # nobody would wait for it any more
                 _end(process)
                 raise
         end, processor = ProcessorClock.now(), None
         if profiling is not None:
             processor = end.use(begin, profiling)
-            profiling.sampler.finish()
-        seen = _observation(folder, process.pid, sampling, profiling, begin.time_s, end.time_s)
+            profiling.sampler.finish(is_hurried=bool(received))
+        seen = _observation(folder, process.pid, profiling, begin.time_s, end.time_s)
         code = process.returncode
         return replace(
             seen,
             exit_code=code if code >= 0 else 128 - code,
-            was_ended=was_ended,
+            was_ended=was_ended or bool(received),
+            was_interrupted=bool(received),
+            models=() if received else seen.models,  # which would be stepped for seconds
             processor=processor,
         )
-
-
-def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> ProgramObservation:
-    """Sample a program that runs; InputError without such a process."""
-    import psutil
-
-    if not psutil.pid_exists(pid):
-        raise InputError(f"--attach {pid}: no such process")
-    with files.temporary_folder() as folder:
-        begin_s = time.monotonic()
-        profiling = Profiling.begin(pid, folder, sampling, seconds)
-        with contextlib.suppress(KeyboardInterrupt):
-            while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
-                profiling.look()
-                profiling.look_for_pause()
-                time.sleep(profiling.look_s)
-        end_s = time.monotonic()
-        profiling.sampler.stop()
-        return _observation(folder, pid, sampling, profiling, begin_s, end_s)
 
 
 def _observation(
     folder: Path,
     pid: int,
-    sampling: Sampling,
     profiling: Profiling | None,
     begin_s: float,
     end_s: float,
 ) -> ProgramObservation:
-    """Return what the profiler and the clocks have seen; there are no clocks in some programs."""
+    """Return what the profiler and the clocks have seen."""
     waits: Sequence[GilWait] = ()
     threads: Sequence[ThreadSamples] = ()
     problem = py_spy.TOO_SHORT
@@ -187,12 +181,11 @@ def _observation(
         threads=threads,
         steps=step_times.read_all(folder),
         rate_hz=py_spy.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
-        has_native=sampling.has_native,
-        paused_share=None if profiling is None else profiling.paused_share,
         problem=problem,
         calls=call_times.read_all(folder, step_times.read_headers(folder)),
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
+        exception=_exception(folder / f"{pid}.exception"),
         gil_waits=waits,
         untimed_pids=step_times.untimed_pids(folder),
     )
@@ -200,63 +193,31 @@ def _observation(
 
 def _crash(folder: Path) -> Place | None:
     """Return the innermost line of the user's code on the stack that `faulthandler` has written."""
-    for file in sorted(folder.glob("*.fault")):
-        frames = _FAULT_LINE.findall(file.read_text(encoding="utf-8", errors="replace"))
-        stack = [Frame(function, path, int(line)) for path, line, function in frames]
-        own = [frame for frame in stack if activities.is_own(frame)]
-        for frame in (own or stack)[:1]:
-            return activities.place_of(frame)
-    return None
+    files = sorted(folder.glob("*.fault"))
+    places = (_innermost_own(file.read_text(encoding="utf-8", errors="replace")) for file in files)
+    return next(filter(None, places), None)
 
 
-def time_steps(
-    program: Program, seconds: float, change: str = "", source: Path | None = None
-) -> list[StepTimes]:
-    """Run a program again without the profiler, input and output; return its processes' steps.
-
-    Args:
-      change: that the step clock applies: `step_clock.NO_ENGINE_CLOCK` or `NO_COLLECTION`.
-    """
-    with files.temporary_folder() as folder:
-        process = _start(program, folder, change, source, quiet=True)
-        first_ns = None
-        try:
-            while process.poll() is None:
-                time.sleep(_LOOK_S)
-                first_ns = first_ns or _first_step_ns(folder)
-                if _stepped_s(folder, first_ns) > seconds:
-                    _end(process)
-        finally:
-            _kill(process)
-        steps = [each for each in step_times.read_all(folder) if each.step is not None]
-        if not steps:
-            raise MachineError("the program did not step when it ran again")
-        if change and not (folder / change).exists():
-            raise MachineError("the change could not be applied")
-        return steps
+def _exception(file: Path) -> UncaughtException | None:
+    """Return what ended the program, as `hook.start` notes it."""
+    if not file.exists():
+        return None
+    text = file.read_text(encoding="utf-8", errors="replace")
+    return UncaughtException(one_line(text.partition("\n")[0]), _innermost_own(text))
 
 
-def _start(
-    program: Program,
-    folder: Path,
-    change: str = "",
-    source: Path | None = None,
-    quiet: bool = False,
-) -> "subprocess.Popen[bytes]":
+def _innermost_own(text: str) -> Place | None:
+    """Return the first line of the user's code in a stack, innermost first; of none, of any."""
+    stack = [Frame(function, path, int(line)) for path, line, function in _FAULT_LINE.findall(text)]
+    own = [frame for frame in stack if activities.is_own(frame)]
+    return next(map(activities.place_of, own or stack), None)
+
+
+def _start(program: Program, folder: Path) -> "subprocess.Popen[bytes]":
     path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
-    if change:
-        environment["MJBENCH_CHANGE"] = change
-    runner = [str(_HOOK / "sitecustomize.py"), str(source)] if source is not None else []
-    stream = subprocess.DEVNULL if quiet else None
     try:
-        return subprocess.Popen(
-            [program.interpreter, *runner, *program.arguments],
-            env=environment,
-            stdin=stream,
-            stdout=stream,
-            stderr=stream,
-        )
+        return subprocess.Popen([program.interpreter, *program.arguments], env=environment)
     except OSError as error:
         raise MachineError(
             f"cannot start {shown(program.interpreter)}: {error.strerror}"
@@ -264,15 +225,18 @@ def _start(
 
 
 def _start_profiler(
-    process: "subprocess.Popen[bytes]", folder: Path, sampling: Sampling
+    process: "subprocess.Popen[bytes]",
+    folder: Path,
+    rate_hz: int | None,
+    received: Sequence[signal.Signals],
 ) -> Profiling | None:
     """Start the profiler once Python runs; None where the program ends before."""
     file, begin_s = folder / f"{process.pid}.steps", time.monotonic()
     while not file.exists() and time.monotonic() - begin_s < _START_S:
-        if process.poll() is not None:
+        if process.poll() is not None or received:
             return None
-        time.sleep(_LOOK_S)
-    return Profiling.begin(process.pid, folder, sampling)
+        time.sleep(_START_LOOK_S)
+    return Profiling.begin(process.pid, folder, rate_hz)
 
 
 def _first_step_ns(folder: Path) -> int | None:
@@ -289,13 +253,22 @@ def _since_s(begin_ns: int | None) -> float:
     return (time.perf_counter_ns() - begin_ns) / 1e9 if begin_ns else 0.0
 
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    """End the program and what it started as Ctrl-C does; by force where that does not do."""
+def _end(process: "subprocess.Popen[bytes]", received: Sequence[signal.Signals] = ()) -> None:
+    """End the program and what it started as Ctrl-C does; by force where that does not do.
+
+    Args:
+      received: signals to mjbench; from the first on, there is little time.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
-        _send(process, number)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(_END_S)
-            return
+        # a terminal sends Ctrl-C to both
+        has_had_it = number == signal.SIGINT and number in received and _is_foreground()
+        if not has_had_it:
+            _send(process, number)
+        begin_s = time.monotonic()
+        while time.monotonic() - begin_s < (_INTERRUPTED_S if received else _END_S):
+            if process.poll() is not None:
+                return
+            time.sleep(_LOOK_S)
     _kill(process)
 
 
@@ -320,13 +293,31 @@ def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
 def _passing_signals_to(running: "Sequence[subprocess.Popen[bytes]]") -> Iterator[None]:
     """While the block runs, signals are the programs': mjbench passes them on."""
 
-    def handle(number: int, frame: FrameType | None) -> None:
+    def pass_on(number: int, frame: FrameType | None) -> None:
         if number == signal.SIGINT and _is_foreground():
             return  # the terminal has sent it to the program, too
         for process in running:
             process.send_signal(number)
 
-    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    with _handling(_SIGNALS, pass_on):
+        yield
+
+
+@contextlib.contextmanager
+def _noting_signals(received: list[signal.Signals]) -> Iterator[None]:
+    with _handling(_ENDING_SIGNALS, lambda number, _: received.append(signal.Signals(number))):
+        yield
+
+
+@contextlib.contextmanager
+def _handling(
+    names: Sequence[str], handle: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
+    """Let a function handle signals, unless they are ignored, or go to another thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     earlier = {number: signal.getsignal(number) for number in numbers}
     try:
         for number, handler in earlier.items():

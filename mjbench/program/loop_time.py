@@ -91,7 +91,6 @@ class LoopTime:
       lines: of the user's code, with all that they call, by share.
       inner_functions: of installed packages, without what they call in Python and without physics,
         by share; the place of each is the line that samples saw most often.
-      engine_clock: share of the timer of MuJoCo's Python package.
       calls: of functions that are timed one by one, from lines of this loop.
       building: the outermost line under which models are built or loaded, and nothing steps; of
         several, that which builds most, with the time of all. None without one.
@@ -108,7 +107,6 @@ class LoopTime:
     packages: Mapping[str, Share]
     lines: Sequence[LineTime]
     inner_functions: Sequence[LineTime]
-    engine_clock: Share
     calls: Sequence[CallTime] = ()
     building: LineTime | None = None
 
@@ -216,7 +214,6 @@ def _unsampled(loop: SourceLoop, calls: Sequence[CallTime], main_pid: int) -> Lo
         packages={},
         lines=[],
         inner_functions=[],
-        engine_clock=0.0,
     )
 
 

@@ -10,7 +10,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import sysconfig
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,22 +19,22 @@ import msgspec
 
 from mjbench import extras
 from mjbench.errors import InputError, UnavailableError, one_line
+from mjbench.host import child
 
-# Samples per second; with stacks of libraries, each stops the program for a moment
-# (docs/method/run.md).
-DEFAULT_RATE_HZ, NATIVE_RATE_HZ = 100, 10
+# Samples per second.
+DEFAULT_RATE_HZ = 100
 # From so many child processes on, samples are fewer: the program needs the profiler's core.
 MANY_CHILDREN, MANY_RATE_HZ = 2, 20
 # Seconds in which the profiler notices that the program has ended.
 ENDING_S = 2.0
 # Seconds that the profiler may take to write its file, once the program has ended.
 WRITING_S = 60.0
+# Seconds for both, where the user waits for the end.
+HURRIED_S = 0.25
 # Why there are no samples of a program that is over before the profiler has read it.
 TOO_SHORT = "it ended before it could be sampled, or it is no program of Python"
 # Why the profiler is not allowed to read a process, and what helps.
 _REFUSED = ("permission", "operation not permitted", "access denied", "requires root")
-# How source files of libraries end.
-_COMPILED = (".c", ".cc", ".cpp", ".cxx", ".h", ".hpp", ".pyx", ".rs", ".S")
 
 
 @dataclass
@@ -63,21 +62,21 @@ class Sampler:
             return float(times.user + times.system)
         return 0.0
 
-    def stop(self) -> None:
+    def stop(self, writing_s: float = WRITING_S) -> None:
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(signal.SIGINT)
         try:
-            self.process.wait(WRITING_S)
+            self.process.wait(writing_s)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
 
-    def finish(self) -> None:
+    def finish(self, is_hurried: bool = False) -> None:
         """Wait until the profiler has written its file; stop one that outlives the program."""
         try:
-            self.process.wait(ENDING_S)
+            self.process.wait(HURRIED_S if is_hurried else ENDING_S)
         except subprocess.TimeoutExpired:
-            self.stop()
+            self.stop(HURRIED_S if is_hurried else WRITING_S)
 
     def problem(self) -> str:
         text = self.log.read_text(encoding="utf-8", errors="replace")
@@ -96,36 +95,39 @@ def program() -> str:
     path = str(beside) if beside.is_file() else shutil.which("py-spy")
     if path is None:
         raise UnavailableError(
-            f"py-spy is not installed; install it with {extras.install_command('run')}"
+            f"py-spy is not installed; install it with {extras.install_command()}"
         )
     return path
-
-
-def can_read_libraries() -> bool:
-    return sys.platform == "linux" and os.uname().machine in ("x86_64", "armv7l")
 
 
 def start(
     pid: int,
     folder: Path,
     rate_hz: int,
-    has_native: bool,
-    seconds: float | None = None,
-    of_holders: bool = False,
+    holders_s: float | None = None,
 ) -> Sampler:
-    """Sample a process and those that it starts, until it ends or `Sampler.stop`."""
-    name = "holders" if of_holders else "sampler"
+    """Sample a process and those that it starts, until it ends or `Sampler.stop`.
+
+    Args:
+      holders_s: seconds for which only threads that hold the GIL are sampled; None for all threads.
+    """
+    name = "sampler" if holders_s is None else "holders"
     file, log = folder / f"{name}.json", folder / f"{name}.log"
     command = [program(), "record", "--pid", str(pid), "--rate", str(rate_hz)]
     command += ["--format", "speedscope", "--output", str(file)]
-    command += ["--threads", "--full-filenames", "--subprocesses"]
-    command += ["--gil"] if of_holders else ["--idle"]
-    command += ["--native"] if has_native and can_read_libraries() else ["--nonblocking"]
-    command += ["--duration", str(math.ceil(seconds) + 1)] if seconds is not None else []
+    command += ["--threads", "--full-filenames", "--subprocesses", "--nonblocking"]
+    if holders_s is None:
+        command.append("--idle")
+    else:
+        command += ["--gil", "--duration", str(math.ceil(holders_s) + 1)]
     with log.open("wb") as output:
         # in a session of its own: Ctrl-C is for the program
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+            child.ending_with_parent(command),
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
         )
     return Sampler(process, file, log)
 
@@ -135,16 +137,11 @@ def start(
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of a stack; lines count from 1, and a library has line 0."""
+    """One frame of a stack; lines count from 1."""
 
     function: str
     file: str
     line: int
-
-    @property
-    def is_python(self) -> bool:
-        """Whether it is a line of Python; libraries with debugging information have lines, too."""
-        return self.line > 0 and not self.file.endswith(_COMPILED)
 
 
 @dataclass(frozen=True)
@@ -163,7 +160,6 @@ class ThreadSamples:
     thread: Thread
     stacks: Sequence[Sequence[Frame]]
     interval_s: float
-    has_native: bool = True
 
 
 class _File(msgspec.Struct):
@@ -189,8 +185,6 @@ class _Frame(msgspec.Struct):
 
 # What py-spy names a thread's samples.
 _THREAD = re.compile(r'Process (\d+) Thread (\d+)(?: "(.*)")?$', flags=re.DOTALL)
-# Frames that stand for a process or a thread.
-_LABEL = re.compile(r"(process|thread) \(?\d+")
 
 
 def read(file: Path) -> list[ThreadSamples]:
@@ -198,15 +192,12 @@ def read(file: Path) -> list[ThreadSamples]:
         stored = msgspec.json.decode(file.read_bytes(), type=_File)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the profiler's samples: {error}") from error
+    # what has no line stands for a process or a thread
     frames = [
-        None
-        if _LABEL.match(frame.name) and not frame.file
-        else Frame(frame.name, frame.file or "", frame.line or 0)
+        Frame(frame.name, frame.file or "", frame.line) if frame.line else None
         for frame in stored.shared.frames
     ]
-    has_native = any(frame is not None and not frame.is_python for frame in frames)
-    threads = [_thread_samples(profile, frames) for profile in stored.profiles]
-    return [replace(thread, has_native=has_native) for thread in threads]
+    return [_thread_samples(profile, frames) for profile in stored.profiles]
 
 
 def spread_over(threads: Sequence[ThreadSamples], seconds: float) -> list[ThreadSamples]:

@@ -2,21 +2,20 @@
 
 from collections import defaultdict
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from mjbench.bounds import AnyInt, NonNegativeInt, PositiveFloat, Share
+from mjbench.bounds import AnyInt, NonNegativeInt, PositiveFloat
 from mjbench.host import machine
 from mjbench.program import (
-    activities,
     physics_cost,
-    py_spy,
     sampled_loops,
 )
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.gil_waits import GilWait
-from mjbench.program.launch import ProgramObservation
+from mjbench.program.hook import file_owners
+from mjbench.program.launch import ProgramObservation, UncaughtException
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import PhysicsCost
 from mjbench.program.remedies import listing, trials, wrong_results
@@ -67,25 +66,22 @@ class ProgramRow:
     """Where a program's time goes.
 
     Attributes:
-      program: name of the file or module; of a process, its number.
+      program: name of the file or module.
       status: `ok`; `unavailable` where the profiler could take no samples.
       detail: why not, in one line; empty when ok.
       exit_code: of the program.
       was_ended: whether mjbench ended it, since its seconds were over.
-      wall_s: from its start to its end, or for which it was sampled.
+      wall_s: from its start to its end.
       rate_hz: samples per second.
       samples: taken of all threads.
-      paused_share: share of time for which the profiler stopped a process of the program, summed
-        over processes; None where that cannot be seen.
       processor: time that the program and those who observed it used; None where it is not known.
       loops: that step, or wait for processes that do; the program's own first.
       steps: of each process that stepped.
       wrong: what makes its results wrong, whether or not the loop was sampled.
-      has_native: whether stacks of libraries were read to the end of the run; otherwise what NumPy
-        and other libraries do is told by the line that calls them.
       memory_growth_bytes: by how much the memory of the process that grew most has grown since
         shortly after its first step; None where that is not known.
       crash: the line of Python that ran when a process of it crashed; None where none has.
+      exception: that ended it; None where none has.
       physics: what costs in its steps; None where its first loop is not nearly all physics, or its
         model could not be stepped again.
       gil_waits: threads that wait for the GIL, those that wait longest first; none where JAX runs,
@@ -104,14 +100,13 @@ class ProgramRow:
     wall_s: PositiveFloat
     rate_hz: NonNegativeInt
     samples: NonNegativeInt
-    paused_share: Share | None
     loops: Sequence[LoopReport]
     steps: Sequence[StepTimes]
     wrong: Sequence[Remedy] = ()
-    has_native: bool = True
     processor: ProcessorUse | None = None
     memory_growth_bytes: AnyInt | None = None
     crash: Place | None = None
+    exception: UncaughtException | None = None
     physics: PhysicsCost | None = None
     gil_waits: Sequence[GilWait] = ()
     outside_loops: Sequence[LineTime] = ()
@@ -134,7 +129,7 @@ class ProgramRow:
         files = sorted(
             file
             for file in in_loops | {call.place.file for call in calls}
-            if not activities.package_of(file)
+            if not file_owners.package_of(file)
         )
         findings = listing.findings_of(files)
         asked = listing.trials(times, findings, incidents)
@@ -158,16 +153,15 @@ class ProgramRow:
             wall_s=observation.wall_s,
             rate_hz=observation.rate_hz,
             samples=sum(len(thread.stacks) for thread in observation.threads),
-            paused_share=observation.paused_share,
             loops=loops,
             steps=steps,
             wrong=wrong_results.wrong_results(
                 findings, observation.calls, files, measured.computes_forces
             ),
-            has_native=observation.has_native and py_spy.can_read_libraries(),
             processor=observation.processor,
             memory_growth_bytes=observation.calls.memory_growth_bytes,
             crash=observation.crash,
+            exception=observation.exception,
             gil_waits=() if any(call.is_of_jax for call in calls) else observation.gil_waits,
             outside_loops=sampled_loops.outside_loops(
                 observation.threads, observation.pid, times, observation.wall_s, calls
@@ -176,17 +170,11 @@ class ProgramRow:
             untimed_processes=len(stepping.intersection(observation.untimed_pids)),
         )
 
-    def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":
-        """Return the row with other remedies of its first loop; the certain ones come first."""
-        ordered = sorted(confirmed, key=lambda remedy: remedy.rank)
-        first = replace(self.loops[0], remedies=ordered)
-        return replace(self, loops=[first, *self.loops[1:]])
-
     @property
     def cost_share(self) -> float:
         """What observing cost the program, as a share of its time.
 
-        That is pauses, the step clock, and processor time on cores that the program could use.
+        That is the step clock, and processor time on cores that the program could use.
         """
         clocks = [step.cost_share for step in self.steps] or [
             sum(call.clock_s for call in report.time.calls) / report.time.seconds
@@ -194,4 +182,4 @@ class ProgramRow:
         ]
         clock = max(clocks, default=0.0)
         displaced = self.processor.displaced_share if self.processor else 0.0
-        return (self.paused_share or 0.0) + clock + displaced
+        return clock + displaced

@@ -9,6 +9,7 @@ from functools import cached_property
 from mjbench.program import activities, loop_time
 from mjbench.program.activities import WAITING, Activity, Place, is_own
 from mjbench.program.call_times import CallTime
+from mjbench.program.hook import file_owners
 from mjbench.program.loop_time import (
     FEW_SAMPLES,
     LEAST_REPEATS,
@@ -131,7 +132,7 @@ def outside_loops(
             if running is not None and running[0] in of_loops:
                 on_loops.update(places)
             else:
-                rest.append((places, _outside_activity(stack, thread), thread.interval_s))
+                rest.append((places, _outside_activity(stack), thread.interval_s))
     compiling = {call.place.position for call in calls if call.activity == Activity.COMPILING}
     seconds: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     for places, activity, interval_s in rest:
@@ -142,11 +143,11 @@ def outside_loops(
     return large(LineTime.of(place, parts, wall_s) for place, parts in seconds.items())
 
 
-def _outside_activity(stack: Sequence[Frame], thread: ThreadSamples) -> Activity:
+def _outside_activity(stack: Sequence[Frame]) -> Activity:
     """Return what a stack outside loops shows; all that a module does when imported is imports."""
     if any(activities.imports(frame) for frame in stack):
         return Activity.IMPORT
-    return activities.activity(stack, thread.has_native) or Activity.PYTHON
+    return activities.activity(stack)
 
 
 def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime]:
@@ -186,14 +187,11 @@ def _outermost_loop(stack: Sequence[Frame]) -> tuple[SourceLoop, Sequence[Frame]
     """Return the outermost loop that a stack runs, and the frames from its line on.
 
     Loops of Python's standard library are not meant: they start threads and processes. Nor are
-    those of the process that forked this one, which stand on its stack.
+    those of mjbench, or of the process that forked this one, which stand on its stack.
     """
     for i in range(_own_begin(stack), len(stack)):
         frame = stack[i]
-        is_program = frame.is_python and not frame.file.startswith("<")
-        if not is_program or activities.is_step_clock(frame):
-            continue
-        if activities.standard_name(frame.file):
+        if not file_owners.is_of_program(frame.file):
             continue
         if (loop := outermost_loop(frame.file, frame.line)) is not None:
             return replace(loop, file=activities.shown_path(loop.file)), stack[i:]
@@ -205,7 +203,7 @@ def _own_begin(stack: Sequence[Frame]) -> int:
     begins = [
         i + 1
         for i, frame in enumerate(stack)
-        if activities.standard_name(frame.file) == activities.PROCESS_MODULE
+        if file_owners.standard_name(frame.file) == activities.PROCESS_MODULE
         and frame.function.endswith("_bootstrap")
     ]
     return begins[-1] if begins else 0
@@ -253,33 +251,16 @@ def _lines_of_jax(calls: Sequence[CallTime], loop: SourceLoop) -> set[tuple[str,
 
 
 def _samples(stacks: Sequence[_Stack], of_pools: Collection[int]) -> list[_Sample]:
-    """Return the samples of a loop, each with its activity.
-
-    What a sample in a library such as that of C shows depends on who called it, which the stack may
-    not hold. It counts for what other samples of its line show, most often.
-    """
-    seen = [
-        activities.activity(stack, thread.has_native, thread.thread.pid in of_pools)
-        for thread, stack, _ in stacks
+    """Return the samples of a loop, each with its activity."""
+    return [
+        _Sample(thread, stack, inner, activities.activity(stack, thread.thread.pid in of_pools))
+        for thread, stack, inner in stacks
     ]
-    lines = [_innermost_python(stack) for _, stack, _ in stacks]
-    at_line: dict[tuple[str, int], Counter[Activity]] = defaultdict(Counter)
-    for activity, line in zip(seen, lines, strict=True):
-        if activity is not None:
-            at_line[line.file, line.line][activity] += 1
-    samples = []
-    for of_stack, activity, line in zip(stacks, seen, lines, strict=True):
-        if activity is None:
-            others = at_line[line.file, line.line].most_common(1)
-            activity = others[0][0] if others else Activity.PYTHON
-        samples.append(_Sample(*of_stack, activity))
-    return samples
 
 
 def _innermost_python(stack: Sequence[Frame]) -> Frame:
     """Return the innermost line of Python that is not the step clock's."""
-    lines = (frame for frame in reversed(stack) if frame.is_python)
-    return next(frame for frame in lines if not activities.is_step_clock(frame))
+    return next(frame for frame in reversed(stack) if not activities.is_step_clock(frame))
 
 
 def _parts(samples: Iterable[_Sample]) -> Iterator[tuple[Activity, float]]:
@@ -295,12 +276,7 @@ def _loop_time(
 ) -> LoopTime:
     total_s = sum(sample.seconds for sample in samples)
     in_python = [sample for sample in samples if sample.activity == Activity.PYTHON]
-    packages = [(activities.package_of(each.python.file), each.seconds) for each in in_python]
-    clock_s = sum(
-        sample.seconds
-        for sample in samples
-        if sample.activity == Activity.PHYSICS and activities.is_engine_clock(sample.stack)
-    )
+    packages = [(file_owners.package_of(each.python.file), each.seconds) for each in in_python]
     threads = {sample.thread.thread for sample in samples}
     own_frames = {frame for sample in samples for frame in sample.inner if is_own(frame)}
     return LoopTime(
@@ -315,7 +291,6 @@ def _loop_time(
         packages=shares_of(packages, total_s),
         lines=_own_lines(samples, total_s),
         inner_functions=_inner_functions(samples, total_s, of_jax),
-        engine_clock=clock_s / total_s,
         building=_building_line(samples, total_s, loading),
     )
 
@@ -346,7 +321,7 @@ def _building_line(
     seconds: dict[Place, list[float]] = defaultdict(list)
     steps_s: dict[Place, float] = defaultdict(float)
     for sample in samples:
-        is_slow_call = sample.stack[-1].file.endswith(activities.CALL_CLOCK)
+        is_slow_call = activities.is_slow_call(sample.stack[-1])
         for place in sample.own_places:
             seconds[place].append(sample.seconds)
             if sample.activity == Activity.PHYSICS and not is_slow_call:
@@ -392,7 +367,7 @@ def _shown_places(stack: Sequence[Frame]) -> list[Place]:
 def _called_package(sample: _Sample) -> str:
     own = sample.own_frame
     called = list(itertools.takewhile(lambda frame: frame != own, reversed(sample.inner)))
-    packages = (activities.package_of(each.file) for each in called[::-1] if each.is_python)
+    packages = (file_owners.package_of(each.file) for each in called[::-1])
     return next(filter(None, packages), "")
 
 
@@ -405,7 +380,7 @@ def _inner_functions(
         if sample.activity == Activity.POLICY and own_line in of_jax:
             continue
         frame = sample.python
-        if sample.activity != Activity.PHYSICS and activities.package_of(frame.file):
+        if sample.activity != Activity.PHYSICS and file_owners.package_of(frame.file):
             functions[frame.file, frame.function].append(sample)
     times = []
     for (file, function), of_function in functions.items():

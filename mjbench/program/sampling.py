@@ -1,4 +1,4 @@
-"""The profiler beside a program, and what it costs: its rate follows from how long it stops it."""
+"""The profiler beside a program, and what it costs."""
 
 import contextlib
 import os
@@ -14,26 +14,10 @@ from mjbench.program import py_spy
 from mjbench.program.gil_waits import Holders, ThreadTimes
 from mjbench.program.py_spy import ThreadSamples
 
-# Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
-LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
-# Seconds between looks at the program: often until the rate is settled, then less often.
-LOOK_S, LATER_LOOK_S = 0.01, 0.03
 # Looks from one list of the program's processes to the next: to list them takes longer than a look.
 LOOKS_PER_LIST = 30
 # Seconds for which the holders of the GIL are sampled, if a process has several busy threads.
 HOLDERS_S, HOLDERS_RATE_HZ = 3.0, 100
-# Fewer samples per second tell too little, whatever they cost.
-LEAST_RATE_HZ = 3
-# The state of a process that a profiler has stopped.
-_TRACED = b"t"
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How a program is to be sampled."""
-
-    rate_hz: int | None = None
-    has_native: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,16 +72,10 @@ class ProcessorClock:
 
 @dataclass
 class Profiling:
-    """The profiler beside a program, and what it costs.
-
-    Where the profiler reads stacks of libraries, it stops the program for each sample, for the
-    longer the more threads and libraries the program has. Where that costs too much, it starts
-    again at a lower rate.
+    """The profiler beside a program; it starts again at a lower rate if there are many processes.
 
     Attributes:
-      has_adapted: whether the rate was compared with what samples cost.
-      looks, paused: how often it was seen whether the program is stopped, and how often it or one
-        of its child processes was.
+      asked_rate_hz: that the user asks for; None for the usual.
       begin_s: when the profiler began to take samples, on the clock of `time.monotonic`.
       holding: the profiler of threads that hold the GIL, if a process has several busy threads.
     """
@@ -105,13 +83,10 @@ class Profiling:
     pid: int
     folder: Path
     rate_hz: int
-    sampling: Sampling
+    asked_rate_hz: int | None
     sampler: py_spy.Sampler
-    has_adapted: bool = False
     children: Sequence[int] = ()
     looks_listed: int = 0
-    looks: int = 0
-    paused: int = 0
     begin_s: float | None = None
     earlier: Sequence[ThreadSamples] = ()
     has_many_children: bool = False
@@ -121,16 +96,10 @@ class Profiling:
     holding: "_Holding | None" = None
 
     @classmethod
-    def begin(
-        cls, pid: int, folder: Path, sampling: Sampling, seconds: float | None = None
-    ) -> "Profiling":
-        """Start the profiler, at the usual rate without one; `seconds` limit it."""
-        usual_hz = py_spy.NATIVE_RATE_HZ if sampling.has_native else py_spy.DEFAULT_RATE_HZ
-        rate = sampling.rate_hz or usual_hz
-        if seconds is not None:  # too short to begin again
-            sampling = Sampling(rate, sampling.has_native)
-        beside = py_spy.start(pid, folder, rate, sampling.has_native, seconds)
-        return cls(pid, folder, rate, sampling, beside)
+    def begin(cls, pid: int, folder: Path, rate_hz: int | None) -> "Profiling":
+        """Start the profiler, at the usual rate without one."""
+        rate = rate_hz or py_spy.DEFAULT_RATE_HZ
+        return cls(pid, folder, rate, rate_hz, py_spy.start(pid, folder, rate))
 
     def look(self) -> None:
         """See whether the profiler has begun, and whether there are many processes by now."""
@@ -147,7 +116,7 @@ class Profiling:
             return
         self.has_many_children = len(self.children) >= py_spy.MANY_CHILDREN
         if self.has_many_children:
-            rate = self.sampling.rate_hz or min(self.rate_hz, py_spy.MANY_RATE_HZ)
+            rate = self.asked_rate_hz or min(self.rate_hz, py_spy.MANY_RATE_HZ)
             if rate != self.rate_hz:
                 self._restart(rate)
 
@@ -156,34 +125,11 @@ class Profiling:
         if self.holding is not None:
             self.earlier_cpu_s += self.holding.look()
         elif self.begin_s is not None and (pid := self.thread_times.contending()) is not None:
-            rate, seconds = HOLDERS_RATE_HZ, HOLDERS_S
-            beside = py_spy.start(pid, self.folder, rate, False, seconds, of_holders=True)
+            beside = py_spy.start(pid, self.folder, HOLDERS_RATE_HZ, HOLDERS_S)
             self.holding = _Holding(pid, beside)
 
     def holders(self) -> Holders | None:
         return None if self.holding is None else self.holding.holders()
-
-    @property
-    def adapts(self) -> bool:
-        """Whether the rate may yet be lowered by what samples cost."""
-        return self.sampling.has_native and self.sampling.rate_hz is None and not self.has_adapted
-
-    @property
-    def look_s(self) -> float:
-        return LOOK_S if self.adapts else LATER_LOOK_S
-
-    def look_for_pause(self) -> None:
-        """See whether the profiler has stopped the program at this moment (Linux)."""
-        states = [process_state(pid) for pid in (self.pid, *self.children)]
-        if states[0] is None:
-            return
-        self.looks += 1
-        self.paused += states.count(_TRACED)
-        if self.adapts and self.looks == LOOKS_TO_ADAPT:
-            self.has_adapted = True
-            share = self.paused / self.looks
-            if share > MAX_PAUSED_SHARE and self.sampler.is_running:
-                self._restart(max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share)))
 
     def _restart(self, rate_hz: int) -> None:
         """Start the profiler again; what it has seen is not lost."""
@@ -193,19 +139,11 @@ class Profiling:
         self.earlier = [*self.earlier, *self._read(end_s)]
         self.begin_s = None
         self.rate_hz = rate_hz
-        self.sampler = py_spy.start(self.pid, self.folder, rate_hz, self.sampling.has_native)
-        self.looks = self.paused = 0
+        self.sampler = py_spy.start(self.pid, self.folder, rate_hz)
 
     @property
     def cpu_s(self) -> float:
         return self.earlier_cpu_s + self.sampler.cpu_s()
-
-    @property
-    def paused_share(self) -> float | None:
-        """Share of time for which a process was stopped, summed over processes; None if unseen."""
-        if not self.sampling.has_native:
-            return 0.0  # it never stops one
-        return self.paused / self.looks if self.looks else None
 
     def samples(self, end_s: float) -> tuple[Sequence[ThreadSamples], str]:
         seen = [*self.earlier, *self._read(end_s)]
@@ -242,13 +180,4 @@ class _Holding:
             seen = py_spy.read(self.sampler.file)
             of_process = [each for each in seen if each.thread.pid == self.pid]
             return Holders(self.pid, of_process, round(seconds * HOLDERS_RATE_HZ))
-        return None
-
-
-def process_state(pid: int) -> bytes | None:
-    """Return the letter of a process's state, as in proc(5); None where there is none to read."""
-    try:
-        with open(f"/proc/{pid}/stat", "rb") as file:  # noqa: PTH123 - cheaper
-            return file.read().rpartition(b")")[2][1:2]
-    except OSError:
         return None

@@ -3,15 +3,13 @@
 import shlex
 from collections.abc import Iterator, Sequence
 
-from mjbench.paired.bisect_records import (
+from mjbench.paired.bisect import (
     BisectChange,
     BisectComparison,
-    BisectMeasured,
     BisectRecord,
-    BisectTrial,
     VersionKind,
+    short_name,
 )
-from mjbench.paired.bisect_search import short_name
 from mjbench.paired.outcomes import Verdict
 from mjbench.releases.release_names import wheel_digest
 from mjbench.report import formats, verdicts
@@ -24,25 +22,25 @@ from mjbench.units import count_of
 def sections(records: Sequence[Record]) -> list[Section]:
     """Return what searches come to, or what is known of one that did not end."""
     ended = [record for record in records if isinstance(record, BisectRecord)]
-    if not ended and any(isinstance(record, BisectMeasured) for record in records):
-        return [_unfinished(records)]
+    comparisons = [record for record in records if isinstance(record, BisectComparison)]
+    if not ended and comparisons:
+        return [_unfinished(comparisons)]
     return [
         Section(
             f"Which {record.kind} changed {record.target}?",
-            conclusions=[*_conclusions(record)],
-            tables=[_table(record.trials, record.kind)],
+            conclusions=[*_conclusions(record, len(comparisons))],
+            tables=[_table(comparisons, record.kind)],
             notes=[] if record.ends is None else verdicts.notes(record.ends),
         )
         for record in ended
     ]
 
 
-def _unfinished(records: Sequence[Record]) -> Section:
-    trials = [record for record in records if isinstance(record, BisectTrial)]
-    comparisons = [record.verdict for record in records if isinstance(record, BisectComparison)]
-    is_of_commits = any(comparison.sides[0].revision for comparison in comparisons)
+def _unfinished(comparisons: Sequence[BisectComparison]) -> Section:
+    known = [each.verdict for each in comparisons if each.verdict is not None]
+    is_of_commits = any(verdict.sides[0].revision for verdict in known)
     kind = VersionKind.COMMIT if is_of_commits else VersionKind.RELEASE
-    target = comparisons[0].row().model if comparisons else "it"  # the ends are compared first
+    target = known[0].row().model if known else "it"  # the ends are compared first
     return Section(
         f"Which {kind} changed {target}?",
         conclusions=[
@@ -51,13 +49,13 @@ def _unfinished(records: Sequence[Record]) -> Section:
                 " run file",
                 Tone.UNSURE,
             ),
-            *(Conclusion(verdicts.describe_verdict(each.row())) for each in comparisons),
+            *(Conclusion(verdicts.describe_verdict(each.row())) for each in known),
         ],
-        tables=[_table(trials, kind)],
+        tables=[_table(comparisons, kind)],
     )
 
 
-def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
+def _conclusions(record: BisectRecord, count: int) -> Iterator[Conclusion]:
     if record.ends is None or record.status != Status.OK:
         yield Conclusion(f"{record.target}: {record.detail or 'not measured'}", Tone.BAD)
         return
@@ -78,9 +76,9 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
     if record.detail:
         yield Conclusion(record.detail, Tone.UNSURE)
     yield Conclusion(
-        f"{count_of(len(record.trials), record.kind)} of {record.versions:,} measured in"
-        f" {formats.tenths(record.seconds)} s; each change was compared again with the"
-        f" {record.kind} before it"
+        f"{count_of(count, 'comparison')} among {count_of(record.versions, record.kind)} in"
+        f" {formats.tenths(record.seconds)} s; each change was compared with the {record.kind}"
+        " before it"
     )
 
 
@@ -101,13 +99,29 @@ def _tone(verdict: Verdict | None) -> Tone:
     )
 
 
-def _table(trials: Sequence[BisectTrial], kind: VersionKind) -> DataTable:
+def _table(comparisons: Sequence[BisectComparison], kind: VersionKind) -> DataTable:
     return DataTable.of(
-        f"{kind.capitalize()}s that were measured",
-        sorted(trials, key=lambda trial: trial.version.number),
-        (Column("number", formats.count), lambda trial: trial.version.number),
-        (Column(kind.value), lambda trial: short_name(trial.version, kind)),
-        (Column("change", formats.change), lambda trial: trial.ratio),
-        (Column("launches", formats.count), lambda trial: len(trial.log_ratios)),
-        (Column("remark", wraps=True), lambda trial: trial.detail or trial.version.subject),
+        f"{kind.capitalize()}s that were compared",
+        comparisons,
+        (Column("against", formats.count), lambda each: each.first),
+        (Column("number", formats.count), lambda each: each.version.number),
+        (Column(kind.value), lambda each: short_name(each.version, kind)),
+        (Column("change", formats.change), _estimate),
+        (Column("verdict"), _verdict),
+        (Column("remark", wraps=True), _remark),
     )
+
+
+def _estimate(comparison: BisectComparison) -> float | None:
+    verdict = comparison.verdict
+    return None if verdict is None or verdict.ratio is None else verdict.ratio.estimate
+
+
+def _verdict(comparison: BisectComparison) -> str | None:
+    return None if comparison.verdict is None else comparison.verdict.verdict
+
+
+def _remark(comparison: BisectComparison) -> str:
+    """Return why a version could not be measured, or what it is."""
+    failed = comparison.verdict.detail if comparison.verdict else ""
+    return comparison.detail or failed or comparison.version.subject

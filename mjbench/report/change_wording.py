@@ -1,7 +1,7 @@
 """What the ratio of two targets comes to, in the words of its metric."""
 
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.metrics import GROWTH_UNIT_BYTES, METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.report import formats
 from mjbench.units import plain
@@ -10,12 +10,8 @@ from mjbench.units import plain
 _LARGE = 2.0
 
 
-def describe_ratio(metric: Metric, verdict: Verdict, ratio: Ratio, things: str = "steps") -> str:
-    """Return a verdict with its ratio, such as `slower by 1.4 % (interval +1.1 to +1.7 %)`.
-
-    Args:
-      things: what memory grows with: steps, or calls of a function.
-    """
+def describe_ratio(metric: Metric, verdict: Verdict, ratio: Ratio) -> str:
+    """Return a verdict with its ratio, such as `slower by 1.4 % (interval +1.1 to +1.7 %)`."""
     spec = METRICS[metric]
     if verdict == Verdict.SAME:
         ends = [end for end in (ratio.low, ratio.high) if end is not None]
@@ -23,8 +19,6 @@ def describe_ratio(metric: Metric, verdict: Verdict, ratio: Ratio, things: str =
     if verdict == Verdict.INCONCLUSIVE:
         interval = formats.ends(ratio, formats.change, " to ") or "unknown"
         return f"inconclusive, {formats.change(ratio.estimate)} (interval {interval})"
-    if metric == Metric.GROWTH:
-        return _growth(ratio, things)
     if spec.measured != Measured.MEMORY and ratio.low is not None and ratio.high is not None:
         if verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
             interval = formats.ends(ratio.inverse, _times, " to ")
@@ -36,25 +30,6 @@ def describe_ratio(metric: Metric, verdict: Verdict, ratio: Ratio, things: str =
     interval = formats.ends(ratio, formats.change, " to ") or "unknown"
     is_point = ratio.low is not None and ratio.low == ratio.high  # without any noise
     return f"{spec.outcome(verdict)} by {size}" + ("" if is_point else f" (interval {interval})")
-
-
-def _growth(ratio: Ratio, things: str) -> str:
-    """Return by how much more one side grows.
-
-    A ratio is of what 1,000 of them add, with a unit on both sides. The difference is that of a
-    side that does not grow; otherwise it is larger.
-    """
-    is_more = ratio.estimate > 1
-    more = ratio if is_more else ratio.inverse
-    outcome = METRICS[Metric.GROWTH].outcome(Verdict.SLOWER if is_more else Verdict.FASTER)
-    least = "unknown" if more.low is None else _megabytes(more.low)
-    side = "candidate" if is_more else "baseline"
-    added = f"1,000 {things} add {_megabytes(more.estimate)} more in the {side}"
-    return f"{outcome}: {added} (at least {least})"
-
-
-def _megabytes(ratio: float) -> str:
-    return f"{plain(1e-6 * GROWTH_UNIT_BYTES * (ratio - 1), 2)} MB"
 
 
 def _times(factor: float) -> str:

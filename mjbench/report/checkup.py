@@ -108,6 +108,11 @@ def part_sections(run: Run) -> Iterator[Section]:
 
 def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> Iterator[Conclusion]:
     """Yield what comes first: what spoils figures, wrong results, then the largest gain."""
+    if any(part.status == Status.INTERRUPTED for part in run.of_type(CheckedPart)):
+        yield Conclusion(f"{name}: interrupted, so the list is not complete", Tone.CAUTION)
+    for row in run.of_type(ProgramRow):
+        if ended := program.ending(row):
+            yield Conclusion(f"{name}: {ended}", Tone.BAD)
     for each in derive_all(run.records):
         for caution in each.cautions:
             yield Conclusion(caution, Tone.CAUTION, name)
@@ -331,11 +336,6 @@ def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
             yield f"Settings were not tried: mjbench tune {target}"
         command = f"mjbench compare {target} --paths mjx,rollout"
         yield f"MJX and Warp, which compile first, were not tried: {command}"
-    if kind == TargetKind.NOTEBOOK:
-        yield (
-            "A notebook is not run: save it as a Python file to see where its time goes"
-            f" (jupyter nbconvert --to script {target})"
-        )
     if kind == TargetKind.ENVIRONMENT and parts[0].is_quick:
         yield f"Several environments at once were not tried: mjbench env {target}"
 
@@ -361,7 +361,8 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
         case CheckupPart.TOGETHER:
             yield _combined(run) or "not certainly faster than the plain loop"
         case CheckupPart.PROGRAM:
-            yield from map(program.conclusion, run.of_type(ProgramRow))
+            for row in run.of_type(ProgramRow):
+                yield from filter(None, (program.ending(row), program.conclusion(row)))
         case CheckupPart.SOURCE:
             yield f"lint has {count_of(len(part.findings), 'finding')}"
         case CheckupPart.ENVIRONMENT:

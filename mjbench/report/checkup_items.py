@@ -263,12 +263,6 @@ def combination_command(combination: Combination, target: str) -> str:
 def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
     """Yield what `run` says: wrong results, then what its first loop should change."""
     command = f"mjbench run {target}"
-    if row.crash is not None:
-        yield CheckupItem(
-            action=f"it crashed at {short_name(row.crash.file)}:{row.crash.line}: {row.crash.text}",
-            change=ResultChange.CORRECTED,
-            command=command,
-        )
     for remedy in row.wrong:
         yield CheckupItem(action=placed(remedy), change=ResultChange.CORRECTED, command=command)
     remedies = row.loops[0].remedies if row.loops else ()
@@ -278,7 +272,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
             action=placed(remedy),
             gain=remedy.share_saved,
             unit=GainUnit.LOOP_SHARE,
-            is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
+            is_bound=remedy.basis == Basis.BOUND,
             change=ResultChange.NONE if keeps else ResultChange.STATED,
             change_detail="" if keeps else remedy.effect,
             group=GainGroup.LOOP,

@@ -1,14 +1,11 @@
 """What counts of instructions come to, and what explains a difference of releases."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from mjbench.counts import explain
 from mjbench.counts.function_differences import NetDifference, largest_differences, moved_groups
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import (
-    OTHER_CODE,
-    CodeChange,
-    CodeShare,
     ExplainRecord,
     FunctionDifference,
     InstructionsRecord,
@@ -121,44 +118,16 @@ def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> 
         f"{_describe_time(time, time.ratio)}; {counts}" if time and time.ratio else counts,
         "changed work: " + ", ".join(changes) if changes else "same work",
     ]
-    return lines + _code_lines(row) + (_time_lines(time, ratio) if time else [])
+    return lines + _move_lines(row) + (_time_lines(time, ratio) if time else [])
 
 
-def _code_lines(row: ExplainRecord) -> list[str]:
-    if row.code is None:
-        return [f"machine code not compared: {row.code_detail}"]
-    details = ", ".join(
-        f"{change} {share.functions} ({100 * share.share:.1f} %)"
-        for change, share in row.code.items()
-    )
-    lines = [f"{_code_conclusion(row.code)}: {details}"]
+def _move_lines(row: ExplainRecord) -> list[str]:
+    lines = []
     for group in moved_groups(row.functions):
         parts = " and ".join(f"{each.name} ({each.difference:+,.0f})" for each in group)
         total = sum(each.difference for each in group)
         lines.append(f"cost moved between {parts}, together {total:+,.0f}")
     return lines
-
-
-def _code_conclusion(code: Mapping[CodeChange, CodeShare]) -> str:
-    total = sum(share.functions for share in code.values())
-    changed = [share for change, share in code.items() if change in OTHER_CODE]
-    unknown = code.get(CodeChange.UNKNOWN, CodeShare(0, 0.0))
-    if changed:
-        functions = sum(share.functions for share in changed)
-        cost = 100 * sum(share.share for share in changed)
-        return (
-            f"code changed in {functions} of {total} executed functions,"
-            f" which execute {cost:.1f} % of the instructions"
-        )
-    if unknown.share > explain.REPEATABILITY:
-        return (
-            f"code changed in none of {total} executed functions, as far as it is known"
-            f" (unknown for {100 * unknown.share:.1f} % of the instructions)"
-        )
-    return (
-        f"code changed in none of {total} executed functions,"
-        " so a difference in time has another cause, such as memory layout"
-    )
 
 
 def _describe_time(time: VerdictRow, ratio: Ratio) -> str:
@@ -204,7 +173,6 @@ def _functions_table(row: ExplainRecord, top: int) -> DataTable:
         (Column("old/step", formats.count), lambda function: function.old),
         (Column("new/step", formats.count), lambda function: function.new),
         (Column("difference", _signed), lambda function: function.difference),
-        (Column("code"), lambda function: function.code or ""),
         (Column("remarks"), _remarks),
     )
 
@@ -293,8 +261,7 @@ def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
 
 
 def _remarks(function: FunctionDifference) -> str:
-    remarks = [f"was {function.old_name}"] if function.old_name else []
-    if function.moved_with:
-        direction = "from" if function.difference > 0 else "to"
-        remarks.append(f"moved {direction} {', '.join(function.moved_with)}")
-    return "; ".join(remarks)
+    if not function.moved_with:
+        return ""
+    direction = "from" if function.difference > 0 else "to"
+    return f"moved {direction} {', '.join(function.moved_with)}"

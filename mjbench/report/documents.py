@@ -15,13 +15,11 @@ from mjbench.report.advice import (
     advise_clock,
     advise_threads,
 )
-from mjbench.report.advice_across import AdviceAcross
-from mjbench.report.crossovers import Crossover, WorkCrossover, crossovers, work_crossovers
+from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
-from mjbench.report.machines_side_by_side import SideBySide
+from mjbench.report.machines import MachineAnswer, Machines
 from mjbench.report.path_speedups import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
-from mjbench.report.verdicts_across import AcrossMachines
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
 from mjbench.sweep import Cell, CellResult
@@ -50,7 +48,6 @@ class CompareDocument:
     advice: Sequence[Advice]
     clock: Sequence[ClockAdvice]
     crossovers: Sequence[Crossover]
-    work_crossovers: Sequence[WorkCrossover]
     threads: Sequence[ThreadAdvice] = ()
 
     @classmethod
@@ -62,7 +59,6 @@ class CompareDocument:
             advice=[advice for model_results in models for advice in advise(model_results)],
             clock=[clock for m in models if (clock := advise_clock(m)) is not None],
             crossovers=crossovers(results),
-            work_crossovers=work_crossovers(results),
             threads=[advice for m in models for advice in advise_threads(m)],
         )
 
@@ -122,8 +118,8 @@ SWEEP = results_document(SweepRow, has_machine=False)
 
 
 @dataclass(frozen=True)
-class SetRun:
-    """A run of a set: its machine, by the name it has in the set, and what it ran."""
+class MachineRun:
+    """A run of several: its machine, by the name that tells it from the others, and what it ran."""
 
     name: str
     command: str
@@ -132,22 +128,20 @@ class SetRun:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunSetDocument:
-    """What `mjbench show --json` writes of a run set: what machines show side by side."""
+class MachinesDocument:
+    """What `mjbench show --json` writes of several runs: what machines answer."""
 
-    schema: int = 2
-    runs: Sequence[SetRun]
-    verdicts: AcrossMachines
-    advice: Sequence[AdviceAcross]
+    schema: int = SCHEMA
+    runs: Sequence[MachineRun]
+    results: Sequence[MachineAnswer]
 
     @classmethod
-    def of(cls, runs: Sequence[Run], results: SideBySide) -> "RunSetDocument":
-        named = zip(runs, results.machines, strict=True)
+    def of(cls, runs: Sequence[Run], machines: Machines) -> "MachinesDocument":
+        named = zip(runs, machines.identities, strict=True)
         return cls(
             runs=[
-                SetRun(machine.name, run.header.command, run.header.began, run.header.machine)
-                for run, machine in named
+                MachineRun(each.name, run.header.command, run.header.began, run.header.machine)
+                for run, each in named
             ],
-            verdicts=results.verdicts,
-            advice=results.advice,
+            results=machines.answers,
         )

@@ -10,7 +10,6 @@ from typing import Any
 
 from mjbench.checkups.records import CheckedPart
 from mjbench.comparison import records as comparison_records
-from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.host.neighbours import Disturbance
@@ -19,8 +18,7 @@ from mjbench.loop.latency import LatencyRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
 from mjbench.paired import selfcheck as trials
-from mjbench.paired.bisect_records import BisectComparison, BisectRecord, BisectTrial
-from mjbench.paired.placement_spread import SpreadRecord
+from mjbench.paired.bisect import BisectComparison, BisectRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
@@ -35,8 +33,6 @@ from mjbench.report import (
     habit_costs,
     latency,
     listings,
-    placement,
-    planning,
     profile,
     program,
     selfcheck,
@@ -135,7 +131,6 @@ OVERHEAD = _kind(OverheadRow, habit_costs.sections, "overhead")
 PROFILE = _kind(ProfileRow, profile.sections, "profile")
 PROGRAM = _kind(ProgramRow, program.sections, "run", rows=program.program_rows)
 LATENCY = _kind(LatencyRow, latency.sections, "latency")
-PLAN = _kind(PlanningRow, planning.sections, "plan")
 ENVIRONMENT = _kind(EnvironmentRecord, environment.sections, "env")
 VERDICT = Kind(
     ("versions", "ab"),
@@ -155,11 +150,10 @@ SELFCHECK = Kind(
     ),
     _selfcheck_rows,
 )
-PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
 _BISECTIONS = documents.results_document(BisectRecord, schema=2)
 BISECT = Kind(
     ("bisect",),
-    (BisectRecord, BisectTrial, BisectComparison),
+    (BisectRecord, BisectComparison),
     _BISECTIONS,
     lambda run: _BISECTIONS(machine=run.header.machine, results=run.of_type(BisectRecord)),
     lambda run: after_disturbances(run, bisect.sections(run.records)),
@@ -172,8 +166,8 @@ TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
 
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
-    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
-    *(PLACEMENT, BISECT, EXPLAIN, INSTRUCTIONS, TUNE),
+    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, ENVIRONMENT, VERDICT, SELFCHECK),
+    *(BISECT, EXPLAIN, INSTRUCTIONS, TUNE),
 )
 
 # The records of a run file by their `type`.
@@ -182,8 +176,8 @@ RECORD_TYPES: Mapping[str, type[Any]] = {
     Disturbance.record_type: Disturbance,
 }
 
-# The document of each command that takes `--json`; `show` has those of others, and of a run set its
-# own.
+# The document of each command that takes `--json`; `show` has those of others, and of
+# several runs its own.
 DOCUMENTS: Mapping[str, type[Any]] = {
     **{command: kind.document_type for kind in KINDS for command in kind.commands},
     "diff": documents.DiffDocument,

@@ -10,7 +10,6 @@ from typing import Any
 import mjbench
 from mjbench.errors import printable
 from mjbench.loop.lint import Finding
-from mjbench.loop.lint_fixes import Unfixed
 from mjbench.loop.lint_rules import RULES
 from mjbench.loop.script_files import UncheckedFile
 from mjbench.store.runs import SCHEMA, to_json
@@ -33,17 +32,11 @@ def finding_line(finding: Finding) -> str:
 
 
 def finding_place(finding: Finding) -> str:
-    """Return `FILE:LINE:COLUMN`; in a notebook, `FILE:cell CELL:LINE:COLUMN`."""
-    cell = f"cell {finding.cell}:" if finding.cell else ""
+    """Return `FILE:LINE:COLUMN`."""
     file = printable(finding.file)
     # a runner of GitHub takes a line that begins with two colons for a command
     place = f"./{file}" if file.startswith("::") else file
-    return f"{place}:{cell}{finding.line}:{finding.col}"
-
-
-def unfixed_line(unfixed: Unfixed) -> str:
-    place = finding_place(unfixed.finding)
-    return f"{place}: {unfixed.finding.code} is not fixed: {unfixed.reason}"
+    return f"{place}:{finding.line}:{finding.col}"
 
 
 def statistics_lines(findings: Sequence[Finding]) -> list[str]:
@@ -61,8 +54,6 @@ def as_github(document: LintDocument) -> str:
     lines = []
     for finding in document.findings:
         places = {"file": finding.file, "line": str(finding.line), "col": str(finding.col)}
-        if finding.cell:  # its lines are not those of the file
-            places = {"file": finding.file}
         places["title"] = finding.code
         values = ",".join(f"{key}={_github_value(value)}" for key, value in places.items())
         lines.append(f"::error {values}::{_github_text(finding_line(finding))}\n")
@@ -116,14 +107,14 @@ def as_sarif(document: LintDocument) -> str:
 
 
 def _sarif_result(finding: Finding) -> Mapping[str, Any]:
-    cell = f"cell {finding.cell}, line {finding.line}: " if finding.cell else ""
-    place: dict[str, Any] = {"artifactLocation": {"uri": _uri(finding.file)}}
-    if not finding.cell:
-        place["region"] = {"startLine": finding.line, "startColumn": finding.col}
+    place = {
+        "artifactLocation": {"uri": _uri(finding.file)},
+        "region": {"startLine": finding.line, "startColumn": finding.col},
+    }
     return {
         "ruleId": finding.code,
         "level": "error" if finding.is_wrong_result else "warning",
-        "message": {"text": f"{cell}{finding.message}"},
+        "message": {"text": finding.message},
         "locations": [{"physicalLocation": place}],
     }
 

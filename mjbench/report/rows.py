@@ -1,14 +1,12 @@
-"""A run file or run set as a flat table: one row a result, for pandas, polars or a spreadsheet."""
+"""A run file as a flat table: one row a result, for pandas, polars or a spreadsheet."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from mjbench.report import kinds
-from mjbench.store import run_set
+from mjbench.store import runs
 from mjbench.store.json_form import json_form
-from mjbench.store.machine_identity import identify
-from mjbench.store.run_set import RunSet
 from mjbench.store.runs import Run
 
 # What a cell holds.
@@ -18,40 +16,18 @@ _LEFT_OUT = {"snippet", "samples", "functions", "histogram"}
 
 
 def load(file: str | Path) -> list[dict[str, Cell]]:
-    """Return the results of a run file or of a run set, a flat dictionary each.
+    """Return the results of a run file, a flat dictionary each.
 
     Keys are those of the JSON documents (docs/formats.md); those of nested values are joined by
-    dots, such as `speedup.estimate`. Every row has all keys of the table. Rows of a set begin with
-    `machine`, the name of the machine among those of the set, `cell`, what of a sweep it is, and
-    `began`, when the run began.
+    dots, such as `speedup.estimate`. Every row has all keys of the table.
 
         pandas.DataFrame(mjbench.load("run.jsonl"))
         polars.DataFrame(mjbench.load("run.jsonl"))
 
-    Args:
-      file: a run file, or a run set.
-
     Raises:
       InputError: it cannot be read.
     """
-    return of_set(run_set.read(Path(file), kinds.RECORD_TYPES))
-
-
-def of_set(stored: RunSet) -> list[dict[str, Cell]]:
-    sections = run_set.distinct(stored.sections)
-    if stored.is_run_file:
-        return of_run(sections[0].run)
-    machines = identify([section.run.header.machine for section in sections])
-    return _with_all_keys(
-        {
-            "machine": machine.name,
-            "cell": section.cell,
-            "began": section.run.header.began,
-            **row,
-        }
-        for section, machine in zip(sections, machines, strict=True)
-        for row in _rows(section.run)
-    )
+    return of_run(runs.load(Path(file), kinds.RECORD_TYPES))
 
 
 def of_run(run: Run) -> list[dict[str, Cell]]:

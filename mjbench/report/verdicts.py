@@ -25,20 +25,12 @@ from mjbench.report.content import (
     after_disturbances,
 )
 from mjbench.report.starts import starts_lines
-from mjbench.report.verdicts_across import (
-    AcrossMachines,
-    MachineComparison,
-    MachinesOutcome,
-    MachineVerdict,
-)
 from mjbench.simulation import changed_work
 from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.status import Status
 from mjbench.store.runs import Run
 from mjbench.units import count_of, duration
 
-# Machines that a sentence names, at most; of more it says how many.
-_MOST_NAMES = 3
 # Calls whose time changes by more than this factor within a process are noted. Without state it was
 # 0.99 to 1.03, in six comparisons on a busy machine; with it, 4.0 and 4.6.
 _STEADY = 1.5
@@ -76,7 +68,7 @@ def section(
         figures=[_forest(rows, min_effect)] if any(row.ratio for row in rows) else [],
         tables=[_table(rows), *compile_times.tables(rows)],
         notes=[
-            *(f"{_label(row)}: {line}" for row in rows for line in notes(row)),
+            *(f"{label(row)}: {line}" for row in rows for line in notes(row)),
             *_what_would_decide(rows, min_effect),
         ],
     )
@@ -109,7 +101,7 @@ def _deciding_s(row: VerdictRow, min_effect: float) -> float | None:
 
 def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
     tones = [_tone(row) for row in rows]
-    if len(rows) > 1 and all(has_evidence(row) for row in rows):
+    if len(rows) > 1:
         together = describe_family(family.decide(rows, confidence), confidence)
         yield Conclusion(together, Tone.BAD if Tone.BAD in tones else Tone.NEUTRAL)
     for row, tone in zip(rows, tones, strict=True):
@@ -123,19 +115,9 @@ def _tone(row: VerdictRow) -> Tone:
     return Tone.UNSURE if row.changed_work and tone == Tone.NEUTRAL else tone
 
 
-def _label(row: VerdictRow) -> str:
-    label = f"{row.model}, {describe_targets(row)}"
-    return label if row.path in (BASE, "") else f"{label}, {row.path}"
-
-
-def has_evidence(row: VerdictRow) -> bool:
-    """Return whether a comparison can be decided with others; old run files hold no e-values."""
-    return (
-        METRICS[row.metric].is_exact
-        or row.verdict is None
-        or row.ratio is None
-        or row.e_slower is not None
-    )
+def label(row: VerdictRow) -> str:
+    name = f"{row.model}, {describe_targets(row)}"
+    return name if row.path in (BASE, "") else f"{name}, {row.path}"
 
 
 def describe_family(decided: Family, confidence: float) -> str:
@@ -167,71 +149,6 @@ def _false_alarms(named: Sequence[str], confidence: float) -> str:
     )
 
 
-def describe_all_machines(across: AcrossMachines) -> str:
-    verdicts = across.verdicts
-    counts = {o: sum(v.outcome == o for v in verdicts) for o in MachinesOutcome}
-    parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
-    counted = count_of(len(verdicts), "verdict")
-    machines = count_of(len(across.machines), "machine")
-    timed = [each for each in across.comparisons if not METRICS[each.metric].is_exact]
-    named = [
-        outcome.value
-        for outcome in (MachinesOutcome.SLOWER, MachinesOutcome.FASTER)
-        if any(comparison.of_outcome(outcome) for comparison in timed)
-    ]
-    text = f"{counted} on {machines}, decided together: {', '.join(parts)}."
-    return text + _false_alarms(named, across.confidence)
-
-
-def describe_machines(comparison: MachineComparison, name: str) -> str:
-    """Return what machines show of a comparison, such as `…: slower on 3 of 4 machines, …`."""
-    groups = {outcome: comparison.of_outcome(outcome) for outcome in MachinesOutcome}
-    named = sorted((o for o in groups if groups[o]), key=lambda o: -len(groups[o]))
-    parts = [
-        _on_machines(outcome, groups[outcome], len(comparison.machines), is_first=n == 0)
-        for n, outcome in enumerate(named)
-    ]
-    sentence = f"{name}: {', '.join(parts)}"
-    if spread := _spread(comparison):
-        sentence += f"; {spread}"
-    works = [verdict.changed_work for verdict in comparison.machines]
-    if True in works:
-        everywhere = all(work is not False for work in works)
-        sentence += "; changed work" + ("" if everywhere else f" on {works.count(True)}")
-    return sentence
-
-
-def comparison_name(comparison: MachineComparison) -> str:
-    """Return what is compared, such as `humanoid, 3.3.0 → 4.0.0`."""
-    name = f"{comparison.model}, {describe_targets(comparison)}"
-    if comparison.path not in (BASE, ""):
-        name += f", {comparison.path}"
-    return name + METRICS[comparison.metric].suffix
-
-
-def _on_machines(
-    outcome: MachinesOutcome, verdicts: Sequence[MachineVerdict], count: int, is_first: bool
-) -> str:
-    """Return on how many machines something came out; on which, where they are few."""
-    names = ", ".join(verdict.machine for verdict in verdicts)
-    if count == 1:
-        return f"{outcome} on {names}, the only machine that measured it"
-    if len(verdicts) == count:
-        return f"{outcome} on {formats.all_machines(count)}"
-    number = f"{len(verdicts)} of {count} machines" if is_first else str(len(verdicts))
-    listed = f" ({names})" if not is_first and len(verdicts) <= _MOST_NAMES else ""
-    return f"{outcome} on {number}{listed}"
-
-
-def _spread(comparison: MachineComparison) -> str:
-    """Return from which to which change machines go; empty where fewer than two have a ratio."""
-    if len(comparison.ratios) < 2:
-        return ""
-    least, most = (f(r.estimate for r in comparison.ratios) for f in (min, max))
-    spread = f"from {formats.change(least)} to {formats.change(most)}"
-    return f"machines differ beyond their intervals, {spread}" if comparison.differs else spread
-
-
 def _count_of_models(rows: Sequence[VerdictRow]) -> str:
     models = dict.fromkeys(row.model for row in rows)
     return f"{len(rows)} ({', '.join(models)})" if rows else "none"
@@ -254,9 +171,8 @@ def describe_change(row: VerdictRow) -> str:
         f"changed work: {describe_work(row)}" if row.changed_work else _same_work(row)
     )
     detail = f"; {row.detail}" if row.detail else ""
-    things = "steps" if row.path else "calls"
-    ratio = describe_ratio(row.metric, row.verdict, row.ratio, things)
-    if row.timesteps_s is not None and row.metric == Metric.TIME:
+    ratio = describe_ratio(row.metric, row.verdict, row.ratio)
+    if row.timesteps_s is not None and METRICS[row.metric].is_of_steps:
         steps_s = row.timesteps_s
         ratio += f" per simulated second (timestep {steps_s.old:g} → {steps_s.new:g} s)"
     return f"{ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
@@ -353,7 +269,7 @@ def _by_role(baseline: Sequence[str], candidate: Sequence[str]) -> list[str]:
     return [f"{role}: {line}" for role, of_role in lines.items() for line in of_role]
 
 
-def describe_targets(row: VerdictRow | MachineComparison) -> str:
+def describe_targets(row: VerdictRow) -> str:
     baseline, candidate = (_settings(target) for target in row.sides)
     keys = [k for k in {**baseline, **candidate} if baseline.get(k) != candidate.get(k)]
     if keys in (["release"], ["rev"], ["packages"], []):
@@ -446,7 +362,7 @@ def _forest(rows: Sequence[VerdictRow], min_effect: float) -> Figure:
     data = DataTable.of(
         "Changes in percent",
         [(row, row.ratio) for row in rows if row.ratio is not None],
-        (Column("comparison"), lambda row: _label(row[0])),
+        (Column("comparison"), lambda row: label(row[0])),
         (Column("change", formats.digits(3)), lambda row: _percent(row[1].estimate)),
         (Column("low", formats.digits(3)), lambda row: _percent(row[1].low)),
         (Column("high", formats.digits(3)), lambda row: _percent(row[1].high)),

@@ -22,7 +22,7 @@ def test_values_in_range_are_returned() -> None:
     assert argument_values.names("paths", "rollout, mjx") == ["rollout", "mjx"]
     assert argument_values.names("paths", ["a", "b,a"]) == ["a", "b"]
     assert argument_values.whole("total_steps", 1e9, LARGE_COUNT, is_float=True) == 10**9
-    assert argument_values.choice("metric", "p99", Metric) is Metric.P99
+    assert argument_values.choice("metric", "load", Metric) is Metric.LOAD
     assert argument_values.optional(argument_values.whole, "n", None, Bounds(1, 5)) is None
     assert argument_values.optional(argument_values.whole, "n", 5, Bounds(1, 5)) == 5
     assert argument_values.number("rate_hz", 500, HERTZ) == 500.0

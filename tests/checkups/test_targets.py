@@ -33,7 +33,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("cartpole", TargetKind.MODEL),
         ("gymnasium:ant", TargetKind.MODEL),
         ("train.py", TargetKind.PROGRAM),
-        ("notes.ipynb", TargetKind.NOTEBOOK),
         ("Humanoid-v5", TargetKind.ENVIRONMENT),
         ("my_package:Robot-v0", TargetKind.ENVIRONMENT),
         ("dm_control:humanoid-walk", TargetKind.ENVIRONMENT),
@@ -72,7 +71,7 @@ def test_what_could_be_two_things_is_asked_about(folder: Path) -> None:
         ("no_such_package:make", (), "no package 'no_such_package' is installed here"),
         ("https://x.org/robot", (), "is an address"),
         ("robot.xml", ("other.xml",), "one thing at a time"),
-        ("notes.ipynb", ("--fast",), "only a program has arguments"),
+        ("notes.ipynb", (), "is a notebook: save it as a Python file"),
         ("a\0b.py", (), "no such file"),
     ],
 )

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 from example_environment_records import record as environment_record
-from example_races import RAY, ROLLOUT, compared, raced
+from example_races import BATCH_ROLLOUT, ROLLOUT, compared, raced
 from example_records import JUDGED, measurement, model_record
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,7 +18,6 @@ from mjbench.cli import cli
 from mjbench.host import machine
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Arm, Cause, Verdict
-from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.placement import Placement, PlacementPair
@@ -30,7 +29,7 @@ from mjbench.store import runs
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 SIDE = TargetRow("3.3.0", "m", "rollout", {"threads": 2}, {"solver": "cg"})
 COMPARISON = (
-    model_record(cores_had=[1.9, 2.0], usable_cores=2, nbatch_asked=10),
+    model_record(usable_cores=2, nbatch_asked=10),
     measurement(samples_s=[0.1, 0.2, 0.15], nbatch_asked=10),
     measurement(
         path="rollout", options={"threads": 2}, samples_s=[0.05, 0.1, 0.07], nbatch_asked=10
@@ -42,7 +41,9 @@ COMPARISON = (
     model_record(model="n", status=Status.FAILED, detail="it failed", facts=None, work=None),
     measurement(model="n", status=Status.FAILED, agrees=None),
 )  # fmt: skip
-RACE = compared(raced([(ROLLOUT, 2.0), (RAY, 3.0)], launches=4, slow=[2], groups=[[0, 1], [0]]))
+RACE = compared(
+    raced([(ROLLOUT, 2.0), (BATCH_ROLLOUT, 3.0)], launches=4, slow=[2], groups=[[0, 1], [0]])
+)
 MOVED = PlacementPair(Placement(16, 4080), Placement(0, 64))
 VERDICTS = (
     VerdictRecord(
@@ -59,8 +60,9 @@ VERDICTS = (
 )  # fmt: skip
 TRIALS = (
     TrialRecord(
-        model="m", slowdown=0.0, verdict=Verdict.SAME, estimate=1.0, low=0.99, high=1.01,
-        seconds=2.0, launches=[0.001, -0.001],
+        model="m", slowdown=0.0, old="4.0.0", new="4.0.0",
+        verdict=Verdict.SAME, estimate=1.0, low=0.99, high=1.01, seconds=2.0,
+        launches=[0.001, -0.001],
     ),
     TrialRecord(
         arm=Arm.BETWEEN_BUILDS, model="m", slowdown=0.0, old="3.2.1", new="3.2.2",
@@ -69,20 +71,13 @@ TRIALS = (
     ),
     TrialRecord(
         arm=Arm.INSIDE_STEP, model="m", slowdown=None, callback="mj_factorM",
-        verdict=Verdict.SLOWER, estimate=1.01, low=1.0, high=1.02, seconds=2.0, launches=[0.01],
+        old="4.0.0", new="4.0.0", verdict=Verdict.SLOWER,
+        estimate=1.01, low=1.0, high=1.02, seconds=2.0, launches=[0.01],
     ),
-)  # fmt: skip
-SPREADS = (
-    SpreadRecord(
-        model="m", release="4.0.0", build="b", status=Status.OK, spread=Spread(0.1, 0.0, 0.2),
-        residues=[ResidueRow(16, Ratio(1.1, 1.0, 1.2), 7)], nbatch=4, nstep=100, launches=28,
-        seconds=9.0, samples=[LaunchRow(0, None, ["ABBA"], [[10, 11, 10, 11]], MOVED)],
-    ),
-    SpreadRecord(model="n", release="4.0.0", build="b", status=Status.FAILED, detail="killed"),
 )  # fmt: skip
 KINDS = {
     "compare": (*COMPARISON, *RACE),
-    "versions": VERDICTS, "selfcheck": TRIALS, "placement": SPREADS,
+    "versions": VERDICTS, "selfcheck": TRIALS,
     "env": (environment_record(),),
 }  # fmt: skip
 FOREIGN: list[Any] = [

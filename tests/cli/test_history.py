@@ -342,32 +342,17 @@ def machines(*labels: str) -> None:
         Path(f"results/history/{label}.jsonl").write_text("".join(lines))
 
 
-def test_several_machines_have_a_page_of_changes_and_a_page_each(
+def test_each_of_several_machines_has_a_page(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured(monkeypatch)
     invoke("measure", "3.3.0", "3.3.1", "--model", "pile")
     single = invoke().output
     machines("a", "b")
-    page = invoke().output
-    assert "No history of the 2 machines lists a change." in page
-    assert "| a | " in page
-    assert "| b | " in page
+    done = invoke()
+    assert done.exit_code == 2
+    assert "there are several machines: a, b; give --machine NAME for one" in done.output
     assert invoke("--machine", "b").output == single
     done = invoke("--machine", "c")
     assert done.exit_code == 2
     assert "no machine c; there are a, b" in done.output
-    done = invoke("--plots", "plots")
-    assert done.exit_code == 2
-    assert "there are several machines: a, b; give --machine NAME for one" in done.output
-
-
-def test_a_set_in_the_folder_is_read_and_what_is_there_twice_counts_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    measured(monkeypatch)
-    invoke("measure", "3.3.0", "3.3.1", "--model", "pile")
-    page = invoke().output
-    merged = ["results", "merge", str(only_run_file()), "-o", "results/history/set.jsonl"]
-    assert CliRunner().invoke(cli, merged).exit_code == 0
-    assert invoke().output == page

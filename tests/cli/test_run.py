@@ -13,12 +13,6 @@ import program_runs
 import pytest
 from commands import PYTHONPATH, ROOT, mjbench
 
-from mjbench.program import launch
-from mjbench.program.activities import Activity
-from mjbench.program.launch import Program
-from mjbench.program.remedies import confirm
-from mjbench.program.remedies.remedy import Remedy, RemedyKind
-
 PLANTED = ROOT / "tests" / "program" / "planted"
 HUMANOID = str(ROOT / "models" / "humanoid.xml")
 
@@ -53,7 +47,7 @@ def planted(tmp_path_factory):
     def run_once(program, *arguments):
         folder = tmp_path_factory.mktemp("planted")
         # more samples than usual, so that short programs have enough
-        return *run(folder, "--rate", "100", PLANTED / program, HUMANOID, *arguments), folder
+        return *run(folder, "--sample-rate", "100", PLANTED / program, HUMANOID, *arguments), folder
 
     return run_once
 
@@ -79,34 +73,12 @@ def test_the_planted_cause_comes_first(planted, program, arguments, activity, co
 
 
 def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path, capfd):
-    done, row = run(tmp_path, "--rate", "100", PLANTED / "stored_views.py", HUMANOID, "10000")
+    done, row = run(
+        tmp_path, "--sample-rate", "100", PLANTED / "stored_views.py", HUMANOID, "10000"
+    )
     assert capfd.readouterr().out == "10000\n"
     assert row["wrong"][0]["code"] == "MJB001"
     assert "correct a wrong result" in done.stderr
-
-
-def test_what_a_remedy_saves_is_measured_by_running_the_program_again(tmp_path, monkeypatch):
-    """Once with and once without it: how often, and in which order, is in test_remedies.py."""
-    file = tmp_path / "collects.py"
-    file.write_text(
-        "import gc, sys, mujoco\n"
-        "model = mujoco.MjModel.from_xml_path(sys.argv[1])\n"
-        "mujoco.mj_step(model, mujoco.MjData(model))\n"
-        "open('seen', 'a').write(f'{gc.isenabled()} {gc.get_freeze_count() > 0}\\n')\n"
-    )
-    time_steps, timed = launch.time_steps, {}
-
-    def time_once(program, seconds, change, source):
-        if change not in timed:
-            timed[change] = time_steps(program, seconds, change, source)
-        return timed[change]
-
-    monkeypatch.setattr(launch, "time_steps", time_once)
-    monkeypatch.chdir(tmp_path)
-    remedy = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.5, 0.01)
-    (tried,) = confirm.confirm(Program([str(file), HUMANOID]), [remedy], lambda *_: None)
-    assert tried.confirmed.runs == confirm.ROUNDS
-    assert (tmp_path / "seen").read_text() == "True False\nFalse True\n"
 
 
 def can_render():
@@ -123,7 +95,7 @@ def test_rendering_comes_first(tmp_path):
         pytest.skip("MuJoCo cannot draw by EGL here")
     done, row = run(
         tmp_path,
-        *("--rate", "20", "--seconds", "3", PLANTED / "rendering.py", HUMANOID, "100000"),
+        *("--sample-rate", "20", "--seconds", "3", PLANTED / "rendering.py", HUMANOID, "100000"),
         env={"MUJOCO_GL": "egl"},
     )
     assert row["was_ended"]
@@ -133,7 +105,7 @@ def test_rendering_comes_first(tmp_path):
 
 def test_a_policy_comes_first(tmp_path):
     pytest.importorskip("torch", reason="PyTorch is not installed")
-    _, row = run(tmp_path, "--rate", "100", PLANTED / "policy.py", HUMANOID, "20000")
+    _, row = run(tmp_path, "--sample-rate", "100", PLANTED / "policy.py", HUMANOID, "20000")
     assert row["loops"][0]["remedies"][0]["activity"] == "policy"
 
 
@@ -185,10 +157,7 @@ def test_an_exception_is_shown_as_python_shows_it(tmp_path, capfd):
     [
         ([], "give a program"),
         (["missing.py"], "no such file"),
-        (["--attach", "1", "x.py"], "give a program"),
-        (["--attach", "999999999"], "no such process"),
-        (["--confirm", "--attach", "1"], "--confirm"),
-        (["--rate", "0", "x.py"], "--rate"),
+        (["--sample-rate", "0", "x.py"], "--sample-rate"),
     ],
 )
 def test_bad_usage_is_one_line(tmp_path, arguments, message):
@@ -211,22 +180,6 @@ def test_a_missing_profiler_is_named_with_what_installs_it(tmp_path, monkeypatch
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(UnavailableError, match="pip install"):
         py_spy.program()
-
-
-def test_a_program_that_runs_is_looked_at_and_runs_on(tmp_path):
-    program = subprocess.Popen(
-        [sys.executable, str(PLANTED / "slow_observation.py"), HUMANOID, "100000000"]
-    )
-    try:
-        done, row = run(tmp_path, "--attach", str(program.pid), "--seconds", "2", "--rate", "50")
-        assert done.returncode == 0, done.stderr
-        assert program.poll() is None
-    finally:
-        program.kill()
-        program.wait()
-    assert row["program"] == f"process {program.pid}"
-    assert row["steps"] == []
-    assert row["loops"][0]["remedies"][0]["activity"] == "Python"
 
 
 def test_a_signal_reaches_the_program_and_the_report_comes(tmp_path):

@@ -95,14 +95,14 @@ def options_of_commands(flag: str) -> dict[str, click.Parameter]:
 
 def test_every_command_reads_a_time_limit_alike() -> None:
     options = options_of_commands("--time-limit")
-    assert {"compare", "profile --instructions", "versions"} <= set(options)
+    assert {"compare", "profile --instructions"} <= set(options)
     assert {name for name, o in options.items() if o.type.name != "SECONDS"} == set()
 
 
 def test_every_command_that_measures_times_has_a_budget() -> None:
     options = options_of_commands("--budget")
     everyday = {"checkup", "run", "env", "compare", "tune", "versions", "ab", "bisect", "doctor"}
-    closer = {"profile", "profile --habits", "latency", "plan", "doctor --placement"}
+    closer = {"profile", "profile --habits", "latency"}
     assert everyday | closer <= set(options)
     assert {name for name, o in options.items() if o.type.name != "SECONDS"} == set()
 

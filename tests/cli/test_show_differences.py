@@ -1,4 +1,4 @@
-"""`mjbench show --against`: two run files or run sets of `compare`."""
+"""`mjbench show --against`: two run files of `compare`."""
 
 import json
 from dataclasses import replace
@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
-from commands import ROOT, check_document, mjbench
+from click.testing import CliRunner
+from commands import ROOT, mjbench
 from example_races import compared, raced
 from example_records import measurement, model_record
-from set_files import MACHINE, labelled, run_file, set_of
-from verdict_records import SAME
+from set_files import labelled, run_file
 
 from mjbench.cli import cli
 from mjbench.host import machine
-from mjbench.host.machine import Machine
 from mjbench.store import runs
 from mjbench.store.run_writer import RunFile
 
@@ -52,107 +50,12 @@ def test_run_files_with_nothing_in_common_are_bad_input(tmp_path: Path) -> None:
     assert "no timed row" in done.stderr
 
 
-# sets
-
-
-def timed(folder: Path, machine: Machine, seconds: float, model: str = "m") -> Path:
-    """Return a run file of `compare` with one path."""
-    record = measurement(model=model, samples_s=[seconds] * 9)
-    return run_file(folder, machine, model_record(model=model), record)
-
-
-def diff(folder: Path, old: list[Path], new: list[Path]) -> Result:
-    """Return how sets of run files compare; what is printed, and the rows in `out.json`."""
-    (folder / "old.jsonl").unlink(missing_ok=True)
-    (folder / "new.jsonl").unlink(missing_ok=True)
-    words = [set_of(folder / "new.jsonl", new), "--against", set_of(folder / "old.jsonl", old)]
-    done = CliRunner().invoke(cli, ["show", *map(str, words), "--json", str(folder / "out.json")])
-    if done.exit_code == 0:
-        check_document("diff", (folder / "out.json").read_text())
-    return done
+# what fails a command
 
 
 def rows(folder: Path) -> list[dict[str, Any]]:
     result: list[dict[str, Any]] = json.loads((folder / "out.json").read_text())["results"]
     return result
-
-
-def test_each_machine_of_a_set_is_compared_with_itself(tmp_path: Path) -> None:
-    old = [timed(tmp_path, labelled("a"), 1.0), timed(tmp_path, labelled("b"), 1.0)]
-    new = [timed(tmp_path, labelled("b"), 2.0), timed(tmp_path, labelled("a"), 1.5)]
-    done = diff(tmp_path, old, new)
-    assert done.exit_code == 0, done.output
-    ratios = {row["machine"]: row["ratio"]["estimate"] for row in rows(tmp_path)}
-    assert ratios == {"a": pytest.approx(1.5), "b": pytest.approx(2.0)}
-    _, first, *lines = done.output.splitlines()
-    assert first == "a, m: OLD: timed by an earlier version of mjbench"
-    assert lines[3] == "Of 2 rows: 2 undecided"
-    assert lines[4].split()[:2] == ["machine", "model"]
-
-
-def test_a_machine_that_one_set_lacks_is_a_row_that_says_so(tmp_path: Path) -> None:
-    both, gone, new = (timed(tmp_path, labelled(name), 1.0) for name in "abc")
-    assert diff(tmp_path, [both, gone], [both, new]).exit_code == 0
-    details = {row["machine"]: (row["status"], row["detail"]) for row in rows(tmp_path)}
-    assert details == {
-        "a": ("ok", ""),
-        "b": ("unavailable", "not in NEW"),
-        "c": ("unavailable", "not in OLD"),
-    }
-
-
-def test_without_a_machine_in_common_the_rows_say_why_and_it_is_bad_input(tmp_path: Path) -> None:
-    old, new = (timed(tmp_path, labelled(name), 1.0) for name in "ab")
-    done = diff(tmp_path, [old], [new])
-    assert done.exit_code == 2
-    assert "not in NEW" in done.stdout
-    assert "no timed row of `compare` in common" in done.stderr
-
-
-def test_hosts_are_paired_where_both_are_known_and_kinds_where_they_are_not(
-    tmp_path: Path,
-) -> None:
-    a, b = (replace(MACHINE, host=host) for host in "12")
-    known = [timed(tmp_path, a, 1.0), timed(tmp_path, b, 1.0)]
-    assert diff(tmp_path, known, [timed(tmp_path, b, 1.5)]).exit_code == 0
-    paired = [row for row in rows(tmp_path) if row["ratio"]]
-    assert [row["machine"] for row in paired] == ["AMD EPYC 7763 B"]
-    older = timed(tmp_path, MACHINE, 1.0)
-    assert diff(tmp_path, [older], [timed(tmp_path, a, 1.5)]).exit_code == 0
-    assert [row["status"] for row in rows(tmp_path)] == ["ok"]
-    # it may be either of two
-    done = diff(tmp_path, [older], known)
-    assert done.exit_code == 2
-    assert "it may be one of 2 of this kind in NEW: its host is unknown" in done.stdout
-
-
-def test_what_was_measured_twice_is_not_averaged(tmp_path: Path) -> None:
-    twice = [timed(tmp_path, labelled("a"), seconds) for seconds in (1.0, 2.0)]
-    done = diff(tmp_path, twice, [timed(tmp_path, labelled("a"), 1.5)])
-    assert done.exit_code == 2
-    assert "OLD has it 2 times: give the run file you mean" in done.stdout
-
-
-def test_runs_of_other_commands_in_a_set_are_left_out_and_counted(tmp_path: Path) -> None:
-    compared = timed(tmp_path, labelled("a"), 1.0)
-    verdict = run_file(tmp_path, labelled("a"), SAME, command="versions")
-    done = diff(tmp_path, [compared, verdict], [compared])
-    assert done.exit_code == 0
-    assert "left out: runs of other commands than compare (1 of versions)" in done.stderr
-    assert len(rows(tmp_path)) == 1
-
-
-def test_a_run_file_is_compared_with_its_machine_in_a_set(tmp_path: Path) -> None:
-    file = timed(tmp_path, labelled("a"), 1.0)
-    others = [timed(tmp_path, labelled(name), 1.5) for name in "ab"]
-    words = ["show", str(set_of(tmp_path / "new.jsonl", others)), "--against", str(file)]
-    done = CliRunner().invoke(cli, words)
-    assert done.exit_code == 0
-    assert "1.500" in done.stdout
-    assert "not in OLD" in done.stdout
-
-
-# what fails a command
 
 
 def raced_run(folder: Path, factor: float, cores: float = 2.0) -> Path:

@@ -25,15 +25,13 @@ TAKES_STATES = (
     ("ab", "model=cartpole", "model=cartpole"),
     ("versions", "--explain", "installed", "installed", "cartpole"),
     ("doctor", "--verdicts", "cartpole"),
-    ("doctor", "--placement", "cartpole"),
     ("profile", "--instructions", "cartpole"),
     ("latency", "cartpole"),
     ("profile", "cartpole"),
     ("profile", "--habits", "cartpole"),
-    ("plan", "cartpole"),
 )
 # These hold controls, or choose them.
-TAKES_NO_ACTIONS = ("profile", "overhead", "plan")
+TAKES_NO_ACTIONS = ("profile", "overhead")
 
 
 @pytest.fixture
@@ -107,19 +105,6 @@ def test_latency_of_captured_states_says_so(folder: Path, inline: None) -> None:
     arguments = ("latency", "cartpole", "--nstep", "200", "--rate", "10000", "--hold", "2")
     free, _ = results(folder, *arguments, "--states", "states.npz")
     assert free["starts"]["file"] == "states.npz"
-
-
-def test_plan_plans_from_captured_states(folder: Path, inline: None) -> None:
-    size = ("--samples", "2", "--knots", "2", "--hold", "5", "--duration", "0.05")
-    rows = results(
-        folder, "plan", "cartpole", *size, "--paths", "rollout", "--states", "states.npz"
-    )
-    assert {row["status"] for row in rows} == {"ok"}
-    assert {row["starts"]["file"] for row in rows} == {"states.npz"}
-    assert {row["achieved"] for row in rows} == {None}
-    shown = run_mjbench("show", cwd=folder).stdout
-    assert "each plan from another state" in shown
-    assert "Plans start from states of states.npz" in shown
 
 
 def test_profile_is_given_the_file_and_stores_its_digest(

@@ -16,12 +16,6 @@ def test_words_stand_for_several_paths() -> None:
     assert selection.expand(["mjx", "c", "rollout"]) == ["mjx", *c_paths]
 
 
-def test_ray_is_compared_only_where_it_is_named() -> None:
-    assert "ray" not in selection.expand(["c", "usual"])
-    assert selection.expand(["ray"]) == ["ray"]
-    assert selection.variants(["ray"], [3])[1].options == {"actors": 3}
-
-
 def test_a_sweep_of_accelerated_paths_alone_gets_rivals() -> None:
     assert "rollout" in selection.rivals(["mjx"])
     assert selection.rivals(["mjx", "rollout"]) == []

@@ -14,8 +14,6 @@ from mjbench.cli import cli
 from mjbench.counts import explain, instructions
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
-    CodeChange,
-    CodeShare,
     ExplainRecord,
     FunctionCount,
     FunctionDifference,
@@ -68,10 +66,7 @@ def explained(
 def summarized(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None = None
 ) -> list[str]:
-    """Return the summary, without the line on code, which was not compared."""
-    lines = counts.summary(baseline, candidate, explained(baseline, candidate, time))
-    assert lines.pop(2).startswith("machine code not compared: ")
-    return lines
+    return counts.summary(baseline, candidate, explained(baseline, candidate, time))
 
 
 @pytest.mark.parametrize(
@@ -136,32 +131,13 @@ def test_an_interval_that_is_unknown_disagrees_with_nothing() -> None:
     assert len(lines) == 2
 
 
-def code_lines(**shares: tuple[int, float]) -> str:
-    """Return the line on code for numbers and shares of functions by how their code changed."""
-    count = counted("1.0", a=1000.0)
-    code = {CodeChange[name]: CodeShare(*share) for name, share in shares.items()}
-    return counts.summary(count, count, replace(explained(count, count), code=code))[2]
-
-
-def test_the_line_on_code_begins_with_its_conclusion() -> None:
-    line = code_lines(IDENTICAL=(90, 0.75), OFFSETS=(10, 0.125), CHANGED=(2, 0.1), NEW=(1, 0.025))
-    assert line == (
-        "code changed in 3 of 103 executed functions, which execute 12.5 % of the instructions:"
-        " identical 90 (75.0 %), offsets only 10 (12.5 %), changed 2 (10.0 %), new 1 (2.5 %)"
-    )
-    unchanged = code_lines(IDENTICAL=(90, 0.8999), OFFSETS=(10, 0.1), UNKNOWN=(1, 0.0001))
-    assert unchanged.startswith("code changed in none of 101 executed functions, so a difference")
-    unknown = code_lines(IDENTICAL=(90, 0.9), UNKNOWN=(1, 0.1))
-    assert "none of 91 executed functions, as far as it is known (unknown for 10.0 %" in unknown
-
-
 def test_cost_that_moved_is_named_with_what_is_left_of_it() -> None:
     count = counted("1.0", a=1000.0)
     moved = [
         FunctionDifference(name=name, old=1.0, new=1.0, difference=by, moved_with=[other])
         for name, by, other in (("f", -900.0, "g"), ("g", 950.0, "f"))
     ]
-    row = replace(explained(count, count), functions=moved, code={})
+    row = replace(explained(count, count), functions=moved)
     assert "cost moved between f (-900) and g (+950), together +50" in counts.summary(
         count, count, row
     )

@@ -10,22 +10,67 @@ from mjbench.errors import InputError
 from mjbench.host import machine
 
 
+def set_file(root: Path, name: str, text: str) -> None:
+    file = root / name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+
+
+def set_group(root: Path, text: str) -> None:
+    """Say in which control groups the process is."""
+    set_file(root, "proc/self/cgroup", text)
+
+
+def set_older_quota(root: Path, group: str, quota_us: int) -> None:
+    set_file(root, f"sys/fs/cgroup/cpu/{group}/cpu.cfs_quota_us", f"{quota_us}\n")
+    set_file(root, f"sys/fs/cgroup/cpu/{group}/cpu.cfs_period_us", "100000\n")
+
+
 def test_a_quota_of_cgroup_version_2_is_read(tmp_path: Path) -> None:
-    (tmp_path / "cpu.max").write_text("150000 100000\n")
+    set_file(tmp_path, "sys/fs/cgroup/cpu.max", "150000 100000\n")
+    assert machine.cgroup_quota(tmp_path) == 1.5  # also without /proc/self/cgroup
+    set_group(tmp_path, "0::/\n")
     assert machine.cgroup_quota(tmp_path) == 1.5
 
 
 def test_a_quota_of_cgroup_version_1_is_read(tmp_path: Path) -> None:
-    (tmp_path / "cpu").mkdir()
-    (tmp_path / "cpu/cpu.cfs_quota_us").write_text("50000\n")
-    (tmp_path / "cpu/cpu.cfs_period_us").write_text("100000\n")
+    set_group(tmp_path, "2:cpu,cpuacct:/\n1:memory:/\n")
+    set_older_quota(tmp_path, "", 50_000)
     assert machine.cgroup_quota(tmp_path) == 0.5
     assert machine.usable_cores(tmp_path) == 1
 
 
+def test_the_least_quota_of_nested_groups_counts(tmp_path: Path) -> None:
+    set_group(tmp_path, "0::/user.slice/job:7/step\n")
+    groups = {"": "max 100000", "user.slice": "400000 100000", "user.slice/job:7/step": "3 1"}
+    for group, text in groups.items():
+        set_file(tmp_path, f"sys/fs/cgroup/{group}/cpu.max", text)
+    set_file(tmp_path, "sys/fs/cgroup/other/cpu.max", "1 1")
+    assert machine.cgroup_quota(tmp_path) == 3.0
+    set_file(tmp_path, "sys/fs/cgroup/user.slice/job:7/cpu.max", "150000 100000")
+    assert machine.cgroup_quota(tmp_path) == 1.5
+
+
+def test_the_least_quota_of_nested_groups_of_version_1_counts(tmp_path: Path) -> None:
+    set_group(tmp_path, "3:cpuset:/a\n1:cpu:/slurm/job_1\n0::/\n")
+    set_older_quota(tmp_path, "", -1)
+    set_older_quota(tmp_path, "slurm", 200_000)
+    set_older_quota(tmp_path, "slurm/job_1", 50_000)
+    set_older_quota(tmp_path, "a", 10_000)
+    assert machine.cgroup_quota(tmp_path) == 0.5
+
+
+@pytest.mark.parametrize("group", ["/../other", "/docker/1234"])
+def test_a_container_has_the_quota_that_it_sees_at_the_top(tmp_path: Path, group: str) -> None:
+    set_group(tmp_path, f"0::{group}\n")
+    set_file(tmp_path, "sys/fs/cgroup/cpu.max", "200000 100000")
+    set_file(tmp_path, "sys/fs/other/cpu.max", "1 1")
+    assert machine.cgroup_quota(tmp_path) == 2.0
+
+
 @pytest.mark.parametrize("text", ["max 100000\n", "", "-1 100000"])
 def test_no_limit_is_no_quota(tmp_path: Path, text: str) -> None:
-    (tmp_path / "cpu.max").write_text(text)
+    set_file(tmp_path, "sys/fs/cgroup/cpu.max", text)
     assert machine.cgroup_quota(tmp_path) is None
 
 
@@ -76,10 +121,16 @@ def test_the_control_group_limits_the_available_memory(
 ) -> None:
     if not has_psutil:
         monkeypatch.setitem(sys.modules, "psutil", None)
-    (tmp_path / "memory.max").write_text("1000000\n")
-    (tmp_path / "memory.current").write_text("700000\n")
-    (tmp_path / "memory.stat").write_text("anon 500000\ninactive_file 200000\n")
+    top = "sys/fs/cgroup"
+    set_file(tmp_path, f"{top}/memory.max", "1000000\n")
+    set_file(tmp_path, f"{top}/memory.current", "700000\n")
+    set_file(tmp_path, f"{top}/memory.stat", "anon 500000\ninactive_file 200000\n")
     assert machine.available_memory_bytes(tmp_path) == 500_000
+    set_group(tmp_path, "1:memory:/a/b\n0::/\n")  # of version 1, within another group
+    set_file(tmp_path, f"{top}/memory/a/memory.limit_in_bytes", "500000")
+    set_file(tmp_path, f"{top}/memory/a/memory.usage_in_bytes", "300000")
+    set_file(tmp_path, f"{top}/memory/a/memory.stat", "cache 5\ntotal_inactive_file 100000\n")
+    assert machine.available_memory_bytes(tmp_path) == 300_000
 
 
 @pytest.mark.parametrize("limit", ["max\n", None])
@@ -88,7 +139,7 @@ def test_without_psutil_and_a_limit_memory_counts_as_unlimited(
 ) -> None:
     monkeypatch.setitem(sys.modules, "psutil", None)
     if limit:
-        (tmp_path / "memory.max").write_text(limit)
+        set_file(tmp_path, "sys/fs/cgroup/memory.max", limit)
     assert machine.available_memory_bytes(tmp_path) == sys.maxsize
 
 

@@ -292,6 +292,24 @@ def test_a_simulation_that_the_program_drops_is_dropped(tmp_path: Path) -> None:
         assert [reference() for reference in references] == [None, None]
 
 
+def test_an_interrupt_when_a_model_is_dropped_reaches_the_program(tmp_path: Path) -> None:
+    """The signal comes in a callback of C before that of the capture."""
+    import _thread
+    import functools
+    import weakref
+
+    with mjbench.capture(tmp_path / "states.npz"):
+        model = mujoco.MjModel.from_xml_string(BALL)
+        mujoco.mj_step(model, mujoco.MjData(model))
+        interrupt = functools.partial(next, iter(_thread.interrupt_main, 0))
+        reference = weakref.ref(model, interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            del model
+            for _ in range(2):  # between turns of a loop, Python handles signals
+                pass
+        assert reference() is None
+
+
 def test_a_window_ends_when_its_simulation_is_no_longer_stepped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,8 +10,9 @@ import pytest
 from commands import ROOT
 
 from mjbench.errors import InputError
-from mjbench.loop import habits, lint, lint_fixes
+from mjbench.loop import habits, lint
 from mjbench.loop.lint_rules import COSTS_NS, RULES
+from mjbench.loop.lint_settings import RuleChoice
 from mjbench.loop.script_files import UncheckedFile
 
 LOOP = """
@@ -381,27 +382,6 @@ def test_wrong_results_are_told_from_lost_time(tmp_path: Path) -> None:
     assert (stored.callee, stored.instead) == ("", ())
 
 
-def test_findings_in_a_notebook_name_the_cell_and_its_line(tmp_path: Path) -> None:
-    setup = "# a comment\nimport mujoco\ndata = mujoco.MjData(model)\nlog = []"
-    loop = "%%time\nfor i in range(9):\n    mujoco.mj_step(model, data)\n    log.append({})\n"
-    silenced = loop.format("data.qpos)  # noqa: MJB001 ")
-    sources = [setup, "text", loop.format("data.qpos"), silenced]
-    kinds = ["code", "markdown", "code", "code"]
-    cells = [{"cell_type": k, "source": s} for k, s in zip(kinds, sources, strict=True)]
-    file = tmp_path / "run.ipynb"
-    file.write_text(json.dumps({"cells": cells}))
-    (finding,) = lint.check(str(file))
-    assert (finding.cell, finding.line, finding.col, finding.code) == (3, 4, 16, "MJB001")
-
-
-def test_a_cell_that_is_not_python_is_named(tmp_path: Path) -> None:
-    cells = [{"cell_type": "code", "source": source} for source in ("x = 1\n", "y = (\n")]
-    file = tmp_path / "run.ipynb"
-    file.write_text(json.dumps({"cells": cells}))
-    with pytest.raises(InputError, match=r"run\.ipynb: cell 2, line 1: .* was never closed"):
-        lint.check(str(file))
-
-
 DEPTH = 100_000
 
 
@@ -462,9 +442,10 @@ def test_a_file_that_cannot_be_checked_stands_between_the_findings_of_others(
     (tmp_path / "d.py").write_text(LOOP.format(line="x = np.zeros(3)"))
     names = [str(tmp_path / name) for name in ("a.py", "b.py", "missing.py", "c.py", "d.py")]
     folder = UncheckedFile("folder", "cannot be listed")
-    results = list(lint_fixes.lint_all([*names, folder]))
-    assert [result.file for result in results] == [*names, "folder"]
-    codes = [r.detail if isinstance(r, UncheckedFile) else r.findings[0].code for r in results]
+    results = list(lint.check_all([*names, folder], RuleChoice()))
+    first = [r if isinstance(r, UncheckedFile) else r[0] for r in results]
+    assert [each.file for each in first] == [*names, "folder"]
+    codes = [r.detail if isinstance(r, UncheckedFile) else r.code for r in first]
     assert codes == [
         "MJB001",
         "line 1: invalid syntax",

@@ -1,7 +1,5 @@
 """Whatever a file holds, lint ends in findings inside it or in an InputError."""
 
-import contextlib
-import json
 import re
 import sys
 import textwrap
@@ -13,8 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
 from mjbench.errors import InputError
-from mjbench.loop import lint, lint_fixes
-from mjbench.loop.notebook import code_cells
+from mjbench.loop import lint
 
 # Without a time limit; the same examples in every run, so that a release is never held up by luck.
 quick = settings(deadline=None, max_examples=60, derandomize=True)
@@ -121,11 +118,11 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("scripts") / "script.py"
 
 
-def check_places(file: Path, texts: dict[int | None, str]) -> list[lint.Finding]:
-    """Return the findings of a file; each must be inside the text of its cell."""
+def check_places(file: Path, text: str) -> list[lint.Finding]:
+    """Return the findings of a file; each must be inside its text."""
     findings = lint.check(str(file))
     for finding in findings:
-        lines = re.split(r"\r\n|\r|\n", texts[finding.cell])
+        lines = re.split(r"\r\n|\r|\n", text)
         assert 1 <= finding.line <= len(lines)
         assert 1 <= finding.col <= len(lines[finding.line - 1]) + 1
     return findings
@@ -134,53 +131,19 @@ def check_places(file: Path, texts: dict[int | None, str]) -> list[lint.Finding]
 @quick
 @given(data=st.binary() | texts.map(lambda text: text.encode(errors="surrogatepass")))
 def test_any_file_has_findings_or_is_refused(script: Path, data: bytes) -> None:
-    for file in (script, script.with_suffix(".ipynb")):
-        file.write_bytes(data)
-        try:
-            lint.check(str(file))
-        except InputError as error:
-            assert str(error).startswith(f"{file}: ")
-            assert "\n" not in str(error)
+    script.write_bytes(data)
+    try:
+        lint.check(str(script))
+    except InputError as error:
+        assert str(error).startswith(f"{script}: ")
+        assert "\n" not in str(error)
 
 
 @quick
 @given(text=programs)
 def test_any_program_is_checked_and_findings_are_inside_it(script: Path, text: str) -> None:
     script.write_text(text, encoding="utf-8")
-    check_places(script, {None: text})
-
-
-@quick
-@given(cells=st.lists(texts | programs, max_size=4))
-def test_any_cells_keep_their_lines(script: Path, cells: list[str]) -> None:
-    notebook = {"cells": [{"cell_type": "code", "source": text} for text in cells]}
-    data = json.dumps(notebook).encode()
-    for cell in code_cells(data):
-        assert not cell.python or cell.python.count("\n") == cell.text.count("\n")
-    file = script.with_suffix(".ipynb")
-    file.write_bytes(data)
-    with contextlib.suppress(InputError):  # text that is not Python
-        check_places(file, dict(enumerate(cells, 1)))
-
-
-@quick
-@given(text=programs, header=st.sampled_from(("", "import mujoco\nfrom mujoco import mj_step\n")))
-def test_a_second_fix_finds_no_more_than_the_first(script: Path, text: str, header: str) -> None:
-    script.write_text(header + text, encoding="utf-8")
-    first = lint_fixes.fix(str(script))
-    first.write()
-    second = lint_fixes.fix(str(script))
-    assert (second.fixed, second.after.data) == (0, first.after.data)
-    assert second.findings == first.findings == lint.check(str(script))
-
-
-@quick
-@given(data=st.binary() | texts.map(lambda text: text.encode(errors="surrogatepass")))
-def test_any_file_is_fixed_or_refused(script: Path, data: bytes) -> None:
-    for file in (script, script.with_suffix(".ipynb")):
-        file.write_bytes(data)
-        with contextlib.suppress(InputError):
-            lint_fixes.fix(str(file)).diff()
+    check_places(script, text)
 
 
 def test_programs_have_findings_of_most_rules(script: Path) -> None:

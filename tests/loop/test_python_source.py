@@ -65,19 +65,26 @@ def test_what_is_not_python_is_refused(tmp_path: Path, data: bytes, message: str
 def test_lines_are_those_that_the_parser_counts(tmp_path: Path, end: str) -> None:
     text = end.join(["x = '\x0b\x85\u2028'", "\x0c", "\x0cif x:", "    pass", "y"])
     parsed = program(tmp_path, text.encode())
-    assert [line.number for line in parsed.lines] == [1, 2, 3, 4, 5]
-    assert [parsed.line_of(node).number for node in parsed.tree.body] == [1, 3, 5]
-    assert parsed.line_of(parsed.tree.body[-1]).text == "y"
+    assert len(parsed.lines) == 5
+    assert [node.lineno for node in parsed.tree.body] == [1, 3, 5]
+    assert parsed.line_of(parsed.tree.body[-1]) == "y"
 
 
 def test_columns_count_characters(tmp_path: Path) -> None:
     parsed = program(tmp_path, "é; 𝔁; x".encode())
-    columns = [parsed.lines[0].column(node.col_offset) for node in parsed.tree.body]
+    columns = [parsed.column_of(node) for node in parsed.tree.body]
     assert columns == [1, 4, 7]
 
 
 def test_what_python_warns_about_is_no_error(tmp_path: Path) -> None:
     assert name_of(program(tmp_path, rb"'\d'")) == repr(r"\d")
+
+
+def test_a_notebook_is_refused_with_what_makes_it_a_python_file(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"a notebook; .*: jupyter nbconvert --to script .*n\.ipynb"
+    ):
+        read_program(str(tmp_path / "n.ipynb"))
 
 
 def test_what_is_not_a_regular_file_is_refused(tmp_path: Path) -> None:
@@ -97,7 +104,7 @@ def test_what_is_not_a_regular_file_is_refused(tmp_path: Path) -> None:
 def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
     with (tmp_path / "large.py").open("wb") as file:
         file.truncate(10**12)
-    with pytest.raises(InputError, match="larger than 500 MB"):
+    with pytest.raises(InputError, match="larger than 10 MB"):
         read_program(str(tmp_path / "large.py"))
 
 
@@ -106,5 +113,5 @@ def test_more_python_than_the_parser_has_memory_for_is_refused(
 ) -> None:
     monkeypatch.setattr(python_source, "MAX_PYTHON_BYTES", 3)
     assert name_of(program(tmp_path, b"xyz")) == "xyz"
-    with pytest.raises(InputError, match="of Python"):
+    with pytest.raises(InputError, match="larger than 0 MB"):
         program(tmp_path, b"wxyz")

@@ -19,31 +19,28 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
-from mjbench.store import run_set, runs
-from mjbench.store.run_set import RunSection, RunSet
-from mjbench.store.runs import Record
+from mjbench.store import runs
+from mjbench.store.runs import Record, Run
 
 COMPARISON = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
 
 
-def file_of(run: runs.Run, *records: Record, **header: str) -> RunSet:
-    """Return a run file with other records, or another header."""
-    changed = runs.Run(dataclasses.replace(run.header, **header), records or run.records)
-    return RunSet((RunSection("", changed, (b"\n",)),), is_run_file=True)
+def file_of(run: Run, *records: Record, **header: str) -> Run:
+    """Return a run with other records, or another header."""
+    return Run(dataclasses.replace(run.header, **header), records or run.records)
 
 
 @pytest.fixture(scope="module")
-def comparison() -> RunSet:
-    return run_set.read(COMPARISON, RECORD_TYPES)
+def comparison() -> Run:
+    return runs.load(COMPARISON, RECORD_TYPES)
 
 
-def empty(comparison: RunSet) -> RunSet:
-    """Return a run file in which nothing was measured."""
-    header = comparison.runs[0].header
-    return RunSet((RunSection("", runs.Run(header, ()), (b"\n",)),), is_run_file=True)
+def empty(comparison: Run) -> Run:
+    """Return a run in which nothing was measured."""
+    return Run(comparison.header, ())
 
 
-def verdict_run(comparison: RunSet) -> RunSet:
+def verdict_run(comparison: Run) -> Run:
     """Return a run with a slower, an undecided and a failed comparison."""
     sides = [TargetRow(release, "m", "python_loop", {}, {}) for release in ("3.17.0", "4.0.0")]
     fields = {"model": "m", "path": "python_loop", "old": "3.17.0", "new": "4.0.0", "sides": sides}
@@ -55,7 +52,7 @@ def verdict_run(comparison: RunSet) -> RunSet:
         VerdictRecord(**fields, status=Status.OK, verdict=Verdict.INCONCLUSIVE, ratio=ratio),
         VerdictRecord(**fields, status=Status.FAILED, detail="it crashed"),
     )
-    return file_of(comparison.runs[0], *records)
+    return file_of(comparison, *records)
 
 
 def test_a_run_is_a_flat_table() -> None:
@@ -66,10 +63,8 @@ def test_a_run_is_a_flat_table() -> None:
     assert all(isinstance(speed, float) for speed in speeds)
 
 
-@pytest.mark.parametrize("package", ["pandas", "polars"])
-def test_a_table_is_a_frame_in_one_line(package: str) -> None:
-    frames = pytest.importorskip(package)
-    frame = frames.DataFrame(mjbench.load(COMPARISON))
+def test_a_table_is_a_frame_in_one_line() -> None:
+    frame = pytest.importorskip("pandas").DataFrame(mjbench.load(COMPARISON))
     assert frame.shape[0] == len(mjbench.load(COMPARISON))
 
 
@@ -81,41 +76,31 @@ def test_every_committed_run_is_a_table(file: Path) -> None:
     assert cells <= {str, int, float, bool, type(None)}
 
 
-def test_csv_has_a_line_for_each_result(comparison: RunSet) -> None:
+def test_csv_has_a_line_for_each_result(comparison: Run) -> None:
     lines = list(csv.DictReader(exports.as_csv(comparison).splitlines()))
     assert len(lines) == len(mjbench.load(COMPARISON))
     assert exports.as_csv(empty(comparison)) == "\r\n"
 
 
-def test_benchmark_tools_get_names_units_and_values(comparison: RunSet) -> None:
+def test_benchmark_tools_get_names_units_and_values(comparison: Run) -> None:
     entries = json.loads(exports.as_github_action_benchmark(comparison))
     assert {entry["unit"] for entry in entries} == {"ns/step"}
     assert len({entry["name"] for entry in entries}) == len(entries)
-    bencher = json.loads(exports.as_bencher(verdict_run(comparison)))
-    assert bencher["m: 3.17.0 → 4.0.0"]["ratio"] == {
+    first, *_ = json.loads(exports.as_github_action_benchmark(verdict_run(comparison)))
+    assert first == {
+        "name": "m: 3.17.0 → 4.0.0",
+        "unit": "ratio",
         "value": 1.02,
-        "lower_value": 1.01,
-        "upper_value": 1.03,
+        "range": "1.01 to 1.03",
     }
 
 
-def test_otava_gets_when_a_run_began(comparison: RunSet) -> None:
-    began = "2026-11-01T12:00:00+00:00"
-    dated = file_of(comparison.runs[0], began=began)
-    heading, row = csv.reader(exports.as_otava(dated).splitlines())
-    assert (heading[0], row[0]) == ("time", began)
-    assert len(heading) == len(row) == 1 + len(exports.metrics(dated))
-    undated = file_of(comparison.runs[0], began="")
-    with pytest.raises(InputError, match="when it began"):
-        exports.as_otava(undated)
-
-
-def test_a_run_without_times_or_ratios_has_no_benchmark_form(comparison: RunSet) -> None:
+def test_a_run_without_times_or_ratios_has_no_benchmark_form(comparison: Run) -> None:
     with pytest.raises(InputError, match="has no such form"):
         exports.as_junit(empty(comparison))
 
 
-def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: RunSet) -> None:
+def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: Run) -> None:
     suite = ElementTree.fromstring(exports.as_junit(verdict_run(comparison)).encode())
     assert [suite.get(name) for name in ("tests", "failures", "errors", "skipped")] == [
         *("3", "1", "1", "1")
@@ -128,30 +113,10 @@ def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: RunSet)
 
 def test_the_command_writes_every_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    # the run does not say when it began, and Parquet is no text
-    for name in set(exports.FORMATS) - {"otava", "parquet"}:
-        words = ["report", str(COMPARISON), "--format", name]
+    for name in exports.FORMATS:
+        words = ["show", str(COMPARISON), "--format", name]
         result = CliRunner().invoke(cli, words)
         assert result.exit_code == 0, result.output
         assert result.stdout.strip()
-    result = CliRunner().invoke(cli, ["report", str(COMPARISON), "--format", "parquet"])
-    assert "needs a file" in result.output
-    two = ["report", str(COMPARISON), str(COMPARISON), "--format", "csv"]
+    two = ["show", str(COMPARISON), str(COMPARISON), "--format", "csv"]
     assert "takes one RUN" in CliRunner().invoke(cli, two).output
-
-
-def test_a_full_disk_behind_parquet_is_one_line() -> None:
-    pytest.importorskip("polars")
-    words = ["show", str(COMPARISON), "--format", "parquet", "-o", "/dev/full"]
-    done = CliRunner().invoke(cli, words)
-    assert done.exit_code == 3
-    line = done.stderr.splitlines()[-1]
-    assert line == "mjbench: cannot write /dev/full: No space left on device"
-
-
-def test_parquet_is_read_back(tmp_path: Path) -> None:
-    polars = pytest.importorskip("polars")
-    words = ["report", str(COMPARISON), "--format", "parquet", "-o", str(tmp_path / "run.parquet")]
-    result = CliRunner().invoke(cli, words)
-    assert result.exit_code == 0, result.output
-    assert len(polars.read_parquet(tmp_path / "run.parquet")) == len(mjbench.load(COMPARISON))

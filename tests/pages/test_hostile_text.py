@@ -22,7 +22,7 @@ from mjbench.pages import exports, reports
 from mjbench.pages import html as html_page
 from mjbench.pages import markdown as markdown_page
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store import run_set
+from mjbench.store import runs
 
 # Each begins with another letter, by which it is known in a page.
 HOSTILE = (
@@ -78,7 +78,7 @@ def write(folder: Path, text_of: Callable[[str], Text]) -> list[Path]:
 def files(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     def text_of(command: str) -> Text:
         # a path that mjbench does not have is refused where it is looked up
-        is_kept = request.param == 0 or command == "scaling"
+        is_kept = request.param == 0
         return cycled(request.param, ("python_loop", "rollout") if is_kept else ("python_loop",))
 
     return write(tmp_path_factory.mktemp("hostile") / "runs", text_of)
@@ -174,11 +174,8 @@ def test_a_report_has_no_tags_of_theirs(
 def test_cells_of_csv_are_no_formulas(files: list[Path]) -> None:
     cells = 0
     for file in files:
-        stored = run_set.read(file, RECORD_TYPES)
-        texts = [exports.as_csv(stored)]
-        if file.stem in ("compare", "versions"):
-            texts.append(exports.as_otava(stored))
-        for row in itertools.chain(*(csv.reader(io.StringIO(text)) for text in texts)):
+        stored = runs.load(file, RECORD_TYPES)
+        for row in csv.reader(io.StringIO(exports.as_csv(stored))):
             for cell in row:
                 assert_printable(cell)
                 assert not cell.startswith(tuple("=+@\t\r")), cell
@@ -187,11 +184,11 @@ def test_cells_of_csv_are_no_formulas(files: list[Path]) -> None:
     assert cells > len(files)
 
 
-@pytest.mark.parametrize("form", ["junit", "bencher", "github-action-benchmark"])
+@pytest.mark.parametrize("form", ["junit", "github-action-benchmark"])
 def test_documents_for_other_tools_parse(files: list[Path], form: str) -> None:
     for file in files:
         if file.stem in ("compare", "versions"):
-            text = exports.FORMATS[form](run_set.read(file, RECORD_TYPES))
+            text = exports.FORMATS[form](runs.load(file, RECORD_TYPES))
             assert_printable(text)
             assert ElementTree.fromstring(text.encode()) if form == "junit" else json.loads(text)
 

@@ -20,14 +20,14 @@ from verdict_records import SLOWER
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
-from mjbench.paired.bisect_records import BisectRecord, BisectTrial, VersionRow
+from mjbench.paired.bisect import BisectComparison, BisectRecord, VersionRow
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import PackageVersions
 from mjbench.report import bisect, kinds, verdicts
 from mjbench.report.content import DataTable
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
-from mjbench.store import run_set
+from mjbench.store import runs
 
 RUNS = ROOT / "results/runs"
 WIDTHS = (60, 80, 100, 200)
@@ -44,8 +44,11 @@ SEARCH = BisectRecord(
     new="HEAD",
     versions=2_000,
     status=Status.OK,
-    trials=[BisectTrial(LONG, log_ratios=[0.03] * 3), BisectTrial(LONG, "cannot build it " * 9)],
 )
+COMPARISONS = [
+    BisectComparison(12, LONG, SLOWER),
+    BisectComparison(12, LONG, None, "cannot build it " * 9),
+]
 OTHER_VERDICTS = [
     replace(
         SLOWER,
@@ -53,7 +56,7 @@ OTHER_VERDICTS = [
         new="jax==0.7.1",
         packages=[PackageVersions("jax", "0.7.0", "0.7.1")],
     ).row(),
-    replace(SLOWER, metric=Metric.GROWTH, ratio=Ratio(12.3, 11.1, 13.3)).row(),
+    replace(SLOWER, metric=Metric.MEMORY, ratio=Ratio(12.3, 11.1, 13.3)).row(),
 ]
 
 
@@ -160,10 +163,10 @@ def committed_tables() -> list[tuple[str, DataTable]]:
     """Return the tables of all committed runs, each with its file."""
     tables = []
     for file in sorted((ROOT / "results").glob("*/*.jsonl")):
-        for run in run_set.read(file, RECORD_TYPES).runs:
-            sections = kinds.kind_of(run).sections(run)
-            tables += [(file.name, table) for section in sections for table in section.tables]
-    tables += [("bisect", table) for table in bisect.sections([SEARCH])[0].tables]
+        run = runs.load(file, RECORD_TYPES)
+        sections = kinds.kind_of(run).sections(run)
+        tables += [(file.name, table) for section in sections for table in section.tables]
+    tables += [("bisect", table) for table in bisect.sections([*COMPARISONS, SEARCH])[0].tables]
     tables += [("packages", table) for table in verdicts.section(OTHER_VERDICTS, 0.99).tables]
     return [(name, table) for name, table in tables if table.rows]
 

@@ -2,19 +2,16 @@
 
 import dataclasses
 import functools
-import time
 
 import mujoco
 import numpy as np
 import pytest
-from paired_examples import CUBES
 
 from mjbench import paths
 from mjbench.errors import MachineError
 from mjbench.paired import loop_sections
-from mjbench.paired.loop_sections import TimedSteps
 from mjbench.paths import Resources
-from mjbench.simulation import compat, models, reference_run, workload
+from mjbench.simulation import compat, models, workload
 from mjbench.simulation.workload import Workload
 
 FULL = compat.INTEGRATION
@@ -140,24 +137,3 @@ def test_a_run_of_one_control_is_not_divided(pile: Workload) -> None:
 
 def test_no_control_is_divided(pile: Workload) -> None:
     assert loop_sections.can_divide(pile.first(1), 100)  # one for each simulation
-
-
-@pytest.fixture
-def cubes() -> Workload:
-    return workload.make(models.load(CUBES.model), nbatch=4, nstep=50, hold=2, seed=0)
-
-
-def test_steps_end_in_the_states_of_the_plain_loop(cubes: Workload) -> None:
-    steps = TimedSteps(cubes)
-    steps.run()
-    np.testing.assert_array_equal(steps.final_state, reference_run.observe(cubes).final_state)
-
-
-def test_99_of_100_steps_take_no_longer(cubes: Workload, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clock is injected: step k takes k nanoseconds, of the 200 in all."""
-    order = np.random.default_rng(0).permutation(200)
-    readings = iter([reading for k in order for reading in (0, int(k))])
-    monkeypatch.setattr(time, "perf_counter_ns", lambda: next(readings))
-    steps = TimedSteps(cubes)
-    steps.run()
-    assert steps.p99_ns() == 197

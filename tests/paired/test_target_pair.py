@@ -13,7 +13,6 @@ import mjbench
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import run_sizes, target_pair
-from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.target_pair import TargetPair
 from mjbench.paired.targets import Target
@@ -222,9 +221,6 @@ def test_an_option_that_does_not_exist_is_bad_input(
         (Sizes(nstep=50), 1, 1e-5, (2, 50)),
         (Sizes(), 2, 1e-5, (20, 100)),
         (Sizes(), 2, 1.0, (8, 1)),
-        (Sizes(metric=Metric.P99), 1, 1e-5, (5, 100)),
-        (Sizes(nbatch=1, metric=Metric.P99), 1, 1e-5, (1, 500)),
-        (Sizes(metric=Metric.P99), 1, 1e-7, (100, 100)),
     ],
 )
 def test_a_run_takes_about_a_millisecond_where_the_user_leaves_it_open(
@@ -240,9 +236,6 @@ def test_a_run_has_no_more_steps_than_there_are_controls_for() -> None:
     assert size(Sizes(), 20) == (5, 20)
     assert size(Sizes(nbatch=2), 20) == (2, 20)
     assert size(Sizes(nstep=50), 20) == (2, 50)  # as the user asked; drawing refuses it
-    assert size(Sizes(metric=Metric.P99), 20) == (25, 20)
-    with pytest.raises(InputError, match="p99 needs at least 500 steps"):
-        size(Sizes(nbatch=2, metric=Metric.P99), 20)
 
 
 @pytest.mark.parametrize(
@@ -271,7 +264,6 @@ def test_a_section_takes_a_tenth_of_a_millisecond(
         ("python_loop", Sizes(nbatch=4, nstep=100), False, False),
         ("rollout", Sizes(nbatch=4, nstep=100), True, False),
         ("python_loop", Sizes(nbatch=4, nstep=100, returns=Product.TRAJECTORY), True, False),
-        ("python_loop", Sizes(nbatch=5, nstep=100, metric=Metric.P99), True, False),
     ],
 )
 def test_the_run_of_a_plain_loop_is_divided_if_its_states_are_whole(
@@ -305,12 +297,6 @@ def test_a_run_is_not_divided_where_a_section_of_the_faster_target_would_be_too_
     sizes = Sizes(starts=KEYFRAME_STARTS)
     prepared = [target_pair.prepare(pool, each, sizes, TimeLimit()) for each in both]
     assert [each.nsection for each in prepared] == [10, 1, 1]
-
-
-def test_a_run_whose_slowest_steps_are_compared_has_enough_of_them() -> None:
-    assert Sizes(nbatch=5, nstep=100, metric=Metric.P99).nbatch == 5
-    with pytest.raises(InputError, match="p99 needs at least 500 steps"):
-        Sizes(nbatch=1, nstep=100, metric=Metric.P99)
 
 
 @pytest.mark.parametrize(("size", "count"), [(8, 1), (16, 2), (7, 3), (5, 5), (1, 1)])

@@ -12,7 +12,7 @@ import pytest
 from mjbench.errors import InputError, MachineError, UnavailableError
 from mjbench.measuring.calls import Compilation
 from mjbench.paired import timed_function
-from mjbench.paired.metrics import GROWTH_UNIT_BYTES, Metric
+from mjbench.paired.metrics import Metric
 from mjbench.paired.timed_function import CodeOrigin, FunctionSource, TimedFunction
 from mjbench.paired.worker import Worker
 
@@ -205,28 +205,3 @@ ORIGIN = CodeOrigin(frozenset({"own"}), ("/cache/a",), "/checkout")
 def test_code_that_is_not_the_revisions_is_found(name: str, file: str, expected: str) -> None:
     environment = ["/checkout/.venv"]
     assert timed_function.misplaced({name: [file]}, ORIGIN, environment) == expected
-
-
-def reading_of_growth(function: TimedFunction) -> int:
-    """Return what a block of 100 calls reads."""
-    worker = Worker(cast(Connection, None))
-    worker.function = function
-    timed_function.prepare_function(worker, (), 100, Metric.GROWTH)
-    (section,) = worker.sections
-    section.warm_up()
-    section.run()
-    assert section.reading is not None
-    return section.reading()
-
-
-def test_calls_that_keep_memory_are_seen_to_and_garbage_is_not(imported: Imported) -> None:
-    """A leak of 200 kB a call, beside as much in cycles that only the collector frees."""
-    leak = "kept = []\ndef step(): kept.append(b'x' * 200_000)\n"
-    cycles = "def step():\n    cycle = [b'x' * 200_000]\n    cycle.append(cycle)\n"
-    leaked_bytes = 1000 * 200_000
-    try:
-        assert reading_of_growth(imported(leak)) > GROWTH_UNIT_BYTES + 0.9 * leaked_bytes
-        assert reading_of_growth(imported(cycles)) < GROWTH_UNIT_BYTES + 0.1 * leaked_bytes
-    finally:
-        gc.unfreeze()
-        gc.enable()

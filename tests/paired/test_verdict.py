@@ -14,7 +14,6 @@ from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, tw
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import pair_launches, target_pair, verdict
-from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.pair_launches import WorkCheck
@@ -42,35 +41,6 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
     assert result.status == Status.OK
     assert result.judgement is not None
     assert result.judgement.ratio.estimate > 1.5  # twice the work
-
-
-@pytest.mark.parametrize(("model", "end"), [("cartpole", "same within 0 %"), ("humanoid", "")])
-def test_what_has_no_noise_is_decided_by_one_launch(pool: WorkerPool, model: str, end: str) -> None:
-    candidate = replace(CARTPOLE, model=models.resolve(model))
-    plan = replace(BRIEF, sizes=Sizes(nbatch=1, nstep=10, metric=Metric.ARENA))
-    result = verdict.decide(pool, CARTPOLE, candidate, plan)
-    assert len(result.launches) == 1
-    change = verdicts.describe_change(result.row())
-    assert change.startswith(end or "larger arena by ")
-    assert "interval" not in change
-
-
-def test_a_few_launches_give_their_ratios(pool: WorkerPool) -> None:
-    plan = replace(BRIEF, sizes=Sizes(4, 50, starts=KEYFRAME_STARTS), time_limit_s=60.0)
-    candidate = replace(CARTPOLE, slowdown=1.0)
-    log_ratios = verdict.launch_log_ratios(pool, CARTPOLE, candidate, plan, 2)
-    assert len(log_ratios) == 2
-    assert min(log_ratios) > math.log(1.5)  # twice the work
-
-
-def test_launches_of_what_cannot_be_measured_give_no_ratios(
-    pool: WorkerPool, tmp_path: Path
-) -> None:
-    file = tmp_path / "broken.xml"
-    file.write_text("<mujoco>")
-    target = Target(INSTALLED, models.resolve(str(file)))
-    with pytest.raises(MachineError, match="cannot load it"):
-        verdict.launch_log_ratios(pool, target, target, BRIEF, 2)
 
 
 def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:

@@ -1,9 +1,7 @@
 """Every C path against the reference run, over small models."""
 
-import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,13 +16,12 @@ from mjbench import paths
 from mjbench.errors import InputError
 from mjbench.paths.base import nthread
 from mjbench.paths.threads import shares
-from mjbench.simulation import agreement, compat, input_probe, reference_run, workload
+from mjbench.simulation import agreement, compat, reference_run, workload
 from mjbench.simulation.workload import Product, StepOutputs
 
 SWEEP: dict[str, list[Any]] = {
     "threads": [1, 2],
     "processes": [2],
-    "actors": [2],
     "chunk": [None, 2],
     "checks": ["on", "off"],
     "stage": ["none", "vel"],
@@ -41,7 +38,7 @@ VARIANTS = [
 
 
 # snippets that run as a program: their processes import it, or what it defines
-ELSEWHERE = ("processes", "ray")
+ELSEWHERE = ("processes",)
 
 
 @dataclass(frozen=True)
@@ -205,37 +202,6 @@ def test_a_snippet_that_starts_processes_does_what_its_path_does(
     assert_does_the_work_of(case, tmp_path)
 
 
-def test_snippets_of_ray_do_what_its_path_does(
-    case: Case, cases: Mapping[Product, Case], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With and without a rollout, which also resets inputs; Ray is started by one program.
-
-    The first snippet starts it, and the last one ends it.
-    """
-    own = input_probe.with_every_input(workload.make(case.workload.model, 3, 4, seed=2), seed=1)
-    with_inputs = Case.of(own)
-    products = (cases[Product.TRAJECTORY], cases[Product.SENSORS])
-    by_rollout = (case, *products, with_inputs)
-    own_cases = (*by_rollout, *cases.values())
-    options = {"actors": 2}
-    program = ["import ray", "shutdown, ray.shutdown = ray.shutdown, lambda: None"]
-    for index, own_case in enumerate(own_cases):
-        own_case.skip_unless_possible(paths.find("ray"), options)
-        if index == len(by_rollout):
-            monkeypatch.setattr(compat, "rollout_unavailable", lambda: "too old")
-        folder = tmp_path / str(index)
-        folder.mkdir()
-        if index == len(own_cases) - 1:
-            program.append("ray.shutdown = shutdown")
-        program.append(program_of(own_case, "ray", options, folder))
-        program.append("steppers, ray.init = None, lambda **options: None")
-    program.append("assert not ray.is_initialized()")
-    run_program("\n".join(program), tmp_path)
-    for index, own_case in enumerate(own_cases):
-        assert_does_the_work_of(own_case, tmp_path / str(index))
-    with_inputs.resources.close()
-
-
 def expected_outputs(case: Case) -> dict[str, np.ndarray]:
     """Return what a snippet leaves, by the names of its variables."""
     expected = {"final_state": case.reference.final_state}
@@ -272,12 +238,7 @@ def program_of(case: Case, name: str, options: dict[str, Any], folder: Path) -> 
 
 def run_program(program: str, folder: Path) -> None:
     (folder / "program.py").write_text(program)
-    with tempfile.TemporaryDirectory() as short:  # Ray's sockets need a short name
-        quiet = {"RAY_TMPDIR": short, "RAY_USAGE_STATS_ENABLED": "0"}
-        subprocess.run(
-            [sys.executable, "program.py"],
-            cwd=folder, env={**os.environ, **quiet}, check=True, timeout=120,
-        )  # fmt: skip
+    subprocess.run([sys.executable, "program.py"], cwd=folder, check=True, timeout=120)
 
 
 def assert_does_the_work_of(case: Case, folder: Path) -> None:
@@ -300,7 +261,7 @@ def test_a_model_without_actuators_runs_on_every_path() -> None:
     for path in C_PATHS.values():
         if path.unavailable():
             continue
-        options = path.variants({"threads": [2], "processes": [2], "actors": [2]})[0]
+        options = path.variants({"threads": [2], "processes": [2]})[0]
         states = path.prepare(case.workload, options, case.resources).verified_states()
         assert case.difference(states) is None, path.name
     case.resources.close()
@@ -331,7 +292,6 @@ def test_a_full_option_set_has_one_thread_unless_it_says_otherwise() -> None:
         ({}, 1),
         ({"threads": 3, "chunk": 8}, 3),
         ({"processes": 2}, 2),
-        ({"actors": 2}, 2),
         ({"engine_threads": 4}, 4),
         ({"engine_threads": None}, 1),
     ],
@@ -344,7 +304,7 @@ def test_the_number_of_threads_follows_from_the_options(
 
 def test_parallel_options_are_marked() -> None:
     marked = {o.name for path in C_PATHS.values() for o in path.options if o.is_parallel}
-    assert marked == {"threads", "processes", "actors", "engine_threads"}
+    assert marked == {"threads", "processes", "engine_threads"}
 
 
 def test_paths_share_their_mjdata_and_outputs(small: workload.Workload) -> None:

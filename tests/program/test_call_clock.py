@@ -68,6 +68,21 @@ def test_a_slow_call_is_counted_by_its_line_with_what_it_took(clock, tmp_path):
     assert call.lines[0] == call.place.position
 
 
+@pytest.mark.parametrize("file", [step_times.__file__, call_clock.__file__])
+def test_lines_of_mjbench_are_never_the_programs(clock, tmp_path, file):
+    code = compile("for _ in range(3): timed()", file, "exec")
+    names = {"timed": clock.slow(lambda: None, "MjData")}
+    thread = threading.Thread(target=exec, args=(code, names))  # with no line of the program below
+    thread.start()
+    thread.join()
+    assert read(tmp_path).calls == []
+    exec(code, names)
+    (call,) = read(tmp_path).calls
+    assert call.calls == 3
+    assert all(path.endswith("test_call_clock.py") or "-packages" in path for path, _ in call.lines)
+    assert call.place.text == "exec(code, names)"
+
+
 def test_a_call_inside_another_is_part_of_it(clock, tmp_path):
     inner = clock.slow(lambda: None, "MjData")
     outer = clock.slow(lambda: inner(), "compile")

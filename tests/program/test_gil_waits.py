@@ -11,7 +11,7 @@ PLAN = Frame("plan", "/home/me/train.py", 30)
 
 
 def samples(tid, *stacks, pid=1):
-    return ThreadSamples(Thread(pid, tid, f"thread {tid}"), stacks, 0.01, has_native=False)
+    return ThreadSamples(Thread(pid, tid, f"thread {tid}"), stacks, 0.01)
 
 
 PLANNER, SIMULATOR = 10, 11

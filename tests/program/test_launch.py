@@ -1,13 +1,15 @@
-"""Programs run again for a change, and end when their seconds are over, whatever they ignore."""
+"""Programs end when their seconds are over, whatever they ignore."""
 
+import math
+import os
+import signal
 import tempfile
 from pathlib import Path
 
 import pytest
 
-from mjbench.errors import InputError, MachineError
-from mjbench.program import launch, py_spy
-from mjbench.program.hook import step_clock
+from mjbench.errors import InputError
+from mjbench.program import activities, launch, py_spy
 from mjbench.program.launch import Program
 
 STEPS = """
@@ -29,6 +31,14 @@ end = time.monotonic() + 120
 step = jax.jit(lambda state: state + 1.0)
 while time.monotonic() < end:
     step(0.0)
+"""
+
+
+RAISES = """
+import json
+def load():
+    raise ValueError("no such\\nrobot")
+load()
 """
 
 
@@ -61,8 +71,6 @@ def test_a_program_of_mjx_is_ended_though_it_never_calls_the_engine(tmp_path):
     file = tmp_path / "mjx_steps.py"
     file.write_text(MJX_STEPS)
     assert launch.run(Program([str(file)]), seconds=0.2).was_ended
-    with pytest.raises(MachineError, match="did not step"):
-        launch.time_steps(Program([str(file)]), 0.2)
 
 
 @pytest.fixture
@@ -76,7 +84,7 @@ def full_disk():
 
 
 @pytest.mark.usefixtures("full_disk")
-def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkeypatch):
+def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkeypatch, capfd):
     folder = tmp_path / "temporary"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
@@ -84,9 +92,47 @@ def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkey
     file.write_text("import mujoco, sys\nsys.exit(7)")
     seen = launch.run(Program([str(file)]))
     assert seen.exit_code == 7
+    assert capfd.readouterr() == ("", "")
     assert seen.pid in seen.untimed_pids
     assert seen.steps == []
     assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_run_and_the_program_whatever_it_ignores(stubborn, monkeypatch, number):
+    first_step_ns = launch._first_step_ns
+
+    def interrupt_once_it_steps(folder):
+        first_ns = first_step_ns(folder)
+        if first_ns is not None:
+            os.kill(os.getpid(), number)
+        return first_ns
+
+    monkeypatch.setattr(launch, "_first_step_ns", interrupt_once_it_steps)
+    monkeypatch.setattr(launch, "_END_S", math.inf)
+    handler = signal.getsignal(number)
+    seen = launch.run(stubborn, ends_on_signal=True)
+    assert seen.was_interrupted
+    assert seen.was_ended
+    assert seen.exit_code == 128 + 9
+    assert seen.models == (), "nothing is stepped again"
+    assert signal.getsignal(number) is handler
+
+
+def test_an_exception_that_ends_a_program_is_known_with_its_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    activities.shown_path.cache_clear()
+    (tmp_path / "raises.py").write_text(RAISES)
+    exception = launch.run(Program(["raises.py"])).exception
+    assert exception.text == "ValueError: no such robot"
+    assert (exception.place.file, exception.place.line) == ("raises.py", 4)
+
+
+def test_a_program_that_exits_has_no_exception(tmp_path):
+    file = tmp_path / "exits.py"
+    file.write_text("raise SystemExit(3)")
+    seen = launch.run(Program([str(file)]))
+    assert (seen.exit_code, seen.exception, seen.was_interrupted) == (3, None, False)
 
 
 def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
@@ -105,18 +151,6 @@ def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
     with pytest.raises(OSError, match="No space left"):
         launch.run(stubborn)
     assert processes[0].returncode is not None, "it has ended"
-
-
-def test_a_change_is_applied_when_a_program_runs_again(stubborn):
-    (steps,) = launch.time_steps(stubborn, 0.1, step_clock.NO_ENGINE_CLOCK)
-    assert steps.steps_per_s > 0
-    assert steps.stages == {}  # the engine's timers stand still
-
-
-def test_a_program_that_does_not_step_confirms_nothing(tmp_path):
-    (tmp_path / "idle.py").write_text("pass")
-    with pytest.raises(MachineError, match="did not step"):
-        launch.time_steps(Program([str(tmp_path / "idle.py")]), 0.1)
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,14 @@
 """py-spy's file is read, or refused in one line; so is why there are no samples."""
 
 import json
+import os
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
+from commands import PYTHONPATH
+from process_tree import ends
 
 from mjbench.errors import InputError
 from mjbench.program import py_spy
@@ -34,6 +39,29 @@ def test_why_there_are_no_samples(tmp_path, text, words):
     assert "\n" not in problem
 
 
+def test_the_profiler_ends_with_mjbench_however_that_ends(tmp_path):
+    profiler = tmp_path / "py-spy"
+    profiler.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 600\n")
+    profiler.chmod(0o755)
+    os.mkfifo(tmp_path / "pid")
+    program = (
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        "from mjbench.program import py_spy\n"
+        "py_spy.program = lambda: sys.argv[1] + '/py-spy'\n"
+        "py_spy.start(os.getpid(), Path(sys.argv[1]), 10, False)\n"
+        "signal.pause()"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", program, str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+    )
+    process = os.pidfd_open(int((tmp_path / "pid").read_text()))
+    parent.kill()
+    parent.wait()
+    assert ends(process)
+
+
 def document(name='Process 7 Thread 8 "Main"'):
     return {
         "profiles": [{"name": name, "samples": [[0, 1, 2], [0, 1]], "weights": [0.02, 0.02]}],
@@ -41,7 +69,7 @@ def document(name='Process 7 Thread 8 "Main"'):
             "frames": [
                 {"name": 'process 7:"python x.py"', "file": "", "line": 0},
                 {"name": "main", "file": "/x.py", "line": 3},
-                {"name": "mj_step", "file": "libmujoco.so", "line": 0},
+                {"name": "step", "file": "/y.py", "line": 5},
             ]
         },
     }
@@ -53,8 +81,8 @@ def test_stacks_are_read_without_labels(tmp_path):
     (thread,) = py_spy.read(file)
     assert thread.thread == Thread(7, 8, "Main")
     assert thread.interval_s == 0.02
-    step = Frame("mj_step", "libmujoco.so", 0)
-    assert thread.stacks == [[Frame("main", "/x.py", 3), step], [Frame("main", "/x.py", 3)]]
+    main, step = Frame("main", "/x.py", 3), Frame("step", "/y.py", 5)
+    assert thread.stacks == [[main, step], [main]]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ LOOP = SourceLoop("train.py", 10, 20)
 
 
 def waiting(seconds):
-    return LoopTime(LOOP, [], ["MainThread"], [1], True, 400, seconds, {}, {}, [], [], 0.0)
+    return LoopTime(LOOP, [], ["MainThread"], [1], True, 400, seconds, {}, {}, [], [])
 
 
 def steps(pid, seconds, span_s, thread=1, loop=None):

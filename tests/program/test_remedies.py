@@ -9,12 +9,11 @@ from mjbench.loop.lint import Finding
 from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime, Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.launch import Program
 from mjbench.program.loop_time import LineTime, LoopTime
-from mjbench.program.remedies import call_remedies, confirm, line_remedies, listing, loop_remedies
+from mjbench.program.remedies import call_remedies, line_remedies, listing, loop_remedies
 from mjbench.program.remedies.call_remedies import CALL_REMEDIES
 from mjbench.program.remedies.line_remedies import LINE_REMEDIES
-from mjbench.program.remedies.remedy import Basis, Confirmed, Remedy, RemedyKind
+from mjbench.program.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.program.remedies.trials import MeasuredRatios, TimeRatio, Trial
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import Durations, StepTimes
@@ -29,7 +28,7 @@ def line(number, activities, function="main", package=""):
     return LineTime(place, sum(activities.values()), activities, package)
 
 
-def loop(*lines, engine_clock=0.0, activities=None):
+def loop(*lines, activities=None):
     total: dict[Activity, float] = {}
     for each in lines:
         for activity, share in each.activities.items():
@@ -46,7 +45,6 @@ def loop(*lines, engine_clock=0.0, activities=None):
         packages={},
         lines=lines,
         inner_functions=[],
-        engine_clock=engine_clock,
     )
 
 
@@ -86,7 +84,7 @@ def loop_of(*calls):
 
 
 def finding(code, number=15, message="do otherwise", **more):
-    return Finding("train.py", number, 1, code, message, None, None, **more)
+    return Finding("train.py", number, 1, code, message, None, **more)
 
 
 def ratio(estimate, saved_s=0.01):
@@ -107,7 +105,7 @@ def test_physics_alone_needs_no_remedy():
 
 
 def test_gains_below_three_percent_are_left_out():
-    time = loop(line(12, {PHYSICS: 0.972, PYTHON: 0.028}), engine_clock=0.029)
+    time = loop(line(12, {PHYSICS: 0.972, PYTHON: 0.028}))
     assert listing.remedies(time) == []
 
 
@@ -340,7 +338,7 @@ def test_what_runs_many_times_a_step_saves_a_share_of_its_line(tmp_path):
     named = LineTime(place, 0.4, {BINDINGS: 0.4})
     stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
     time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
-    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
+    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0)
     _, asked = listing.trials([time], [found])
     assert asked == NAMED_ACCESS
     measured = MeasuredRatios({NAMED_ACCESS: ratio(0.25, saved_s=1e-6)})
@@ -372,7 +370,7 @@ def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_pat
     named = LineTime(Place(str(file), 3, "main", "text"), 0.4, {BINDINGS: 0.4})
     stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
     time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
-    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
+    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0)
     measured = MeasuredRatios({NAMED_ACCESS: ratio(0.25, saved_s=1e-3)})
     listed = listing.remedies(time, [found], measured)
     (named_access,) = [each for each in listed if each.code == "MJB002"]
@@ -537,89 +535,10 @@ def remedy(kind, gain=0.2, **more):
     return Remedy(kind, PYTHON, Place("train.py", 7, "main"), "text", gain, 0.01, **more)
 
 
-def test_what_can_be_applied_is_confirmed_by_runs_in_turns(tmp_path):
-    file = tmp_path / "train.py"
-    file.write_text("pass")
-    order = []
-
-    def run(change, source):
-        order.append(change)
-        return [steps(steps_per_s=1000.0 if not change else 1250.0)]
-
-    program = Program([str(file)])
-    clock, activity = remedy(RemedyKind.CLOCK), remedy(RemedyKind.ACTIVITY)
-    confirmed, untouched = confirm.confirm(program, [clock, activity], lambda *_: None, run)
-    assert untouched == activity
-    assert confirmed.confirmed.gain == pytest.approx(0.2)
-    assert confirmed.confirmed.is_certain
-    assert confirmed.confirmed.runs == confirm.ROUNDS
-    assert order[:4] == ["", "no-engine-clock", "no-engine-clock", ""]
-    assert len(order) == confirm.most_runs([clock, activity])
-
-
-def test_copies_are_measured_by_the_steps_of_all_of_them(monkeypatch):
-    monkeypatch.setattr(confirm.machine, "usable_cores", lambda: 2)
-    of_one = steps(steps_per_s=100.0)
-    copies = listing.copies([of_one], cores=2)
-    assert listing.copies([of_one], cores=1) is None
-    assert listing.copies([of_one, of_one], cores=2) is None
-    order = []
-
-    def run(change, source):
-        order.append(change)
-        return [of_one]
-
-    (confirmed,) = confirm.confirm(Program(["-m", "module"]), [copies], lambda *_: None, run)
-    assert len(order) == 3 * confirm.ROUNDS  # one copy, then two at once
-    assert confirmed.confirmed.gain == pytest.approx(0.5)
-    assert confirmed.rank > remedy(RemedyKind.LINE).rank
-    assert listing.first([confirmed]) is None
-
-
-def test_a_change_that_fails_once_is_not_confirmed(tmp_path):
-    file = tmp_path / "train.py"
-    file.write_text("pass")
-
-    def run(change, source):
-        if change:
-            raise confirm.MjbenchError("no")
-        return [steps()]
-
-    (same,) = confirm.confirm(
-        Program([str(file)]), [remedy(RemedyKind.CLOCK)], lambda *_: None, run
-    )
-    assert same.confirmed is None
-
-
-def test_the_programs_own_lines_are_tried_with_lints_fixes(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    file = tmp_path / "train.py"
-    file.write_text(
-        "import mujoco\nmodel = mujoco.MjModel.from_xml_path('x')\ndata = mujoco.MjData(model)\n"
-        "for _ in range(9):\n    mujoco.mj_step(model, data)\n"
-        "    x = data.body('torso').xpos[2]\n"
-    )
-    sources = set()
-
-    def run(change, source):
-        sources.add(source.read_text())
-        return [steps()]
-
-    line_remedy = remedy(RemedyKind.LINE, code="MJB002")
-    (tried,) = confirm.confirm(Program(["train.py"]), [line_remedy], lambda *_: None, run)
-    assert len(sources) == 2
-    assert file.read_text() in sources
-    assert tried.confirmed.gain == 0
-    assert not tried.confirmed.is_certain
-
-
-def test_order_with_confirmed_remedies():
+def test_wrong_results_come_first_and_then_the_largest_gain():
     wrong = Remedy(RemedyKind.RESULT, None, None, "", None, None)
     large, small = remedy(RemedyKind.LINE, 0.3), remedy(RemedyKind.LINE, 0.1)
-    sure = remedy(RemedyKind.CLOCK, 0.2, confirmed=Confirmed(0.4, 0.3, 0.5, 8))
-    unsure = remedy(RemedyKind.CLOCK, 0.9, confirmed=Confirmed(0.1, -0.1, 0.3, 8))
-    listed = sorted([unsure, small, sure, large, wrong], key=lambda each: each.rank)
-    assert listed == [wrong, sure, large, small, unsure]
+    assert sorted([small, large, wrong], key=lambda each: each.rank) == [wrong, large, small]
 
 
 @pytest.mark.parametrize("waits_for", [Activity.PROCESSES, Activity.THREADS])

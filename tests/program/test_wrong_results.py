@@ -11,7 +11,7 @@ from mjbench.program.remedies.remedy import RemedyKind
 
 
 def finding(code, **more):
-    return Finding("train.py", 15, 1, code, "do otherwise", None, None, **more)
+    return Finding("train.py", 15, 1, code, "do otherwise", None, **more)
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,22 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from example_races import BATCH_STEP, CLEAR, PLAIN, RAY, ROLLOUT, THREADS, Entrant, derived, raced
+from example_races import (
+    BATCH_ROLLOUT,
+    BATCH_STEP,
+    CLEAR,
+    PLAIN,
+    ROLLOUT,
+    THREADS,
+    Entrant,
+    derived,
+    raced,
+)
 from example_records import JUDGED, measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
-from mjbench.report import path_speedups
 from mjbench.report.advice import (
     Reason,
     ThreadAdvice,
@@ -203,11 +212,11 @@ def test_the_next_best_is_advised_where_the_winner_failed_after_the_race() -> No
 
 
 def test_a_path_that_starts_slowly_is_never_advised_and_named_where_it_is_faster() -> None:
-    record = raced([(ROLLOUT, 2.0), (RAY, 4.0)], slow=[2], groups=[[0, 1], [0]])
+    record = raced([(ROLLOUT, 2.0), (BATCH_ROLLOUT, 4.0)], slow=[2], groups=[[0, 1], [0]])
     first, second = sentences(derived(record))
-    assert first.endswith("; ray actors=2 is faster, but takes seconds to start")
+    assert first.endswith("; batch_rollout threads=2 is faster, but takes seconds to start")
     assert "mujoco.rollout on 2 threads, 2.0" in first
-    assert "ray" not in second
+    assert "batch_rollout" not in second
 
 
 @pytest.mark.parametrize(
@@ -274,18 +283,6 @@ def test_the_timer_is_advised_on_where_turning_it_off_certainly_gains() -> None:
     assert clock is not None
     assert clock.speedup.estimate == pytest.approx(1.2, rel=0.01)
     assert advise_clock(derived(raced([*CLEAR, (WITHOUT_TIMER, 1.01)]))) is None
-
-
-def test_a_run_of_an_earlier_version_has_speed_ups_without_an_interval_and_no_advice() -> None:
-    records = [measurement(samples_s=[1.0] * 7), measurement(path="rollout", samples_s=[0.5] * 7)]
-    former = path_speedups.derive(derived(raced()).model, records, None)
-    assert former.is_former
-    assert all(result.is_former for result in former.results)
-    speedup = former.results[1].speedup
-    assert speedup is not None
-    assert (speedup.estimate, speedup.low, speedup.high) == (2.0, None, None)
-    assert advise(former) == []
-    assert advise_clock(former) is None
 
 
 def test_a_model_whose_plain_loop_was_not_timed_gets_no_advice() -> None:

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 from verdict_records import SAME, SLOWER
 
-from mjbench.paired.bisect_records import (
+from mjbench.paired.bisect import (
     BisectChange,
     BisectComparison,
     BisectRecord,
-    BisectTrial,
     VersionKind,
     VersionRow,
 )
@@ -24,14 +23,20 @@ RECORD = BisectRecord(
     versions=64,
     status=Status.OK,
     ends=SLOWER.row(),
-    trials=[BisectTrial(SEVEN, log_ratios=[0.03] * 3), BisectTrial(SIX, "cannot build it")],
     changes=[BisectChange(SEVEN, SLOWER.row())],
     seconds=90.0,
 )
 
 
+COMPARISONS = [
+    BisectComparison(0, VersionRow(64, "a" * 40, "Release"), SLOWER),
+    BisectComparison(0, SIX, None, "cannot build it"),
+    BisectComparison(0, SEVEN, SLOWER),
+]
+
+
 def sentences(record: BisectRecord) -> list[str]:
-    (section,) = bisect.sections([record])
+    (section,) = bisect.sections([*COMPARISONS, record])
     return [conclusion.text for conclusion in section.conclusions]
 
 
@@ -39,7 +44,7 @@ def test_the_commit_stands_with_its_subject_and_its_change() -> None:
     change, ends, effort = sentences(RECORD)
     assert "slower by 3 %" in ends
     assert change.startswith("7777777777 “Copy states”: slower by 3 % (interval")
-    assert effort.startswith("2 commits of 64 measured in 90.0 s")
+    assert effort.startswith("3 comparisons among 64 commits in 90.0 s")
 
 
 def test_commits_that_may_be_it_instead_are_named() -> None:
@@ -48,7 +53,7 @@ def test_commits_that_may_be_it_instead_are_named() -> None:
 
 
 def test_ends_that_do_not_differ_leave_nothing_to_search_for() -> None:
-    record = replace(RECORD, ends=SAME.row(), changes=[], trials=[])
+    record = replace(RECORD, ends=SAME.row(), changes=[])
     assert sentences(record)[1:] == ["So there is nothing to search for."]
 
 
@@ -59,17 +64,18 @@ def test_a_search_that_failed_says_why() -> None:
 
 
 def test_a_search_that_did_not_end_says_what_is_known_and_how_it_goes_on() -> None:
-    comparison = BisectComparison(0, 64, SLOWER)
-    (section,) = bisect.sections([comparison, *RECORD.trials])
+    (section,) = bisect.sections(COMPARISONS)
     assert section.heading == f"Which release changed {SLOWER.row().model}?"
     assert "repeat the command with --resume" in section.conclusions[0].text
     assert "slower by 3 %" in section.conclusions[1].text
-    assert len(section.tables[0].rows) == 2
+    assert len(section.tables[0].rows) == 3
 
 
-def test_commits_are_listed_in_their_order() -> None:
-    (section,) = bisect.sections([RECORD])
-    assert [row[1] for row in section.tables[0].rows] == ["6666666666", "7777777777"]
+def test_comparisons_are_listed_with_what_they_came_to() -> None:
+    (section,) = bisect.sections([*COMPARISONS, RECORD])
+    _, failed, last = (row[2:] for row in section.tables[0].rows)
+    assert failed == ["6666666666", None, None, "cannot build it"]
+    assert last == ["7777777777", 1.03, "slower", "Copy states"]
 
 
 def test_a_release_stands_with_its_causes_and_with_what_tells_more() -> None:

@@ -15,19 +15,6 @@ from mjbench.report.change_wording import describe_ratio
         (Metric.LOAD, Verdict.SLOWER, Ratio(3.0, 2.9, 3.1), "slower, takes 3 times as long"),
         (Metric.MEMORY, Verdict.SLOWER, Ratio(1.05, 1.04, 1.06), "more memory by 5 % (interval "),
         (Metric.MEMORY, Verdict.SLOWER, Ratio(3.0, 2.9, 3.1), "more memory by 200 %"),
-        (
-            Metric.GROWTH,
-            Verdict.SLOWER,
-            Ratio(2.0, 1.9, 2.1),
-            "more growth: 1,000 steps add 1 MB more in the candidate (at least 0.9 MB)",
-        ),
-        (
-            Metric.GROWTH,
-            Verdict.FASTER,
-            Ratio(0.5, 0.4, 0.625),
-            "less growth: 1,000 steps add 1 MB more in the baseline (at least 0.6 MB)",
-        ),
-        (Metric.GROWTH, Verdict.SAME, Ratio(1.0, 0.999, 1.001), "same within 0.1 %"),
         (Metric.MEMORY, Verdict.INCONCLUSIVE, Ratio(1.0, None, None), "inconclusive, "),
     ],
 )
@@ -35,8 +22,3 @@ def test_a_change_is_said_in_the_words_of_its_metric(
     metric: Metric, verdict: Verdict, ratio: Ratio, text: str
 ) -> None:
     assert describe_ratio(metric, verdict, ratio).startswith(text)
-
-
-def test_what_memory_grows_with_are_steps_of_a_model_or_calls_of_a_function() -> None:
-    ratio = Ratio(2.0, 1.9, 2.1)
-    assert "1,000 calls add" in describe_ratio(Metric.GROWTH, Verdict.SLOWER, ratio, "calls")

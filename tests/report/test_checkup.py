@@ -20,7 +20,7 @@ from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.program.activities import Activity, Place
 from mjbench.program.records import ProgramRow
-from mjbench.program.remedies.remedy import Confirmed, Remedy, RemedyKind
+from mjbench.program.remedies.remedy import Remedy, RemedyKind
 from mjbench.report import advice, checkup, checkup_items, tuning
 from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
@@ -131,11 +131,9 @@ def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
     assert [item for item in checkup.items(run(*PATHS, tuned(changing))) if "timer" in item.action]
 
 
-def test_the_share_that_a_program_saves_lies_within_the_whole_and_is_the_confirmed_one() -> None:
+def test_the_share_that_a_program_saves_lies_within_the_whole() -> None:
     line = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.8, 0.2)
-    tried = replace(line, confirmed=Confirmed(0.3, 0.2, 0.4, 8))
     assert line.share_saved == Ratio(0.8, 0.4, 1.0)
-    assert tried.share_saved == Ratio(0.3, 0.2, 0.4)
 
 
 def test_a_line_is_named_by_its_place_and_not_by_what_it_mostly_does() -> None:
@@ -283,26 +281,29 @@ def test_what_is_not_installed_and_what_was_not_tried_are_lines() -> None:
 
 
 def test_a_program_that_does_not_step_has_no_verdict() -> None:
-    failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, 0.0, [], [])
+    failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, [], [])
     seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
-    (conclusion,) = checkup.list_section(seen).conclusions
-    assert conclusion.text == (
-        f"{TARGET}: nothing was measured: it ended with exit code 1, and no loop stepped MuJoCo"
-        " before"
-    )
+    assert [each.text for each in checkup.list_section(seen).conclusions] == [
+        f"{TARGET}: it ended with exit code 1",
+        f"{TARGET}: nothing was measured: no loop was seen that steps MuJoCo",
+    ]
 
 
-def test_of_a_notebook_there_is_what_lint_finds() -> None:
-    wrong = Finding("n.ipynb", 3, 1, "MJB001", "a view", None, 2, is_wrong_result=True)
-    slow = Finding("n.ipynb", 4, 1, "MJB002", "a name", 1300.0, 2)
-    source = part(CheckupPart.SOURCE, TargetKind.NOTEBOOK, findings=[slow, wrong])
+def test_a_list_that_was_interrupted_says_so_first() -> None:
+    first = checkup.list_section(run(part(CheckupPart.STEP, status=Status.INTERRUPTED)))
+    assert first.conclusions[0].text == f"{TARGET}: interrupted, so the list is not complete"
+
+
+def test_of_a_source_there_is_what_lint_finds() -> None:
+    wrong = Finding("n.py", 3, 1, "MJB001", "a view", None, is_wrong_result=True)
+    slow = Finding("n.py", 4, 1, "MJB002", "a name", 1300.0)
+    source = part(CheckupPart.SOURCE, TargetKind.PROGRAM, findings=[slow, wrong])
     first, second = checkup.items(run(source))
-    assert first.action == "n.ipynb:cell 2:3:1: a view (MJB001)"
+    assert first.action == "n.py:3:1: a view (MJB001)"
     assert first.change == ResultChange.CORRECTED
     assert second.gain is None
     texts = [each.text for each in checkup.list_section(run(source)).conclusions]
     assert texts[1].endswith("a name (MJB002); what it gains was not measured")
-    assert any("jupyter nbconvert" in note for note in checkup.list_section(run(source)).notes)
 
 
 def test_of_an_environment_whole_steps_come_before_its_physics_alone() -> None:

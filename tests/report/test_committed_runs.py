@@ -70,7 +70,7 @@ def test_the_committed_comparison_is_complete_and_every_path_agreed(file: Path) 
         assert {r.path for r in group.results if r not in compared} <= {"mjx", "mjx64"}
         assert all(result.agrees and result.step_ns for result in compared)
         advice = advise(group)
-        assert {row.loop for row in advice} == (set() if group.is_former else set(Loop))
+        assert {row.loop for row in advice} == set(Loop)
         assert all(row.speedup and row.speedup.is_above(1) for row in advice if row.path != BASE)
 
 

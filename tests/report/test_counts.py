@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from mjbench.counts.explain import explain_change
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import CodeChange, FunctionCount, FunctionDifference
+from mjbench.counts.records import FunctionCount, FunctionDifference
 from mjbench.pages import terminal
 from mjbench.report import counts
 from mjbench.report.content import Section, Tone
@@ -57,20 +57,14 @@ def test_a_failed_count_is_explained_by_its_detail() -> None:
     assert explanation(counted("1.0", a=1.0), CRASHED)[-1].endswith("MuJoCo 2.0: signal 11")
 
 
-def test_code_old_names_and_moved_cost_stand_beside_a_function() -> None:
+def test_cost_that_moved_stands_beside_a_function() -> None:
     count = counted("1.0", a=3000.0)
     function = FunctionDifference(
-        name="mj_f",
-        old_name="f",
-        old=900.0,
-        new=100.0,
-        difference=-800.0,
-        code=CodeChange.CHANGED,
-        moved_with=["mj_g", "mj_h"],
+        name="mj_f", old=900.0, new=100.0, difference=-800.0, moved_with=["mj_g", "mj_h"]
     )
     row = replace(explain_change(count, count, None), functions=[function])
     last_line = lines_of([counts.explanation_section(count, count, row, top=1)])[-1]
-    assert last_line.split("  ")[-2:] == ["changed", "was f; moved to mj_g, mj_h"]
+    assert last_line.split("  ")[-1] == "moved to mj_g, mj_h"
 
 
 def test_a_release_that_cannot_load_a_model_is_no_failure() -> None:

@@ -73,12 +73,3 @@ def test_a_machine_is_chosen_by_its_name() -> None:
         files.choose(each, None)
     with pytest.raises(InputError, match="no machine x"):
         files.choose(each[:1], "x")
-
-
-def test_runs_without_a_host_are_of_the_only_machine_of_their_kind() -> None:
-    older = history_run("", STEP)
-    named = history_run("a", FLAT)
-    (only,) = files.of_runs([older, named], None)
-    assert only.name == "a"
-    other = dataclasses.replace(older, header=dataclasses.replace(older.header, command="history"))
-    assert len(files.of_runs([other], None)) == 1

@@ -8,9 +8,8 @@ from benchmarks.history import speed_history
 from benchmarks.history import tables as tables
 from benchmarks.history.known_causes import KnownCause
 from benchmarks.history.release_ratios import OperationRatioRecord
-from benchmarks.history.speed_history import SpeedHistory
 from benchmarks.history.speed_series import SpeedSeries
-from mjbench.counts.records import CodeChange, CodeShare, Pair
+from mjbench.counts.records import Pair
 from mjbench.report.content import DataTable
 from mjbench.status import Status
 
@@ -44,12 +43,6 @@ def test_other_work_accounts_for_a_change() -> None:
     row = only_row(tables.step_changes(speed_history.from_records(records)))
     assert row[2:5] == ["-20.0 ±0.0 %", "", "work"]
     assert row[5].startswith("contacts 5 → 1; ")
-
-
-def test_the_same_machine_code_is_said() -> None:
-    counts = replace(COUNTS, code={CodeChange.IDENTICAL: CodeShare(10, 1.0)})
-    same = SpeedHistory([STEP], counts={("pile", "1.5", "1.6"): counts})
-    assert only_row(tables.step_changes(same))[5].startswith("both execute the same machine code; ")
 
 
 def test_functions_whose_instructions_changed_in_the_other_direction_do_not_account() -> None:

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 from example_races import BATCH_STEP, CLEAR, ROLLOUT, compared, raced
-from example_records import measurement, model_record
-from set_files import labelled, run_file, set_of
+from set_files import labelled, run_file
 
 import mjbench
 from mjbench.api.compare import Comparison
@@ -20,12 +19,11 @@ from mjbench.cli import cli
 from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.pages import exports, html, markdown, reports, terminal
 from mjbench.pages.reports import NamedRun
-from mjbench.report import advice_across, formats, machines_side_by_side
+from mjbench.report import formats, machines
 from mjbench.report.content import Report, Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.path_speedups import PathResult, derive_all
-from mjbench.store import run_set, runs
-from mjbench.store.run_set import RunSet
+from mjbench.store import runs
 from mjbench.store.runs import Run
 
 DESK, LAPTOP = labelled("desk"), labelled("laptop")
@@ -40,22 +38,6 @@ def stored(folder: Path, **disturbance: Any) -> Path:
     return run_file(folder, DESK, *compared(record), began=began)
 
 
-def former(folder: Path) -> Path:
-    """Return a run file as earlier versions wrote it."""
-    rollout = {"path": "rollout", "options": ROLLOUT.options, "samples_s": [0.0005] * 8}
-    records = (
-        model_record(cores_had=[2.0], usable_cores=2),
-        measurement(samples_s=[0.001] * 8),
-        measurement(**rollout),
-    )
-    path = run_file(folder, DESK, *records)
-    contest = {"type": "contest", "model": "m", "status": "ok", "variants": [], "launches": [{}]}
-    pair = {"type": "confirmation", "model": "m", "baseline": "python_loop", "launches": 6}
-    with path.open("a") as file:
-        file.writelines(json.dumps(line) + "\n" for line in (contest, pair))
-    return path
-
-
 def results_of(file: Path) -> list[PathResult]:
     (model_results,) = derive_all(read(file).records)
     return list(model_results.results)
@@ -63,10 +45,6 @@ def results_of(file: Path) -> list[PathResult]:
 
 def read(file: Path) -> Run:
     return runs.load(file, RECORD_TYPES)
-
-
-def set_read(file: Path) -> RunSet:
-    return run_set.read(file, RECORD_TYPES)
 
 
 def report_of(file: Path) -> Report:
@@ -99,14 +77,7 @@ def of_notebook_document(file: Path) -> list[Gain]:
 
 
 def of_csv(file: Path) -> list[Gain]:
-    return of_rows(list(csv.DictReader(exports.as_csv(set_read(file)).splitlines())))
-
-
-def of_parquet(file: Path) -> list[Gain]:
-    frames = pytest.importorskip("polars")
-    table = file.with_suffix(".parquet")
-    table.write_bytes(exports.as_parquet(set_read(file)))
-    return of_rows(frames.read_parquet(table).to_dicts())
+    return of_rows(list(csv.DictReader(exports.as_csv(read(file)).splitlines())))
 
 
 NUMBERS: dict[str, Callable[[Path], list[Gain]]] = {
@@ -114,7 +85,6 @@ NUMBERS: dict[str, Callable[[Path], list[Gain]]] = {
     "json": of_document,
     "api": of_notebook_document,
     "csv": of_csv,
-    "parquet": of_parquet,
 }
 
 
@@ -149,22 +119,18 @@ def test_the_chart_has_the_numbers_of_the_table(tmp_path: Path) -> None:
 def test_other_tools_get_the_time_of_the_plain_loop_over_the_speed_up(tmp_path: Path) -> None:
     file = stored(tmp_path)
     times = [result.step_ns for result in results_of(file)]
-    action = json.loads(exports.as_github_action_benchmark(set_read(file)))
+    action = json.loads(exports.as_github_action_benchmark(read(file)))
     assert [entry["value"] for entry in action] == times
-    bencher = json.loads(exports.as_bencher(set_read(file)))
-    assert [measures["latency"]["value"] for measures in bencher.values()] == times
-    _, row = csv.reader(exports.as_otava(set_read(file)).splitlines())
-    assert [float(cell) for cell in row[1:]] == times
 
 
 # texts
 
 
 def of_set(file: Path) -> str:
-    results = machines_side_by_side.side_by_side([read(file)])
-    section = machines_side_by_side.section(results)
+    compared = machines.of_runs([read(file)])
+    section = machines.section(compared)
     assert section is not None
-    return "\n".join([*advice_across.cautions(results.advice), terminal.text_of([section])])
+    return "\n".join([*compared.cautions, terminal.text_of([section])])
 
 
 TEXTS: dict[str, Callable[[Path], str]] = {
@@ -260,41 +226,17 @@ def test_rows_documents_and_other_tools_say_what_disturbed_a_run(tmp_path: Path)
     document = json.loads(invoked("show", file, "--json", "-"))
     assert all(result["disturbances"] == [clause] for result in document["results"])
     assert not any(advice["is_certain"] for advice in document["advice"])
-    action = json.loads(exports.as_github_action_benchmark(set_read(file)))
+    action = json.loads(exports.as_github_action_benchmark(read(file)))
     assert {entry["extra"] for entry in action} == {f"Disturbed: {clause}. Measure again."}
-    for form in ("csv", "bencher", "otava", "junit"):
-        done = CliRunner().invoke(cli, ["report", str(file), "--format", form])
+    for form in ("csv", "junit"):
+        done = CliRunner().invoke(cli, ["show", str(file), "--format", form])
         assert f"m: Disturbed: {clause}" in done.stderr
 
 
 def test_a_difference_to_a_disturbed_run_says_so_first(tmp_path: Path) -> None:
     old, new = stored(tmp_path / "old"), stored(tmp_path / "new", cores=1.2)
-    assert invoked("diff", old, new).lstrip().startswith("m: NEW: threads had 1.20 of 2 cores\n")
-
-
-# files of earlier versions
-
-
-@pytest.mark.usefixtures("needs_the_report_extra")
-@pytest.mark.parametrize("output", [name for name in TEXTS if name != "side by side"])
-def test_a_former_run_is_shown_and_said_to_be_one(output: str, tmp_path: Path) -> None:
-    text = TEXTS[output](former(tmp_path))
-    assert "Timed by an earlier version of mjbench, in one process" in text
-    assert "✓" not in text
-    assert "2.00" in text
-
-
-def test_a_former_run_is_one_in_rows_differences_and_sets(tmp_path: Path) -> None:
-    file = former(tmp_path)
-    rows = mjbench.load(file)
-    assert {row["is_former"] for row in rows} == {True}
-    assert [row["speedup.estimate"] for row in rows] == pytest.approx([1.0, 2.0])
-    assert {row["speedup.low"] for row in rows} == {None}
-    difference = invoked("diff", file, file)
-    assert difference.lstrip().startswith("m: OLD: timed by an earlier version of mjbench\n")
-    assert re.search(r"rollout .* 1\.000 +inconclusive$", difference, flags=re.M), (
-        "it has no interval"
+    assert (
+        invoked("show", new, "--against", old)
+        .lstrip()
+        .startswith("m: NEW: threads had 1.20 of 2 cores\n")
     )
-    other = run_file(tmp_path / "b", LAPTOP, *compared(raced()))
-    shown = invoked("show", set_of(tmp_path / "all.jsonl", [file, other]))
-    assert "timed by an earlier version of mjbench" in shown

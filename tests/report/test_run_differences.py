@@ -8,7 +8,7 @@ from example_records import measurement
 
 from mjbench.host import machine
 from mjbench.paths.accelerated import CPU
-from mjbench.report.run_differences import RunDifference, run_differences
+from mjbench.report.run_differences import RunDifference, differences
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run, RunHeader
@@ -23,7 +23,7 @@ def run(jax: str = "1", **fields: Any) -> Run:
 
 
 def difference(old: Run, new: Run, across: bool = False) -> RunDifference:
-    (row,) = run_differences([old], [new], across)
+    (row,) = differences(old, new, across)
     return row
 
 
@@ -50,5 +50,5 @@ def test_other_work_is_never_compared() -> None:
 
 
 def test_rows_that_only_one_run_has_are_left_out() -> None:
-    assert run_differences([run()], [run(path="mjx64")], across=True) == []
-    assert run_differences([run()], [run(status=Status.FAILED)], across=True) == []
+    assert differences(run(), run(path="mjx64"), across=True) == []
+    assert differences(run(), run(status=Status.FAILED), across=True) == []

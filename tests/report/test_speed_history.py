@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-import pytest
 from speed_histories import COUNTED, COUNTS, STEP, VERSIONS, history, record
 
 from benchmarks.history import speed_history
-from benchmarks.history.speed_history import Listed, SpeedHistory
+from benchmarks.history.speed_history import SpeedHistory
 from benchmarks.history.speed_series import SpeedSeries
-from mjbench.counts.records import CodeChange, CodeShare
 from mjbench.paired.outcomes import Cause
 from mjbench.status import Status
 
@@ -33,18 +31,6 @@ def test_a_change_point_with_other_work_is_due_to_work() -> None:
     (listed,) = listed_in(speed_history.from_records(records))
     assert listed.cause == Cause.WORK
     assert listed.work_changes[0] == "contacts 5 → 1"
-
-
-@pytest.mark.parametrize(
-    ("change", "cause"), [(CodeChange.OFFSETS, Cause.UNDECIDED), (CodeChange.CHANGED, Cause.CODE)]
-)
-def test_the_same_machine_code_is_no_cause(change: CodeChange, cause: Cause) -> None:
-    counts = replace(
-        COUNTS, code={CodeChange.IDENTICAL: CodeShare(9, 0.9), change: CodeShare(1, 0.1)}
-    )
-    (listed,) = listed_in(SpeedHistory([STEP], counts={("pile", "1.5", "1.6"): counts}))
-    assert listed.cause == cause
-    assert listed.has_same_code == (cause == Cause.UNDECIDED)
 
 
 def test_a_change_whose_work_or_placement_is_not_known_is_undecided() -> None:

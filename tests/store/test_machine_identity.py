@@ -5,12 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mjbench.host.machine import Machine
-from mjbench.store.machine_identity import (
-    RunSoftware,
-    identify,
-    short_cpu_name,
-    software_names,
-)
+from mjbench.store.machine_identity import identify, short_cpu_name
 
 EPYC = Machine(
     cpu="AMD EPYC 7763 64-Core Processor",
@@ -68,30 +63,14 @@ def test_a_label_decides_whatever_the_host() -> None:
     assert names(a, b, other) == ["runner", "runner", "other"]
 
 
+def test_a_run_without_a_label_is_of_another_machine_than_one_with() -> None:
+    labelled = replace(EPYC, label="lab", host="a1")
+    assert names(replace(labelled, label=""), labelled) == ["AMD EPYC 7763", "lab"]
+
+
 def test_without_labels_the_host_decides() -> None:
     hosts = [replace(EPYC, host=host) for host in ("b2", "a1", "b2")]
     assert names(*hosts) == ["AMD EPYC 7763 A", "AMD EPYC 7763 B", "AMD EPYC 7763 A"]
-
-
-def test_a_run_without_a_label_is_of_the_machine_that_has_one_elsewhere() -> None:
-    labelled = replace(EPYC, label="lab", host="a1")
-    assert names(replace(labelled, label=""), labelled) == ["lab", "lab"]
-    # two labels on one host: it may be either
-    two = [labelled, replace(labelled, label="lab 2"), replace(labelled, label="")]
-    assert names(*two) == ["lab", "lab 2", "AMD EPYC 7763"]
-
-
-def test_an_older_run_is_of_the_only_machine_of_its_kind() -> None:
-    known, other = (replace(EPYC, host=host) for host in ("a1", "b2"))
-    assert len(set(identify([EPYC, known, EPYC]))) == 1
-    assert names(EPYC, known, other) == [
-        "AMD EPYC 7763, host unknown",
-        "AMD EPYC 7763 A",
-        "AMD EPYC 7763 B",
-    ]
-    # the same machine, once with a label and once without
-    labelled = replace(known, label="lab")
-    assert names(EPYC, known, labelled) == ["lab"] * 3
 
 
 # names
@@ -124,23 +103,3 @@ def test_many_hosts_have_letters() -> None:
 )
 def test_names_of_processors_are_short(cpu: str, short: str) -> None:
     assert short_cpu_name(cpu) == short
-
-
-# software
-
-
-def test_software_is_told_apart_by_what_differs() -> None:
-    one, other, third = (
-        RunSoftware.of(replace(EPYC, **change))
-        for change in (
-            {},
-            {"versions": {"mujoco": "3.17.0"}},
-            {"versions": {"mujoco": "4.0.0"}, "flags": {"LD_PRELOAD": "x.so"}},
-        )
-    )
-    assert software_names([one, one]) == {one: ""}
-    assert software_names([one, other, third]) == {
-        one: "mujoco 4.0.0, no LD_PRELOAD",
-        other: "mujoco 3.17.0, no LD_PRELOAD",
-        third: "mujoco 4.0.0, LD_PRELOAD x.so",
-    }

@@ -9,21 +9,20 @@ This module runs in the user's program, in any environment: it needs the standar
 `mjbench.program.call_times` reads the files.
 """
 
-import contextlib
 import itertools
 import json
 import mmap
 import os
 import struct
 import sys
-import sysconfig
 import time
 from _thread import get_ident
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import FrameType
 from typing import Any
 
-from .replaced import named_like
+from . import file_owners
+from .replaced import named_like, suppress
 from .step_file import map_file
 
 # A slot: calls, their ns, calls while steps were timed, their ns, when the first began and the last
@@ -35,7 +34,7 @@ MAX_SLOTS = 2048
 MEMORY = struct.Struct("<2q")
 # Behind it: when a program of MJX first called a compiled function, or compiled a large one.
 FIRST_COMPILED = struct.Struct("<q")
-# Lines on the stack that are noted, innermost first; Python's own modules are left out.
+# Lines on the stack that are noted, innermost first; those of Python and mjbench are left out.
 MAX_STACK = 60
 # The function of this module begins a process; what is below it on a stack belongs to its parent.
 _PROCESS_MODULE, _PROCESS_FUNCTION = "multiprocessing/process.py", "_bootstrap"
@@ -80,7 +79,6 @@ CALLBACKS = (
     "mjcb_act_gain",
     "mjcb_act_bias",
 )
-_HERE = os.path.dirname(os.path.abspath(__file__))
 
 
 class CallClock:
@@ -90,10 +88,6 @@ class CallClock:
         self._folder, self._now_ns = folder, now_ns
         self.is_own: dict[str, bool] = {}
         self.before_steps: Callable[[], None] = lambda: None  # called before a call that steps
-        self._standard = tuple(
-            {os.path.realpath(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")}
-            | {sysconfig.get_path(name) for name in ("stdlib", "platstdlib")}
-        )
         self.begin_process()
 
     def begin_process(self) -> None:
@@ -108,7 +102,7 @@ class CallClock:
         self.inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self.is_observing = True  # until the first step, all is seen
         path = os.path.join(self._folder, f"{os.getpid()}.calls")
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             self._map = map_file(path, SLOT.size * MAX_SLOTS)
             self._names = f"{path[:-6]}.sites"
             self._write_line("")
@@ -196,7 +190,7 @@ class CallClock:
             if _begins_process(frame):
                 frame = None
                 break
-            if of_package is None and "-packages" in file:
+            if of_package is None and file_owners.is_of_program(file):
                 of_package = frame
             frame = frame.f_back
         frame = frame or of_package
@@ -250,7 +244,7 @@ class CallClock:
         It does not stay open: the program may close what it has not opened itself, and its own
         files then get the same numbers.
         """
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             flags = os.O_WRONLY | os.O_CREAT | (os.O_APPEND if line else os.O_TRUNC)
             descriptor = os.open(self._names, flags, 0o600)
             try:
@@ -259,27 +253,22 @@ class CallClock:
                 os.close(descriptor)
 
     def _lines(self, frame: FrameType | None) -> Iterator[FrameType]:
-        """Yield the frames of a process on a stack, innermost first, but Python's own."""
+        """Yield the frames of a process on a stack, innermost first, but Python's and mjbench's."""
         count = 0
         while frame is not None and count < MAX_STACK:
             file = frame.f_code.co_filename
             if _begins_process(frame):
                 return
-            if self.owns(file) or "-packages" in file:
+            if file_owners.is_of_program(file):
                 yield frame
                 count += 1
             frame = frame.f_back
 
     def owns(self, file: str) -> bool:
-        """Return whether a file is the user's own: not Python's, and of no installed package."""
+        """Return whether a file is the user's own; `is_own` may say so of another."""
         own = self.is_own.get(file)
         if own is None:
-            own = not (
-                file.startswith(("<", _HERE, *self._standard))
-                or "site-packages" in file
-                or "dist-packages" in file
-            )
-            self.is_own[file] = own
+            own = self.is_own[file] = file_owners.is_own(file)
         return own
 
     def slow(
@@ -297,12 +286,12 @@ class CallClock:
             thread = get_ident()
             if thread in self.inside:
                 return function(*args, **kwargs)
-            self.inside.add(thread)
             if before is not None:
-                with contextlib.suppress(Exception):
+                with suppress(Exception):
                     before(args)
             if steps is not None:
                 self.before_steps()
+            self.inside.add(thread)
             begin_ns = now_ns()
             result = None
             try:
@@ -314,7 +303,7 @@ class CallClock:
                 counts: tuple[int, int] = (0, 0)
                 details: Sequence[Any] = ()
                 frame = sys._getframe(1)
-                with contextlib.suppress(Exception):
+                with suppress(Exception):
                     counts = steps(args, kwargs, result) if steps is not None else counts
                     details = detail(args, frame) if detail is not None else details
                 self.add(callee, frame, begin_ns, end_ns, *counts, detail=details)

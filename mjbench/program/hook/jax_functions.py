@@ -4,7 +4,6 @@ JAX itself says how long it traces and compiles. The other calls are timed in bu
 Only what `jax.jit` returns to the user's own code is replaced, not what packages compile.
 """
 
-import contextlib
 import os
 import sys
 import time
@@ -15,7 +14,7 @@ from typing import Any
 
 from .bursts import CallBursts, cold_cost_ns
 from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, TRACE, TRANSFER, CallClock
-from .replaced import named_like
+from .replaced import named_like, suppress
 
 # What JAX calls its events, and the callee that each belongs to.
 _EVENTS = {
@@ -87,7 +86,7 @@ class JaxFunctions:
     def _replace(self, owner: Any, name: str, callee: str) -> None:
         original = getattr(owner, name, None)
         if original is not None:
-            with contextlib.suppress(AttributeError, TypeError):
+            with suppress(AttributeError, TypeError):
                 setattr(owner, name, self._timed(original, callee))
 
     def _to_host(self, function: Any, array_type: type) -> Any:

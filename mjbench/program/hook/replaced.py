@@ -1,12 +1,50 @@
-"""How functions of the user's modules are replaced, once a module is imported."""
+"""How functions of the user's modules are replaced, once a module is imported.
 
+What goes wrong in the clocks does not reach the program; what its signal handlers raise does.
+"""
+
+import contextlib
 import importlib
 import importlib.abc
 import importlib.machinery
 import sys
 from collections.abc import Callable
-from types import MethodType, ModuleType
+from types import MethodType, ModuleType, TracebackType
 from typing import Any
+
+
+class suppress(contextlib.suppress):  # noqa: N801 - as that of Python
+    """Suppress errors of the block, but none of a signal handler that runs meanwhile.
+
+    Python runs handlers of the program between any two instructions, and those of an alarm may
+    raise TimeoutError, for example.
+    """
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        frames: TracebackType | None,
+    ) -> bool:
+        return super().__exit__(kind, error, frames) and not is_of_signal(frames)
+
+
+def is_of_signal(frames: TracebackType | None) -> bool:
+    """Return whether an error comes from a signal handler of the program."""
+    import signal
+
+    handlers = [signal.getsignal(number) for number in signal.valid_signals()]
+    codes = [_code_of(handler) for handler in handlers if callable(handler)]
+    while frames is not None:
+        if frames.tb_frame.f_code in codes:
+            return True
+        frames = frames.tb_next
+    return False
+
+
+def _code_of(handler: Any) -> Any:
+    function = getattr(handler, "func", handler)  # of `functools.partial`
+    return getattr(function, "__code__", getattr(type(function).__call__, "__code__", None))
 
 
 def named_like(function: Any, replacement: Any) -> Any:
@@ -83,6 +121,8 @@ def _call_after(
             if action is not None:
                 action(module)
         except Exception as error:
+            if is_of_signal(error.__traceback__):
+                raise
             print(f"mjbench: calls of {name} are not timed: {error}", file=sys.stderr)
 
     try:

@@ -2,16 +2,13 @@
 
 It starts the clocks, and then imports the `sitecustomize` that Python would have found
 otherwise. Whatever goes wrong here must not reach the program.
-
-`python sitecustomize.py SOURCE PROGRAM [ARGS]…` runs a program from another file, once the clocks
-run. The program sees its own name, folder and arguments, as if it were run itself.
 """
 
 import importlib
 import importlib.util
 import os
+import signal
 import sys
-from typing import Any
 
 
 def _start() -> None:
@@ -26,7 +23,7 @@ def _start() -> None:
         assert spec is not None and spec.loader is not None, "it is a package"
         sys.modules["mjbench_hook"] = importlib.util.module_from_spec(spec)
         start = importlib.import_module("mjbench_hook.start").start
-        start(folder, os.environ.get("MJBENCH_CHANGE", ""))
+        start(folder)
 
 
 def _import_next() -> None:
@@ -40,24 +37,14 @@ def _import_next() -> None:
             sys.modules["sitecustomize"] = own
 
 
-def _run_source() -> None:
-    source, program, *arguments = sys.argv[1:]
-    sys.argv[:] = [program, *arguments]
-    sys.path[0] = os.path.dirname(os.path.abspath(program))
-    with open(source, "rb") as file:
-        code = compile(file.read(), program, "exec")
-    names: dict[str, Any] = sys.modules["__main__"].__dict__
-    for name in [name for name in names if not name.startswith("__")]:
-        del names[name]
-    names.update(__file__=program, __doc__=None)
-    exec(code, names)
-
-
 if __name__ == "sitecustomize":
+    handler = signal.getsignal(signal.SIGINT)
     try:
+        if handler is signal.default_int_handler:  # Ctrl-C ends the process without a traceback
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
         _start()
     except Exception as error:
         print(f"mjbench: steps are not timed: {error}", file=sys.stderr)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, handler)
     _import_next()
-elif __name__ == "__main__":
-    _run_source()

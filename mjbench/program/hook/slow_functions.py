@@ -1,6 +1,5 @@
 """Functions of MuJoCo that take much longer than a step: each call is timed."""
 
-import contextlib
 import os
 import sys
 import time
@@ -19,7 +18,7 @@ from .call_clock import (
     THREADED_ROLLOUT,
     CallClock,
 )
-from .replaced import named_like
+from .replaced import named_like, suppress
 from .watch import Watch
 
 # Methods: class of the module `mujoco`, method, callee.
@@ -74,7 +73,7 @@ class SlowFunctions:
             return
         before = self._keep_copied if callee in COPIES_OF_DATA else None
         detail = self._look_at_renderer if callee == "Renderer" else None
-        with contextlib.suppress(AttributeError, TypeError):
+        with suppress(AttributeError, TypeError):
             timed = self._calls.slow(original, callee, before=before, detail=detail)
             setattr(owner, method, kind(timed))
 
@@ -170,7 +169,7 @@ def _draws_in_software() -> bool:
     import ctypes
 
     for library in _GL_LIBRARIES:
-        with contextlib.suppress(OSError, AttributeError):
+        with suppress(OSError, AttributeError):
             loaded = ctypes.CDLL(library, mode=os.RTLD_NOLOAD | os.RTLD_LAZY)
             loaded.glGetString.restype = ctypes.c_char_p
             name = (loaded.glGetString(_GL_RENDERER) or b"").decode(errors="replace").lower()

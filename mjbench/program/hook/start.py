@@ -14,6 +14,7 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
+from . import file_owners, step_file
 from .call_clock import CallClock
 from .jax_functions import JaxFunctions
 from .replaced import AfterImport, named_like
@@ -28,19 +29,20 @@ _ENVIRONMENTS = (
     ("dm_control.composer.environment", "Environment", "step"),
     ("robosuite.environments.base", "MujocoEnv", "step"),
 )
-_HERE = os.path.dirname(os.path.abspath(__file__))
 # Of the file in which a crash is noted.
 _HIGH_DESCRIPTOR = 500
 
 
-def start(folder: str, change: str = "") -> None:
+def start(folder: str) -> None:
     calls = CallClock(folder)
     watch = Watch(folder, calls)
-    steps, slow, of_jax = (
-        StepClock(folder, calls, watch, change),
-        SlowFunctions(calls, watch),
-        JaxFunctions(calls),
-    )
+    try:
+        steps = StepClock(folder, calls, watch)
+    except OSError:
+        if os.path.exists(step_file.path_of(folder)):
+            return  # it is empty, for want of space, and the report says so
+        raise
+    slow, of_jax = SlowFunctions(calls, watch), JaxFunctions(calls)
 
     def install(module: ModuleType) -> None:
         steps.install(module)
@@ -71,7 +73,7 @@ def start(folder: str, change: str = "") -> None:
         actions[module_name] = environment(class_name, method)
     sys.meta_path.insert(0, AfterImport(actions))
     gc.callbacks.append(steps.collections.callback)
-    _hide_clocks()
+    _hide_clocks(folder)
     if not faulthandler.is_enabled():
         _note_crashes(os.path.join(folder, f"{os.getpid()}.fault"))
     _follow_forks(begin_process)
@@ -131,12 +133,15 @@ def _note_crashes(path: str) -> None:
     faulthandler.is_enabled = named_like(is_enabled, lambda: False)
 
 
-def _hide_clocks() -> None:
-    """Let what an uncaught exception prints leave out the clock's own frames."""
+def _hide_clocks(folder: str) -> None:
+    """Let what an uncaught exception prints leave out the clock's own frames, and note it."""
     earlier = sys.excepthook
 
     def report(kind: type[BaseException], error: BaseException, frames: Any) -> None:
-        earlier(kind, error, _without_own(frames))
+        frames = _without_own(frames)
+        with contextlib.suppress(Exception):  # the disk is full, or its own `__str__` raises
+            _note_exception(os.path.join(folder, f"{os.getpid()}.exception"), error, frames)
+        earlier(kind, error, frames)
 
     sys.excepthook = report
     import threading
@@ -155,10 +160,22 @@ def _hide_clocks() -> None:
     threading.excepthook = report_of_thread
 
 
+def _note_exception(path: str, error: BaseException, frames: Any) -> None:
+    """Write an exception in a line, and its frames, innermost first, as a crash leaves them."""
+    lines: list[str] = []
+    while frames is not None:
+        code = frames.tb_frame.f_code
+        lines.insert(0, f'File "{code.co_filename}", line {frames.tb_lineno} in {code.co_name}')
+        frames = frames.tb_next
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    with open(path, "w", encoding="utf-8", errors="backslashreplace") as file:
+        file.write("\n".join([text, *lines]))
+
+
 def _without_own(frames: Any) -> Any:
     rest = []
     while frames is not None:
-        if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
+        if not file_owners.is_of_clocks(frames.tb_frame.f_code.co_filename):
             rest.append(frames)
         frames = frames.tb_next
     following = None

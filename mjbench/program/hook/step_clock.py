@@ -11,7 +11,6 @@ that would cost too much, it takes its functions away until the program resets a
 `step_file` has the format of the files.
 """
 
-import gc
 import os
 import sys
 import time
@@ -28,9 +27,6 @@ from .other_functions import OtherFunctions
 from .replaced import engine_function, named_like
 from .step_file import BURST, ITERATION, STEP, StepFile
 from .watch import Watch, write_engine
-
-# What `mjbench run --confirm` has the clock change, to see what it saves.
-NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
 
 # Bursts from which the cost of a timed call is learned, and times the calibrated cost at most.
 _MOST_COSTS, _MOST_COST = 15, 5
@@ -50,12 +46,11 @@ class StepClock:
         folder: str,
         calls: CallClock,
         watch: Watch,
-        change: str = "",
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Begin the process's file; `change` is `NO_ENGINE_CLOCK`, `NO_COLLECTION` or empty."""
-        self._folder, self._change = folder, change
+        """Begin the process's file."""
+        self._folder = folder
         self._now_ns, self._pacer = now_ns, Pacer(now_ns, processor_ns)
         self._file, self._calls, self._watch = StepFile(folder), calls, watch
         self.collections = CollectionClock(now_ns)
@@ -119,11 +114,6 @@ class StepClock:
         """Replace the engine's functions in the module `mujoco`, which was just imported."""
         self._module = module
         write_engine(self._folder, module)
-        if self._change == NO_ENGINE_CLOCK:
-            from mjbench.simulation.engine_clock import engine_clock
-
-            engine_clock(False)
-            self._note_change()
         for name in STEPS:
             self._originals[name] = getattr(module, name)
             self._timed[name] = self._timing(self._originals[name], name)
@@ -146,10 +136,6 @@ class StepClock:
         """Note whether steps are timed from now on; write what was timed."""
         self._latest_burst = self._burst.write() or self._latest_burst
         self._calls.is_observing = is_observing
-
-    def _note_change(self) -> None:
-        with open(os.path.join(self._folder, self._change), "w", encoding="utf-8"):
-            pass
 
     def _timing(self, function: Any, name: str) -> Any:
         """Return what stands for a function of the engine: it notes when it begins and ends.
@@ -218,11 +204,6 @@ class StepClock:
             self._first_ns = self._burst_begin_ns
             self.collections.begin(self._file.write_collections)
             self._write_header()
-            if self._change == NO_COLLECTION:
-                gc.collect()
-                gc.freeze()
-                gc.disable()
-                self._note_change()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
     def _pass_on(self, passed: int, since_ns: int, until_ns: int) -> None:

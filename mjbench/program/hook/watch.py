@@ -1,6 +1,5 @@
 """What only a run shows: warnings, shared simulations, memory, and states of the models."""
 
-import contextlib
 import json
 import mmap
 import os
@@ -12,7 +11,7 @@ from types import FrameType, ModuleType
 from typing import Any
 
 from .call_clock import COPIED_ENVIRONMENT, HALVES, IN_TURN, SHARED_DATA, WARNING, CallClock
-from .replaced import named_like
+from .replaced import named_like, suppress
 
 # States of a model that are noted, to measure other calls on; models, and bytes of one.
 MAX_STATES, MAX_MODELS, MAX_MODEL_BYTES = 8, 4, 64 << 20
@@ -69,7 +68,7 @@ class Watch:
         def note(environment: Any, state: Any) -> None:
             set_state(environment, state)
             frame = sys._getframe(1)
-            with contextlib.suppress(Exception):  # `data` is code of the user's
+            with suppress(Exception):  # `data` is code of the user's
                 if frame.f_globals.get("__name__") == "copy":
                     original = getattr(frame.f_locals.get("x"), "data", None)
                     if getattr(original, "time", 0.0) > 0.0:
@@ -92,7 +91,7 @@ class Watch:
 
     def look(self, model: Any, data: Any, frame: FrameType | None, now_ns: int) -> None:
         """Look at a simulation after a burst of steps, and at the process from time to time."""
-        with contextlib.suppress(Exception):
+        with suppress(Exception):
             self.look_for_warnings(data, frame, now_ns)
             if now_ns >= self.next_look_ns:
                 self.next_look_ns = now_ns + LOOK_NS
@@ -103,7 +102,7 @@ class Watch:
 
     def look_for_halves(self, model: Any, frame: FrameType | None) -> bool:
         """Note, and return, whether halves of a step run a model that asks for Runge-Kutta."""
-        with contextlib.suppress(Exception):
+        with suppress(Exception):
             module = sys.modules["mujoco"]
             if model.opt.integrator == int(module.mjtIntegrator.mjINT_RK4):
                 now_ns = self._now_ns()
@@ -190,5 +189,5 @@ def write_engine(folder: str, module: ModuleType) -> None:
         "timers": names,
         "warnings": {int(value): name.removeprefix("mjWARN_") for name, value in warnings.items()},
     }
-    with contextlib.suppress(OSError):  # the names are missing then
+    with suppress(OSError):  # the names are missing then
         _write_whole(os.path.join(folder, "engine.json"), json.dumps(engine).encode())

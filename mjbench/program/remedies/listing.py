@@ -13,9 +13,9 @@ from dataclasses import replace
 from mjbench.errors import InputError
 from mjbench.loop import lint
 from mjbench.loop.lint import Finding
-from mjbench.program.activities import STANDARD_LIBRARY, WAITING, Activity, Place
+from mjbench.program.activities import WAITING, Activity, Place
 from mjbench.program.call_times import CallTime, Incident
-from mjbench.program.hook import call_clock
+from mjbench.program.hook import call_clock, file_owners
 from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime, shares_of
 from mjbench.program.remedies import line_remedies, loop_remedies
 from mjbench.program.remedies.call_remedies import CALL_REMEDIES
@@ -23,7 +23,6 @@ from mjbench.program.remedies.call_savings import CallRemedy, CallsInLoop, count
 from mjbench.program.remedies.loop_remedies import ADVICE, of_samples
 from mjbench.program.remedies.remedy import LEAST_GAIN, Remedy, RemedyKind
 from mjbench.program.remedies.trials import MeasuredRatios, Trial
-from mjbench.program.step_times import StepTimes
 
 # A line that is one call.
 _ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)(\s*#.*)?$")
@@ -32,7 +31,7 @@ _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
 )
 # Activities that are changed line by line; each of the others is one thing to change.
-_OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
+_OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
 # Of calls whose line does little else.
 _WITH_THEIR_LINE = (Activity.COPYING, Activity.STARTING)
 
@@ -96,22 +95,9 @@ def remedies(
     return sorted(worthwhile, key=lambda remedy: remedy.rank)
 
 
-def copies(steps: Sequence[StepTimes], cores: int) -> Remedy | None:
-    """Return what to do with cores that the program leaves idle; None where it uses several."""
-    if cores < 2 or sum(each.step is not None for each in steps) != 1:
-        return None
-    text = f"run {cores} processes at once, such as environments of a vectorised one"
-    bound = 1 - 1 / cores
-    return Remedy(RemedyKind.COPIES, Activity.PHYSICS, None, text, bound, None)
-
-
 def first(listed: Sequence[Remedy]) -> Remedy | None:
-    """Return the most important remedy that is certain: not by chance, and not refuted.
-
-    Copies of the program are none: they do more, and each no faster.
-    """
-    certain = (each for each in listed if each.is_certain and each.kind != RemedyKind.COPIES)
-    return next(certain, None)
+    """Return the most important remedy that is more than chance."""
+    return next((each for each in listed if each.is_certain), None)
 
 
 def _savings(
@@ -280,7 +266,7 @@ def _of_line(
         )
         share -= gain
     text = ADVICE[activity]
-    if line.package and line.package not in (STANDARD_LIBRARY, "numpy"):
+    if line.package and line.package not in (file_owners.STANDARD_LIBRARY, "numpy"):
         text = f"time in {line.package}"
         if Activity.PHYSICS in line.activities:
             text = f"{text} beside physics; `mjbench env` takes an environment apart"

@@ -26,7 +26,6 @@ ADVICE: Mapping[Activity, str] = {
     Activity.PYTHON: "do less in Python here: compute with whole arrays, or less often",
     Activity.BINDINGS: "look names up, and take views of the engine's arrays, once before the loop",
     Activity.NUMPY: "compute less often, or on fewer and larger arrays",
-    Activity.ALLOCATION: "write into slices of an array that was created before the loop",
     Activity.POLICY: "the policy takes this long: batch its inputs, or use a smaller one",
     Activity.RENDERING: "render fewer frames, or smaller ones; EGL on a GPU is fastest",
     Activity.LOGGING: "write less often, and more at a time",
@@ -131,16 +130,15 @@ def of_timer(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
     has_callbacks = any(call.is_callback for call in loop.calls)
     share = share_with_python(loop, steps_of(loop.calls))
     ratio = measured.ratios.get(_timer_trial(loop)) if share else None
-    gain = loop.engine_clock if ratio is None else ratio.saved * share
-    if gain >= engine_clock.MIN_GAIN:
+    if ratio is not None and (gain := ratio.saved * share) >= engine_clock.MIN_GAIN:
         yield Remedy(
             RemedyKind.CLOCK,
             Activity.PHYSICS,
             None,
             _CLOCK_ADVICE + (_BEFORE_CALLBACKS if has_callbacks else ""),
             gain,
-            loop.error(gain) if ratio is None else gain * ratio.relative_error,
-            basis=Basis.BOUND if ratio is None else Basis.PAIRED,
+            gain * ratio.relative_error,
+            basis=Basis.PAIRED,
             share=share,
             effect="nothing but mjData.timer, which stays empty",
         )

@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from mjbench.bounds import AnyFloat, NonNegativeInt
+from mjbench.bounds import AnyFloat
 from mjbench.measuring.ratio import Ratio
 from mjbench.program.activities import Activity, Place
 
@@ -23,8 +23,6 @@ class RemedyKind(enum.StrEnum):
     """A step reads the timer of MuJoCo's Python package."""
     COLLECTION = "garbage collection"
     ACTIVITY = "activity"
-    COPIES = "copies"
-    """How many copies of the program run at once; not listed before it is measured."""
 
 
 # Kinds of which only a share is known, and half of it is likely to be saved.
@@ -54,8 +52,6 @@ class Remedy:
       gain: share of the loop's time that it saves; None for a wrong result.
       gain_error: standard error of that share.
       code: of the lint rule that it follows; "" for none.
-      confirmed: the share that it saved when the program ran again with and without it, and its
-        error; None where that was not tried.
       basis: where the gain comes from.
       share: of the loop's time that the calls or lines take now; None for a wrong result.
       effect: what it changes in results.
@@ -68,26 +64,21 @@ class Remedy:
     gain: AnyFloat | None
     gain_error: AnyFloat | None
     code: str = ""
-    confirmed: "Confirmed | None" = None
     basis: Basis = Basis.BOUND
     share: AnyFloat | None = None
     effect: str = ""
 
     @property
     def is_certain(self) -> bool:
-        """Whether it is more than chance; where it was tried, whether it helped."""
-        if self.confirmed is not None:
-            return self.confirmed.is_certain
+        """Whether it is more than chance."""
         return self.gain is None or self.gain > 2 * (self.gain_error or 0.0)
 
     @property
     def share_saved(self) -> Ratio | None:
         """The share of the loop's time that it saves, of at most 1; None where it is not known."""
-        if (confirmed := self.confirmed) is not None:
-            gain = Ratio(confirmed.gain, confirmed.low, confirmed.high)
-        elif self.gain is None:
+        if self.gain is None:
             return None
-        elif self.gain_error is None:
+        if self.gain_error is None:
             gain = Ratio(self.gain, None, None)
         else:
             reach = 2 * self.gain_error
@@ -99,33 +90,8 @@ class Remedy:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Where it stands: wrong results, then by gain; last what did not help when tried."""
+        """Where it stands: wrong results, then by gain."""
         if self.gain is None:
             return 0, 0.0
-        if self.kind == RemedyKind.COPIES:  # it makes no copy faster
-            return 3, 0.0
-        if self.confirmed is None:
-            is_vague = self.basis == Basis.BOUND and self.kind in _OF_SAMPLES
-            return 1, -self.gain / 2 if is_vague else -self.gain
-        return (1, -self.confirmed.gain) if self.confirmed.is_certain else (2, -self.gain)
-
-
-@dataclass(frozen=True)
-class Confirmed:
-    """What a remedy saved in runs of the program with and without it.
-
-    Attributes:
-      gain: share of a step's time; negative where it is slower.
-      low: lower end of its interval, of 95 %.
-      high: upper end.
-      runs: of each kind.
-    """
-
-    gain: AnyFloat
-    low: AnyFloat
-    high: AnyFloat
-    runs: NonNegativeInt
-
-    @property
-    def is_certain(self) -> bool:
-        return self.low > 0
+        is_vague = self.basis == Basis.BOUND and self.kind in _OF_SAMPLES
+        return 1, -self.gain / 2 if is_vague else -self.gain

@@ -118,7 +118,7 @@ def test_wrong_results_that_only_one_of_them_sees_are_not_right() -> None:
 
 def test_of_a_program_the_first_item_is_the_same() -> None:
     begun = replace(BEGUN, kind=TargetKind.PROGRAM)
-    one, other = (Finding("a.py", i, 1, "MJB001", f"fault {i}", None, None) for i in (1, 2))
+    one, other = (Finding("a.py", i, 1, "MJB001", f"fault {i}", None) for i in (1, 2))
     parts = [
         replace(
             CheckedPart(target="a.py", kind=begun.kind, part=CheckupPart.SOURCE), findings=found

@@ -29,6 +29,12 @@ def test_every_command_that_is_listed_has_its_options() -> None:
     assert text.count("Options:") >= len(listed)
 
 
+def test_examples_are_of_committed_runs() -> None:
+    lines = list(reference_pages.record_lines())
+    assert ' "schema": 1,' in lines
+    assert ' "metric": "time",' in lines
+
+
 def test_every_record_of_a_run_file_has_an_example() -> None:
     lines = list(reference_pages.record_lines())
     assert {line for line in lines if line.startswith('{"type"')} == {

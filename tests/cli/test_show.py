@@ -1,0 +1,97 @@
+"""`mjbench show` of several run files: what machines answer, and each run after it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from example_races import compared, raced
+from set_files import labelled, run_file
+from verdict_records import OPEN, SAME, SLOWER, of_model
+
+from mjbench.cli import cli
+
+
+def show(*words: object) -> Result:
+    return CliRunner().invoke(cli, ["show", *map(str, words)])
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[Path]:
+    """Return runs of two machines, with verdicts and a comparison of each."""
+    return [
+        run_file(tmp_path, labelled(name), *records, command=command)
+        for name, command, records in [
+            ("a", "versions", (SLOWER, of_model(OPEN, "n"))),
+            ("b", "versions", (SAME, of_model(OPEN, "n"))),
+            ("a", "compare", compared(raced())),
+            ("b", "compare", compared(raced())),
+        ]
+    ]
+
+
+def test_machines_are_shown_side_by_side_and_then_run_by_run(files: list[Path]) -> None:
+    done = show(*files)
+    assert done.exit_code == 0, done.output
+    lines = done.stdout.splitlines()
+    assert lines[1].startswith("All 4 together: slower in 1 (m)")
+    assert ["question", "a", "b"] in [line.split() for line in lines]
+    assert any("slower on 1 of 2 machines, same on b" in line for line in lines)
+    runs = [line.strip("─ ") for line in lines if line.startswith("─")]
+    assert runs == [
+        "Run 1 of 4: versions on a",
+        "Run 2 of 4: versions on b",
+        "Run 3 of 4: compare on a",
+        "Run 4 of 4: compare on b",
+    ]
+
+
+def test_the_document_has_what_machines_answer(files: list[Path]) -> None:
+    done = show(*files, "--json", "-")
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert [run["name"] for run in document["runs"]] == ["a", "b", "a", "b"]
+    verdicts = [(each["model"], each["machine"], each["verdict"]) for each in document["results"]]
+    assert verdicts[:4] == [
+        ("m", "a", "slower"),
+        ("n", "a", None),
+        ("m", "b", "same"),
+        ("n", "b", None),
+    ]
+    assert {each["question"].rpartition(", ")[2] for each in document["results"][4:]} == {
+        *("open loop", "closed loop")
+    }
+
+
+def test_of_very_many_runs_there_is_a_list(tmp_path: Path) -> None:
+    done = show(*(run_file(tmp_path, labelled(f"m{n}"), SAME) for n in range(21)))
+    assert done.exit_code == 0
+    assert "21 runs: only listed" in done.stderr
+    assert "Run 1 of" not in done.stdout
+
+
+def test_runs_of_one_machine_have_nothing_side_by_side(tmp_path: Path) -> None:
+    done = show(*(run_file(tmp_path, labelled("a"), verdict) for verdict in (SAME, SLOWER)))
+    assert done.exit_code == 0
+    assert "together" not in done.stdout
+    assert "Run 2 of 2" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--against", "OLD"], "--against compares one RUN with OLD"),
+        (["--format", "csv"], "--format csv takes one RUN"),
+    ],
+)
+def test_what_is_of_one_run_is_refused_for_several(
+    files: list[Path], words: list[str], message: str
+) -> None:
+    done = show(*files, *words)
+    assert done.exit_code == 2
+    assert message in done.stderr
+
+
+def test_a_file_that_is_given_twice_is_shown_once(tmp_path: Path) -> None:
+    file = run_file(tmp_path, labelled("a"), SAME)
+    assert show(file, file).stdout == show(file).stdout
