@@ -2,9 +2,9 @@
 
 asv's times are those of one machine on one day. This ratio does not follow the machine's drift, so
 releases that were measured months apart can be compared by it. The reference release is installed
-in mjbench's cache (see mjbench.releases.installs). `mjbench history measure` measures the same, and
-keeps every launch. `setup_cache` imports what measures: asv imports this module where NumPy and
-MuJoCo alone are installed.
+in mjbench's cache (see mjbench.releases.installs). `python -m benchmarks.history measure` measures
+the same, and keeps every launch. `setup_cache` imports what measures: asv imports this module where
+NumPy and MuJoCo alone are installed.
 """
 
 from benchmarks import stored
@@ -15,7 +15,7 @@ from mjbench.simulation import models
 from mjbench.status import Status
 
 # Launches of two processes, in each of which all models are timed: one turn of the schedule of
-# placements. `mjbench history measure` has two to ten turns.
+# placements. `benchmarks.history measure` has two to ten turns.
 LAUNCHES = release_ratios.SCHEDULE_LAUNCHES
 
 

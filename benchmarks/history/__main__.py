@@ -10,7 +10,7 @@ quiet machine. `page` draws docs/history/ and writes docs/history.md from what b
 """
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -101,14 +101,14 @@ def write_page() -> None:
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _main(command: Callable[..., object]) -> ExitCode:
+def _main() -> ExitCode:
     try:
-        command(prog_name="python -m benchmarks.history")
+        history(prog_name="python -m benchmarks.history")
     finally:
         interrupts.disable()
         child.end_descendants()
-    return ExitCode.SUCCESS
+    return ExitCode.OK
 
 
 if __name__ == "__main__":
-    sys.exit(tally_command.run("history", lambda: _main(history), "what was measured is saved"))
+    sys.exit(tally_command.run("history", _main, "what was measured is saved"))

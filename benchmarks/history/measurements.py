@@ -1,6 +1,6 @@
 """What the history measures: times and instructions of one release after the other."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from benchmarks.history import counting, release_ratios, timing
 from benchmarks.history.tasks import Selection
@@ -8,13 +8,21 @@ from mjbench.api.session import Item, Items, Measurement, Observer, input_files,
 from mjbench.counts import records
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError
+from mjbench.host.neighbours import Disturbance
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.starts import DEFAULT_STARTS
-from mjbench.store.runs import Record, record_types
+from mjbench.store.runs import Record
 
-RECORD_TYPES = record_types(
-    release_ratios.StepRatioRecord, release_ratios.OperationRatioRecord, ExplainRecord
-)
+# The records of a run file by their `type`.
+RECORD_TYPES: Mapping[str, type] = {
+    record.record_type: record
+    for record in (
+        release_ratios.StepRatioRecord,
+        release_ratios.OperationRatioRecord,
+        ExplainRecord,
+        Disturbance,
+    )
+}
 
 
 def ratios(selection: Selection) -> Measurement:

@@ -72,8 +72,7 @@ def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
 
 
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
-    releases = [release for release in history.releases() if history.lists(release)]
-    measured = [each for each in series.measured if each.release in releases]
+    releases, measured = history.releases(), series.measured
     reference = series.measured[-1].record.reference
     counts = history.instructions(series.name)
     instructions = [

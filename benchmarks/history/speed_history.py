@@ -1,7 +1,7 @@
 """What happened to speed over the releases, and why: what a page says of it.
 
-All of it comes from ratios to one fixed release (`mjbench history measure`), from counts by
-function (`mjbench history explain`), and from a table of causes that no measurement names.
+All of it comes from ratios to one fixed release (`measure`), from counts by function (`explain`),
+and from a table of causes that no measurement names.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,10 +15,7 @@ from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries, order
 from mjbench.counts.records import ExplainRecord
 from mjbench.host.machine import Machine
 from mjbench.paired.outcomes import Cause
-from mjbench.status import Status
 
-# How a measurement ends that a release crashed, hung or failed in.
-FAILURES = (Status.FAILED, Status.CRASHED, Status.TIMEOUT)
 # By model or operation, old release and new release.
 Counts = Mapping[tuple[str, str, str], ExplainRecord]
 
@@ -31,9 +28,6 @@ class SpeedHistory:
       operations: around the step.
       counts: of instructions by function, of neighbouring releases, on any machine.
       causes: that no measurement names.
-      name: of the machine that steps were measured on.
-      since: the first release whose changes are listed; None for all.
-      failures: records of what a release crashed, hung or failed in.
       operations_machine: that operations were measured on, if it is another one.
     """
 
@@ -41,14 +35,8 @@ class SpeedHistory:
     operations: Sequence[SpeedSeries] = ()
     counts: Counts = field(default_factory=dict)
     causes: Sequence[KnownCause] = ()
-    name: str = ""
     machine: Machine | None = None
-    since: str | None = None
-    failures: Sequence[RatioRecord] = ()
     operations_machine: Machine | None = None
-
-    def lists(self, release: str) -> bool:
-        return self.since is None or order(release) >= order(self.since)
 
     def instructions(self, model: str) -> dict[str, float]:
         """Return the instructions of a step of a model, by release, where they were counted."""
@@ -72,15 +60,13 @@ class SpeedHistory:
 def from_records(
     records: Sequence[object],
     causes: Sequence[KnownCause] = (),
-    name: str = "",
     machine: Machine | None = None,
-    since: str | None = None,
     operations_machine: Machine | None = None,
 ) -> SpeedHistory:
     """Return the history that records of run files hold; see `SpeedHistory` for what they lack.
 
     Args:
-      records: of `history measure` and `history explain`; others are left out.
+      records: of `measure` and `explain`; others are left out.
     """
     ratios = [record for record in records if isinstance(record, RatioRecord)]
     counts = {(r.series, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
@@ -90,17 +76,7 @@ def from_records(
         )
         for is_operation in (False, True)
     )
-    measured = {
-        (series.name, each.release) for series in (*models, *operations) for each in series.measured
-    }
-    failures = [
-        record
-        for record in ratios
-        if record.status in FAILURES and (record.series, record.release) not in measured
-    ]
-    return SpeedHistory(
-        models, operations, counts, causes, name, machine, since, failures, operations_machine
-    )
+    return SpeedHistory(models, operations, counts, causes, machine, operations_machine)
 
 
 def title(record: RatioRecord) -> str:
@@ -160,6 +136,5 @@ def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> 
         for series in all_series
         for point in series.changes.change_points
         for before, after in [series.pair(point.index, point.before)]
-        if history.lists(after.release)
     ]
     return sorted(listed, key=lambda c: (order(c.after.release), -abs(c.point.change)))

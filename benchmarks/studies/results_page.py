@@ -44,10 +44,10 @@ def committed_run() -> "Run":
 
 def committed_history() -> "SpeedHistory":
     """Return the committed history of releases."""
-    from benchmarks.history import files
+    from benchmarks.history import files, known_causes
 
-    files = [f for f in files.run_files(ROOT / "results/history") if "reference-" in f.name]
-    return files.read(files, ROOT / "benchmarks/causes.toml")
+    committed = files.run_files(ROOT / "results/history")
+    return files.read([f for f in committed if "reference-" in f.name], known_causes.FILE)
 
 
 def model_lines(run: "Run") -> Iterator[str]:

@@ -1,19 +1,15 @@
 """Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
-import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mjbench.counts import counted_program
-from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.function_differences import function_differences
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
     ExplainRecord,
-    finished,
 )
 from mjbench.measuring.ratio import Ratio
-from mjbench.measuring.timing import Progress
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paired.verdict import exact_verdict
@@ -25,6 +21,7 @@ from mjbench.status import Status
 
 # Two counts of the same work differ by less, as a share (tests/counts/test_instructions.py).
 REPEATABILITY = 0.001
+
 
 def explain_change(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench import command_names
-from mjbench.counts.records import ExplainRecord
 from mjbench.errors import one_line, printable
 from mjbench.report import formats, kinds, machines
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone

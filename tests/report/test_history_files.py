@@ -18,9 +18,7 @@ STEP = [1.0] * 4 + [1.1] * 4
 
 
 def histories(**ratios: Sequence[float]) -> list[SpeedHistory]:
-    return files.of_runs(
-        [history_run(name, values) for name, values in ratios.items()], None
-    )
+    return files.of_runs([history_run(name, values) for name, values in ratios.items()], None)
 
 
 def test_each_machine_has_a_history_of_its_own() -> None:
@@ -44,17 +42,13 @@ def operations_run(machine: str, cpu: str, ratios: Sequence[float]) -> Run:
 
 
 def test_operations_of_a_machine_without_steps_join_the_histories_that_have_none() -> None:
-    (only,) = files.of_runs(
-        [operations_run("b", "another", STEP), history_run("a", FLAT)], None
-    )
+    (only,) = files.of_runs([operations_run("b", "another", STEP), history_run("a", FLAT)], None)
     assert only.name == "a"
     assert [series.name for series in only.operations] == ["load pile"]
     overview, *_ = page.sections(only)
     assert "(operations on another, " in overview.notes[0]
     own = operations_run("a", labelled("a").cpu, FLAT)
-    each = files.of_runs(
-        [history_run("a", FLAT), own, operations_run("b", "another", STEP)], None
-    )
+    each = files.of_runs([history_run("a", FLAT), own, operations_run("b", "another", STEP)], None)
     assert [one.name for one in each] == ["a"]
     assert each[0].operations_machine is None
     assert not each[0].operations[0].changes.change_points
