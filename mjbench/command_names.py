@@ -39,8 +39,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
 _OF_RESULTS: Mapping[str, str] = {
     "diff": "show --against",
     "explain": "versions --explain",
-    "history": "history measure",
-    "history-explain": "history explain",
     "installs": "releases installs",
     "instructions": "profile --instructions",
     "overhead": "profile --habits",

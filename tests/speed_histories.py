@@ -58,7 +58,7 @@ def history(ratios: Sequence[float]) -> SpeedSeries:
 
 
 def history_run(machine: str, ratios: Sequence[float], model: str = "pile") -> Run:
-    """Return a run of `history measure` on a machine that the user gave a name."""
+    """Return a run of the history on a machine that the user gave a name."""
     header = RunHeader(SCHEMA, "history", labelled(machine), {})
     records = [record(v, r, model) for v, r in zip(VERSIONS, ratios, strict=False)]
     return Run(header, tuple(records))

@@ -1,4 +1,4 @@
-"""What `mjbench history measure` comes to: a row for each release and model or operation."""
+"""What was timed: a row for each release and model or operation."""
 
 import itertools
 from collections.abc import Sequence
@@ -48,7 +48,6 @@ def section(records: Sequence[RatioRecord]) -> Section:
             f"time: of a step or an operation, against MuJoCo {', '.join(references)} (± standard"
             " error), with placement averaged out where the code can be moved; work: against the"
             " same release",
-            "`mjbench history` says in which release speed changed, and why",
         ],
     )
 

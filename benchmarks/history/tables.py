@@ -1,5 +1,6 @@
 """Tables of the changes of speed between releases."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
@@ -8,10 +9,13 @@ from mjbench.counts.records import ExplainRecord
 from mjbench.measuring.ratio import LogEstimate
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable
-from mjbench.report.counts import MAIN_FUNCTIONS
 
-# The smallest change of a function that is named, as a share of the step's instructions.
-_MIN_SHARE = 0.0005
+# The smallest change that has a row: a run beside other work had changes that differ by as much
+# (docs/method/history.md). Plots mark the smaller ones, too.
+MIN_CHANGE = math.log1p(0.05)
+# Functions that are named with a change, and the smallest change of one, as a share of the step's
+# instructions.
+_FUNCTIONS, _MIN_SHARE = 2, 0.0005
 
 
 def step_changes(history: SpeedHistory) -> DataTable:
@@ -27,7 +31,7 @@ def operation_changes(history: SpeedHistory) -> DataTable:
 def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTable:
     return DataTable.of(
         heading,
-        listed,
+        [each for each in listed if abs(each.point.change) >= MIN_CHANGE],
         (Column("releases"), lambda each: f"{each.before.release} → {each.after.release}"),
         (Column(noun), lambda each: each.title),
         (
@@ -66,6 +70,6 @@ def _functions(counts: ExplainRecord | None) -> str:
         return ""
     return ", ".join(
         f"{' + '.join(d.names)} {100 * d.difference / old:+.1f} %"
-        for d in largest_differences(counts.functions, MAIN_FUNCTIONS)
+        for d in largest_differences(counts.functions, _FUNCTIONS)
         if abs(d.difference) >= _MIN_SHARE * old
     )

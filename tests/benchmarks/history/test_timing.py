@@ -123,9 +123,9 @@ class IdlePairs:
 @pytest.fixture
 def no_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have no process start and no block run: both take a millisecond."""
-    monkeypatch.setattr(history_measurement, "ProcessPairs", IdlePairs)
+    monkeypatch.setattr(timing, "ProcessPairs", IdlePairs)
     monkeypatch.setattr(
-        history_measurement,
+        timing,
         "time_quads",
         lambda old, new, count: (["ABBA"] * count, np.full((count, 4), 1e6)),
     )
@@ -234,7 +234,7 @@ def test_ctrl_c_ends_all_releases_that_take_turns_and_begins_no_others(
 ) -> None:
     monkeypatch.setattr(release_ratios, "SCHEDULE_LAUNCHES", 2)
     enough_after(monkeypatch, 100)
-    monkeypatch.setattr(history_measurement, "_MAX_IN_TURNS", 2)
+    monkeypatch.setattr(timing, "_MAX_IN_TURNS", 2)
 
     def interrupt_later(count: int) -> Sequence[int]:
         if count == 3:
@@ -281,7 +281,7 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
         counts.append(round(1e3 * all_blocks_s))
         return 6
 
-    monkeypatch.setattr(history_measurement, "quad_count", count_quads)
+    monkeypatch.setattr(timing, "quad_count", count_quads)
     enough_after(monkeypatch, 2)
     times = iter([(2 * 10**6, 10**6), (10**6, 10**6), *[(50 * 10**6, 10**6)] * 9])
     timing.measure(pool, [InventedTask("good", lambda count: next(times))])

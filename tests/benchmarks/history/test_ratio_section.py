@@ -1,4 +1,4 @@
-"""The table of `mjbench history measure`."""
+"""The table of what was timed."""
 
 from dataclasses import replace
 
