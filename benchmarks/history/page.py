@@ -47,9 +47,9 @@ def sections(history: SpeedHistory) -> Iterator[Section]:
         "Change points of a step",
         facts=[
             "Changes of the time of mj_step from one release to the next, from"
-            f" {_percent(tables.MIN_CHANGE)} on, with their standard error. The cause is “work” where"
-            " the work or the result of a step changed, too; “code” where the same work takes another"
-            " time, with placement averaged out; “undecided” where that is not known. After a"
+            f" {_percent(tables.MIN_CHANGE)} on, with their standard error. The cause is “work” if"
+            " the work or the result of a step changed, too; “code” if the same work takes another"
+            " time, with placement averaged out; “undecided” if that is not known. After a"
             " function: by how many percent of the step's instructions its own count changed."
         ],
         tables=[tables.step_changes(history)],
@@ -60,8 +60,8 @@ def sections(history: SpeedHistory) -> Iterator[Section]:
             "Change points around the step",
             facts=[
                 "Changes of the time of operations around mj_step, on one thread, from"
-                f" {_percent(tables.MIN_CHANGE)} on. ×2 is twice the time. rollout and Batch step, so"
-                " they change with mj_step, too."
+                f" {_percent(tables.MIN_CHANGE)} on. ×2 is twice the time. rollout and Batch step,"
+                " so they change with mj_step, too."
             ],
             tables=[tables.operation_changes(history)],
             command=both,
@@ -71,7 +71,7 @@ def sections(history: SpeedHistory) -> Iterator[Section]:
         facts=[
             "From top to bottom: the time of a step relative to the reference, with two standard"
             " errors and all change points; its instructions; its work; and how far one step ends"
-            " from where the reference ends. Shaded: the ratio as shipped, where it certainly differs."
+            " from where the reference ends. Shaded: the ratio as shipped, if it certainly differs."
         ],
         figures=[plots.figure(history, series) for series in history.models],
         command=both,

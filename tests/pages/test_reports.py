@@ -295,14 +295,6 @@ def test_sections_of_several_runs_that_would_be_called_the_same_are_told_apart(
     assert headings(first, first) == ["Verdicts (x) (1)", "Verdicts (x) (2)"]
 
 
-def test_counts_of_several_runs_are_one_section_of_a_history() -> None:
-    names = ("counts", "counts-2", "counts-pile-1")
-    files = [ROOT / f"results/history/reference-{name}.jsonl" for name in names]
-    headings = [section.heading for section in reports.build(reports.read(files)).sections]
-    assert headings.count("Instructions, release by release") == 1
-    assert not any("Instructions, release by release (" in heading for heading in headings)
-
-
 def test_a_file_that_is_given_twice_is_reported_once(tmp_path: Path) -> None:
     files = verdict_runs(tmp_path, a=SLOWER, b=SAME)
     content = report(*files, *files)
