@@ -5,7 +5,7 @@ argument.
 """
 
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -75,8 +75,8 @@ def holds(nstep: int | None, hold: int) -> None:
 
 def names(name: str, value: str | Iterable[str]) -> list[str]:
     """Return one name or several, each once; commas separate names, as on the command line."""
-    several: Sequence[Any] = [value] if isinstance(value, str) else list(value)
-    if not all(isinstance(text, str) for text in several):
+    several = [value] if isinstance(value, str) else value
+    if not isinstance(several, Iterable) or not all(isinstance(text, str) for text in several):
         raise _wrong(name, value, "a text, or several")
     split = [part.strip() for text in several for part in text.split(",")]
     unique = list(dict.fromkeys(filter(None, split)))

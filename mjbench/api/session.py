@@ -13,9 +13,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
+from mjbench.errors import Failure, InputError, MjbenchError, failure_of, one_line, printable
 from mjbench.host import conditions, machine, neighbours, platforms
-from mjbench.host.machine import ProcessorTime
+from mjbench.host.machine import CoreChange, ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Progress
@@ -35,6 +35,8 @@ class Observer:
     """Passes the progress of a measurement on to a function; commands show more."""
 
     def __init__(self, on_progress: Progress | None = None):
+        if not (on_progress is None or callable(on_progress)):
+            raise InputError(f"on_progress must be a function, got {one_line(repr(on_progress))}")
         self._on_progress = on_progress or timing.no_progress
 
     def __call__(self, name: str, share: float) -> None:
@@ -227,7 +229,7 @@ class Session:
         with contextlib.ExitStack() as closing:
             if self._wait is not None:
                 self._others = self._look(self._wait)
-            self._begin = ProcessorTime.now()
+            self._begin, self._cores = ProcessorTime.now(), machine.allowed_cores()
             self.header = self._new_header()
             if self._folder is not None:
                 self._file = self._open(self._folder)
@@ -312,8 +314,10 @@ class Session:
         others = dict.fromkeys([*self._others, *neighbours.measuring_now()])
         share = ProcessorTime.now().stolen_since(self._begin)
         stolen_share = share if share >= conditions.NOTABLE_STOLEN else None
-        if not others and stolen_share is None:
+        core_change = CoreChange.since(self._cores)
+        if not others and stolen_share is None and core_change is None:
             return None
-        disturbance = Disturbance([other.command for other in others], stolen_share)
+        commands = [other.command for other in others]
+        disturbance = Disturbance(commands, stolen_share, core_change)
         self.record(disturbance)
         return disturbance

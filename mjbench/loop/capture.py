@@ -23,7 +23,7 @@ from typing import BinaryIO
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, MachineError, MjbenchError, shown, writing
+from mjbench.errors import InputError, MachineError, MjbenchError, one_line, shown, writing
 from mjbench.host import files
 from mjbench.loop import engine_functions
 from mjbench.loop.captured_steps import ModelRecorder, RecordedWindow, StepRecorder
@@ -291,6 +291,8 @@ def _modules_with_own_functions() -> list[str]:
 
 
 def _ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
+    if not isinstance(file, str | os.PathLike):
+        raise InputError(f"file must be a path, got {one_line(repr(file))}")
     path = Path(file)
     if path.suffix != ending:
         raise InputError(f"{shown(str(path))}: {what} ends in {ending}")

@@ -111,6 +111,13 @@ def record(
     """
     if not isinstance(nstep, int | np.integer) or nstep < 0:
         raise InputError(f"nstep must be a whole number, at least 0, got {one_line(repr(nstep))}")
+    for given, kind in ((model, mujoco.MjModel), (data, mujoco.MjData)):
+        if not isinstance(given, kind):
+            raise InputError(f"expected an {kind.__name__}, got {one_line(repr(given))}")
+    if not (policy is None or callable(policy)):
+        raise InputError(f"policy must be a function, got {one_line(repr(policy))}")
+    if not isinstance(fields, list | tuple):
+        raise InputError(f"fields must be a list of names, got {one_line(repr(fields))}")
     if controls is not None and policy is not None:
         raise InputError("give controls or a policy, not both")
     step_controls, names = _step_controls(model, int(nstep), controls), _with_counts(fields)
@@ -263,7 +270,10 @@ def _step_controls(
     """Return (nstep, nu) controls, or None without any."""
     if controls is None:
         return None
-    array = np.asarray(controls, dtype=float)
+    try:
+        array = np.asarray(controls, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"controls must be numbers, got {one_line(repr(controls))}") from error
     if array.shape not in ((nstep, model.nu), (model.nu,)):
         raise InputError(
             f"controls have the shape {array.shape}; give (nstep, nu) = ({nstep}, {model.nu})"

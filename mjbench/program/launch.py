@@ -56,6 +56,13 @@ class Program:
     def name(self) -> str:
         return self.arguments[1] if self.arguments[0] == "-m" else Path(self.arguments[0]).name
 
+    @property
+    def command(self) -> list[str]:
+        """What is run; a file whose name begins with a dash is no option of Python."""
+        first, *others = self.arguments
+        is_file = first.startswith("-") and first != "-m"
+        return [self.interpreter, f"./{first}" if is_file else first, *others]
+
 
 @dataclass(frozen=True)
 class UncaughtException:
@@ -217,7 +224,7 @@ def _start(program: Program, folder: Path) -> "subprocess.Popen[bytes]":
     path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
     try:
-        return subprocess.Popen([program.interpreter, *program.arguments], env=environment)
+        return subprocess.Popen(program.command, env=environment)
     except OSError as error:
         raise MachineError(
             f"cannot start {shown(program.interpreter)}: {error.strerror}"

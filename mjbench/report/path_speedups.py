@@ -174,6 +174,8 @@ class ModelResults:
         if race and race.neighbours:
             others = ", ".join(f"mjbench {name}" for name in race.neighbours)
             lines.append(f"{others} measured on this machine at the same time")
+        if race and race.core_change:
+            lines.append(str(race.core_change))
         if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
             lines.append(f"threads had {self.cores}")
         return lines

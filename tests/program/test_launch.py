@@ -169,6 +169,15 @@ def test_what_cannot_be_run_is_refused(tmp_path, monkeypatch, arguments, message
         launch.check(Program(arguments))
 
 
+def test_a_file_whose_name_begins_with_a_dash_is_no_option_of_python(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name = "-cprint('INJECTED')#.py"
+    (tmp_path / name).write_text("import sys; sys.exit(7)")
+    assert Program([name, "-x"], "python").command == ["python", f"./{name}", "-x"]
+    assert launch.run(Program([name])).exit_code == 7
+    assert Program(["-m", "work"], "python").command == ["python", "-m", "work"]
+
+
 def test_a_crash_is_at_the_users_own_line(tmp_path):
     clock = f"{Path(launch.__file__).parent}/hook/step_clock.py"
     stack = [

@@ -21,6 +21,7 @@ from example_records import JUDGED, measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
+from mjbench.host.machine import CoreChange
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
 from mjbench.report.advice import (
     Reason,
@@ -182,7 +183,13 @@ def test_one_launch_makes_nothing_certain() -> None:
 
 
 @pytest.mark.parametrize(
-    "disturbance", [{"cores": 1.2}, {"stolen_share": 0.2}, {"neighbours": ["latency"]}]
+    "disturbance",
+    [
+        {"cores": 1.2},
+        {"stolen_share": 0.2},
+        {"neighbours": ["latency"]},
+        {"core_change": CoreChange(2, 1)},
+    ],
 )
 def test_a_disturbed_race_makes_nothing_certain(disturbance: dict[str, Any]) -> None:
     model_results = derived(raced(**disturbance))
