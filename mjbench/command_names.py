@@ -30,7 +30,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "paths": "list the ways of stepping",
     },
     "Many runs": {
-        "history": "in which release speed changed, and why",
         "releases": "list, install and remove releases",
         "sweep": "a matrix of models and releases on Ray",
     },
@@ -40,8 +39,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
 _OF_RESULTS: Mapping[str, str] = {
     "diff": "show --against",
     "explain": "versions --explain",
-    "history": "history measure",
-    "history-explain": "history explain",
     "installs": "releases installs",
     "instructions": "profile --instructions",
     "overhead": "profile --habits",

@@ -36,7 +36,6 @@ _EXACT = ("knob", "orders", "histogram", "schema")
 # The records that runs of each command have.
 KINDS: Mapping[str, Sequence[str]] = {
     "compare": ("model", "measurement", "race"),
-    "history": ("step_ratio", "operation_ratio", "explain"),
     "versions": ("verdict",),
     **{name: (name,) for name in RECORD_TYPES if name not in ("model", "measurement", "race")},
 }

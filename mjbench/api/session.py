@@ -8,7 +8,7 @@ all of them together (`mjbench.api.measured`).
 import contextlib
 import functools
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -81,6 +81,7 @@ class Measurement:
         not be measured again. It may raise KeyboardInterrupt, or end after a record that says so.
       select_finished: which records of a continued run are not measured again.
       notes: what makes the results unreliable here, a sentence each.
+      record_types: of the records in a run file, by their `type`.
     """
 
     command: str
@@ -89,6 +90,7 @@ class Measurement:
     measure: Callable[[Sequence[Record], Observer], Items]
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
+    record_types: Mapping[str, type] = field(default_factory=lambda: RECORD_TYPES)
 
 
 def pinning_notes() -> list[str]:
@@ -273,7 +275,7 @@ class Session:
             return RunFile.create(folder, self.header)
         if file.is_fifo():
             raise InputError(f"cannot continue {file}: it is a pipe, not a file")
-        stored = runs.load(file, RECORD_TYPES)
+        stored = runs.load(file, self._measurement.record_types)
         check_continues(file, stored.header, self.header)
         self.header = stored.header
         if stored.is_torn:

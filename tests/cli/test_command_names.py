@@ -58,7 +58,7 @@ def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) 
     assert written == [((Path("a.jsonl"),), "html", "page.html")] * 2
 
 
-@pytest.mark.parametrize("name", [*DOCUMENTS, "history-explain"])
+@pytest.mark.parametrize("name", DOCUMENTS)
 def test_documents_and_runs_are_said_to_be_of_commands(name: str) -> None:
     command, *rest = command_of(name).split()
     group = cli.commands[command]

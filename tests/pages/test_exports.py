@@ -68,7 +68,7 @@ def test_a_table_is_a_frame_in_one_line() -> None:
     assert frame.shape[0] == len(mjbench.load(COMPARISON))
 
 
-@pytest.mark.parametrize("file", sorted((ROOT / "results").glob("*/reference-*.jsonl")))
+@pytest.mark.parametrize("file", sorted((ROOT / "results/runs").glob("*.jsonl")))
 def test_every_committed_run_is_a_table(file: Path) -> None:
     table = mjbench.load(file)
     assert table

@@ -1,24 +1,21 @@
 """What happened to speed over the releases, and why: what a page says of it.
 
-All of it comes from ratios to one fixed release (`mjbench history measure`), from counts by
-function (`mjbench history explain`), and from a table of causes that no measurement names.
+All of it comes from ratios to one fixed release (`measure`), from counts by function (`explain`),
+and from a table of causes that no measurement names.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from benchmarks.history import known_causes, speed_series
+from benchmarks.history.change_points import ChangePoint
+from benchmarks.history.known_causes import KnownCause
+from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord
+from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries, order
 from mjbench.counts.records import ExplainRecord
 from mjbench.host.machine import Machine
 from mjbench.paired.outcomes import Cause
-from mjbench.releases import known_causes, speed_history
-from mjbench.releases.change_points import ChangePoint
-from mjbench.releases.known_causes import KnownCause
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
-from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries, order
-from mjbench.status import Status
 
-# How a measurement ends that a release crashed, hung or failed in.
-FAILURES = (Status.FAILED, Status.CRASHED, Status.TIMEOUT)
 # By model or operation, old release and new release.
 Counts = Mapping[tuple[str, str, str], ExplainRecord]
 
@@ -31,9 +28,6 @@ class SpeedHistory:
       operations: around the step.
       counts: of instructions by function, of neighbouring releases, on any machine.
       causes: that no measurement names.
-      name: of the machine that steps were measured on.
-      since: the first release whose changes are listed; None for all.
-      failures: records of what a release crashed, hung or failed in.
       operations_machine: that operations were measured on, if it is another one.
     """
 
@@ -41,14 +35,8 @@ class SpeedHistory:
     operations: Sequence[SpeedSeries] = ()
     counts: Counts = field(default_factory=dict)
     causes: Sequence[KnownCause] = ()
-    name: str = ""
     machine: Machine | None = None
-    since: str | None = None
-    failures: Sequence[RatioRecord] = ()
     operations_machine: Machine | None = None
-
-    def lists(self, release: str) -> bool:
-        return self.since is None or order(release) >= order(self.since)
 
     def instructions(self, model: str) -> dict[str, float]:
         """Return the instructions of a step of a model, by release, where they were counted."""
@@ -66,41 +54,29 @@ class SpeedHistory:
 
     def releases(self) -> list[str]:
         releases = {each.release for series in self.all_series for each in series.measured}
-        return speed_history.in_order(releases)
+        return speed_series.in_order(releases)
 
 
 def from_records(
     records: Sequence[object],
     causes: Sequence[KnownCause] = (),
-    name: str = "",
     machine: Machine | None = None,
-    since: str | None = None,
     operations_machine: Machine | None = None,
 ) -> SpeedHistory:
     """Return the history that records of run files hold; see `SpeedHistory` for what they lack.
 
     Args:
-      records: of `history measure` and `history explain`; others are left out.
+      records: of `measure` and `explain`; others are left out.
     """
     ratios = [record for record in records if isinstance(record, RatioRecord)]
     counts = {(r.series, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
     models, operations = (
-        speed_history.histories(
+        speed_series.histories(
             r for r in ratios if isinstance(r, OperationRatioRecord) == is_operation
         )
         for is_operation in (False, True)
     )
-    measured = {
-        (series.name, each.release) for series in (*models, *operations) for each in series.measured
-    }
-    failures = [
-        record
-        for record in ratios
-        if record.status in FAILURES and (record.series, record.release) not in measured
-    ]
-    return SpeedHistory(
-        models, operations, counts, causes, name, machine, since, failures, operations_machine
-    )
+    return SpeedHistory(models, operations, counts, causes, machine, operations_machine)
 
 
 def title(record: RatioRecord) -> str:
@@ -130,7 +106,7 @@ class Listed:
 
     @property
     def work_changes(self) -> list[str]:
-        return speed_history.work_changes(self.before, self.after)
+        return speed_series.work_changes(self.before, self.after)
 
     @property
     def cause(self) -> Cause:
@@ -142,7 +118,7 @@ class Listed:
             return Cause.UNDECIDED
         if self.work_changes:
             return Cause.WORK
-        is_known = speed_history.knows_work(self.before, self.after)
+        is_known = speed_series.knows_work(self.before, self.after)
         return Cause.CODE if is_known else Cause.UNDECIDED
 
 
@@ -160,6 +136,5 @@ def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> 
         for series in all_series
         for point in series.changes.change_points
         for before, after in [series.pair(point.index, point.before)]
-        if history.lists(after.release)
     ]
     return sorted(listed, key=lambda c: (order(c.after.release), -abs(c.point.change)))

@@ -17,6 +17,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from benchmarks.history.release_ratios import (
+    LaunchRatio,
+    OperationRatioRecord,
+    RatioRecord,
+    StepRatioRecord,
+)
 from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.paired import cores, target_pair
 from mjbench.paired.operations import Operation
@@ -28,12 +34,6 @@ from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.releases.release_ratios import (
-    LaunchRatio,
-    OperationRatioRecord,
-    RatioRecord,
-    StepRatioRecord,
-)
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import PortableWorkload
 from mjbench.status import Status

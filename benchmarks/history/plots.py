@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.history import release_ratios
+from benchmarks.history.change_points import MIN_DEVIATIONS
+from benchmarks.history.speed_history import SpeedHistory
+from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
 from mjbench.errors import writing
-from mjbench.releases import release_ratios
-from mjbench.releases.change_points import MIN_DEVIATIONS
-from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries
 from mjbench.report import charts, formats
 from mjbench.report.charts import BLUE, GREEN, GREY, ORANGE, Spec
 from mjbench.report.content import Column, DataTable, Figure
-from mjbench.report.speed_history import SpeedHistory
 
 _WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
 # No labels of an axis overlap, also in a wide font.
@@ -72,8 +72,7 @@ def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
 
 
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
-    releases = [release for release in history.releases() if history.lists(release)]
-    measured = [each for each in series.measured if each.release in releases]
+    releases, measured = history.releases(), series.measured
     reference = series.measured[-1].record.reference
     counts = history.instructions(series.name)
     instructions = [

@@ -1,10 +1,10 @@
-"""What `mjbench history measure` comes to: a row for each release and model or operation."""
+"""What was timed: a row for each release and model or operation."""
 
 import itertools
 from collections.abc import Sequence
 
-from mjbench.releases import release_ratios, speed_history
-from mjbench.releases.release_ratios import RatioRecord, StepRatioRecord
+from benchmarks.history import release_ratios, speed_series
+from benchmarks.history.release_ratios import RatioRecord, StepRatioRecord
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable, Section
 from mjbench.simulation import changed_work
@@ -12,7 +12,7 @@ from mjbench.simulation import changed_work
 
 def section(records: Sequence[RatioRecord]) -> Section:
     rows: list[tuple[str, str, RatioRecord]] = []
-    in_order = speed_history.in_order_of_release(records)
+    in_order = speed_series.in_order_of_release(records)
     for _, each in itertools.groupby(in_order, lambda record: (record.release, record.build)):
         of_release = list(each)
         details = {record.detail for record in of_release}
@@ -48,7 +48,6 @@ def section(records: Sequence[RatioRecord]) -> Section:
             f"time: of a step or an operation, against MuJoCo {', '.join(references)} (± standard"
             " error), with placement averaged out where the code can be moved; work: against the"
             " same release",
-            "`mjbench history` says in which release speed changed, and why",
         ],
     )
 

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.history import change_points, release_ratios
 from benchmarks.studies import history_simulation, simulated_histories
 from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan, Score
-from mjbench.releases import change_points, release_ratios
 
 SIGMA = 0.002
 HISTORIES = 400

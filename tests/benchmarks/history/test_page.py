@@ -1,12 +1,11 @@
-"""What a history of releases comes to, and each release of the committed one."""
+"""The page of a history of releases."""
 
 from speed_histories import STEP, history, record
 
-from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import history as of_history
-from mjbench.report import speed_history
-from mjbench.report.speed_history import SpeedHistory
-from mjbench.status import Status
+from benchmarks.history import page as of_history
+from benchmarks.history import speed_history
+from benchmarks.history.speed_history import SpeedHistory
+from benchmarks.history.speed_series import SpeedSeries
 
 
 def speed_of(*models: SpeedSeries) -> SpeedHistory:
@@ -31,14 +30,6 @@ def test_a_range_of_changes_goes_from_the_smallest_to_the_largest() -> None:
     assert "slower for 3 of 3 models (+10.0 % to +30.0 %)" in text
 
 
-def test_a_section_of_what_did_not_happen_says_so() -> None:
-    level = {each.heading: each for each in of_history.sections(speed_of(history([1.0] * 12)))}
-    assert list(level["Change points of a step"].notes) == ["None from 1 % on."]
-    assert list(level["Drifts"].notes) == ["None."]
-    assert level["Instructions of a step"].notes[0].startswith("Not counted; ")
-    assert not any(level[name].tables for name in ("Change points of a step", "Drifts"))
-
-
 def test_the_notes_say_how_far_the_reference_is_from_itself() -> None:
     records = [record("1.0", 1.0), record("4.0.0", 0.98), record("4.0.0", 1.01, model="cloth")]
     text = notes_of(speed_history.from_records(records))
@@ -55,27 +46,6 @@ def test_pairs_without_a_change_say_how_exact_the_history_is() -> None:
     assert [*of_history.no_change_line(speed_of(STEP))] == []
 
 
-def test_there_is_a_section_of_everything_that_there_are_data_for() -> None:
-    headings = [section.heading for section in of_history.sections(speed_of(STEP), False)]
-    assert headings == [
-        "What changed between releases",
-        "Change points of a step",
-        "Single releases that are off",
-        "Drifts",
-        "Changed by placement",
-        "From the first release to the last",
-        "Time of a step",
-        "Instructions of a step",
-        "Releases that compute something else",
-    ]
-    crashed = record("1.3", 1.0, status=Status.CRASHED)
-    failing = speed_history.from_records([record("1.2", 1.0), crashed])
-    *_, plots_and_more = of_history.sections(failing)
-    assert plots_and_more.heading == "Measurements that failed"
-
-
-def test_every_section_has_the_command_that_gives_its_figures() -> None:
-    sections = list(of_history.sections(speed_of(STEP)))
-    assert all(section.command.startswith("mjbench history ") for section in sections)
-    (plots,) = [section for section in sections if section.figures]
+def test_the_page_has_a_plot_of_each_model() -> None:
+    *_, plots = of_history.sections(speed_of(STEP))
     assert [figure.title for figure in plots.figures] == ["pile"]

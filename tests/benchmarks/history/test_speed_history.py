@@ -4,11 +4,10 @@ from dataclasses import replace
 
 from speed_histories import COUNTED, COUNTS, STEP, VERSIONS, history, record
 
+from benchmarks.history import speed_history
+from benchmarks.history.speed_history import Listed, SpeedHistory
+from benchmarks.history.speed_series import SpeedSeries
 from mjbench.paired.outcomes import Cause
-from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import speed_history
-from mjbench.report.speed_history import Listed, SpeedHistory
-from mjbench.status import Status
 
 
 def speed_of(*models: SpeedSeries) -> SpeedHistory:
@@ -45,20 +44,6 @@ def test_change_points_are_listed_by_release() -> None:
     late, early = history([1.0] * 9 + [1.1] * 3), history([1.0] * 3 + [1.1] * 9)
     both = speed_of(late, early)
     assert [step.after.release for step in listed_in(both)] == ["1.3", "1.9"]
-
-
-def test_only_changes_since_a_release_are_listed() -> None:
-    records = [record(v, 1.0 if i < 3 else 1.1 if i < 9 else 1.3) for i, v in enumerate(VERSIONS)]
-    for since, expected in ((None, ["1.3", "1.9"]), ("1.4", ["1.9"]), ("1.10", [])):
-        steps = listed_in(speed_history.from_records(records, since=since))
-        assert [step.after.release for step in steps] == expected
-
-
-def test_a_crash_is_a_failure_until_the_release_was_measured() -> None:
-    crashed = record("1.3", 1.0, status=Status.CRASHED)
-    records = [record("1.2", 1.0), crashed]
-    assert speed_history.from_records(records).failures == [crashed]
-    assert not speed_history.from_records([*records, record("1.3", 1.0)]).failures
 
 
 def test_releases_of_all_models_are_in_order() -> None:

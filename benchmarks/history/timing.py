@@ -12,11 +12,13 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from benchmarks.history import release_ratios
+from benchmarks.history.release_ratios import LaunchRatio, RatioRecord
+from benchmarks.history.tasks import ReleaseTask, Selection
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.measuring import stats
 from mjbench.measuring.timing import Progress
 from mjbench.paired import cores, moved_check
-from mjbench.paired.history_tasks import ReleaseTask, Selection
 from mjbench.paired.launches import StopRule, Targets
 from mjbench.paired.launches import launch as launch_until_enough
 from mjbench.paired.moved_check import Averaging
@@ -24,8 +26,6 @@ from mjbench.paired.pair_launches import ProcessPair, ProcessPairs, time_quads
 from mjbench.paired.records import section_numbers
 from mjbench.paired.time_limit import ending_of, quad_count
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_ratios
-from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
 from mjbench.status import Status
 
 # How often a launch lays out the memory of a task anew, and seconds of blocks in each layout: less

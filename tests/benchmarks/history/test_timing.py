@@ -10,26 +10,26 @@ import numpy as np
 import pytest
 from paired_examples import CARTPOLE, INSTALLED
 
+from benchmarks.history import release_ratios, timing
+from benchmarks.history.release_ratios import (
+    LaunchRatio,
+    OperationRatioRecord,
+    RatioRecord,
+    StepRatioRecord,
+)
+from benchmarks.history.tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.measuring import stats
-from mjbench.paired import history_measurement, moved_check, operations, target_pair
-from mjbench.paired.history_tasks import OperationTask, ReleaseTask, StepTask
+from mjbench.paired import moved_check, operations, target_pair
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.records import section_numbers
 from mjbench.paired.targets import Target
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import release_ratios
 from mjbench.releases.placement import AS_SHIPPED
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.releases.release_ratios import (
-    LaunchRatio,
-    OperationRatioRecord,
-    RatioRecord,
-    StepRatioRecord,
-)
 from mjbench.simulation import models
 from mjbench.status import Status
 
@@ -54,7 +54,7 @@ def test_a_release_against_itself_does_the_same_in_launches_that_tasks_share(
     def on_launch(index: int, share: float) -> None:
         launches.append((index, share))
 
-    ((step, spec),) = history_measurement.measure_each(pool, [tasks], on_launch, clock)
+    ((step, spec),) = timing.measure_each(pool, [tasks], on_launch, clock)
     assert launches == [(0, release_ratios.completed_share(1, 1.0)), (0, 1.0)]
     assert isinstance(step, StepRatioRecord)
     assert isinstance(spec, OperationRatioRecord)
@@ -70,7 +70,7 @@ def test_a_release_against_itself_does_the_same_in_launches_that_tasks_share(
     assert step.work == step.reference_work is not None
     assert (step.series, spec.series) == ("cartpole", "spec")
     again = StepTask(BOTH, CARTPOLE.model)
-    (same,) = history_measurement.measure(pool, [again])
+    (same,) = timing.measure(pool, [again])
     assert isinstance(same, StepRatioRecord)
     assert same.workload == step.workload != ""
 
@@ -123,9 +123,9 @@ class IdlePairs:
 @pytest.fixture
 def no_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have no process start and no block run: both take a millisecond."""
-    monkeypatch.setattr(history_measurement, "ProcessPairs", IdlePairs)
+    monkeypatch.setattr(timing, "ProcessPairs", IdlePairs)
     monkeypatch.setattr(
-        history_measurement,
+        timing,
         "time_quads",
         lambda old, new, count: (["ABBA"] * count, np.full((count, 4), 1e6)),
     )
@@ -156,7 +156,7 @@ def test_a_task_that_fails_says_so_and_the_others_go_on(
         InventedTask("crashing", crash_later),
         InventedTask("refused", refuse),
     ]
-    good, impossible, crashing, refused = history_measurement.measure(pool, tasks)
+    good, impossible, crashing, refused = timing.measure(pool, tasks)
     assert (good.status, len(good.launches)) == (Status.OK, 3)
     assert (impossible.status, impossible.detail) == (Status.INPUT, "there is no such thing")
     assert (crashing.status, crashing.detail) == (Status.FAILED, "it fell over")
@@ -168,7 +168,7 @@ def test_a_task_that_fails_says_so_and_the_others_go_on(
 @pytest.mark.usefixtures("no_blocks")
 def test_a_fixed_number_of_launches_is_neither_more_nor_less(pool: WorkerPool) -> None:
     tasks = [InventedTask("first", fine), InventedTask("second", fine)]
-    records = history_measurement.measure(pool, tasks, launches=3)
+    records = timing.measure(pool, tasks, launches=3)
     assert [len(record.launches) for record in records] == [3, 3]
 
 
@@ -186,7 +186,7 @@ def test_ctrl_c_ends_tasks_that_are_not_complete_and_what_was_measured_stays(
     complete = InventedTask("complete", fine)
     complete.launches.append(last)
     tasks = [InventedTask("interrupted", interrupt_later), complete]
-    records = history_measurement.measure(pool, tasks)
+    records = timing.measure(pool, tasks)
     assert [r.status for r in records] == [Status.INTERRUPTED, Status.OK]
     assert [len(r.launches) for r in records] == [2, 2]
 
@@ -216,7 +216,7 @@ def test_releases_take_turns_until_each_is_known_well_enough(
         return len(launches) >= counts[task.name]
 
     monkeypatch.setattr(release_ratios, "are_enough", are_enough)
-    measured = history_measurement.measure_each(pool, [[task] for task in tasks.values()])
+    measured = timing.measure_each(pool, [[task] for task in tasks.values()])
     names = []
     for (record,) in measured:
         names.append(record.model)
@@ -234,7 +234,7 @@ def test_ctrl_c_ends_all_releases_that_take_turns_and_begins_no_others(
 ) -> None:
     monkeypatch.setattr(release_ratios, "SCHEDULE_LAUNCHES", 2)
     enough_after(monkeypatch, 100)
-    monkeypatch.setattr(history_measurement, "_MAX_IN_TURNS", 2)
+    monkeypatch.setattr(timing, "_MAX_IN_TURNS", 2)
 
     def interrupt_later(count: int) -> Sequence[int]:
         if count == 3:
@@ -243,7 +243,7 @@ def test_ctrl_c_ends_all_releases_that_take_turns_and_begins_no_others(
 
     ready = (interrupt_later, interrupt_later, fine, fine)
     tasks = [InventedTask(str(i), each) for i, each in enumerate(ready)]
-    records = [r for (r,) in history_measurement.measure_each(pool, [[task] for task in tasks])]
+    records = [r for (r,) in timing.measure_each(pool, [[task] for task in tasks])]
     assert {r.model for r in records} == {"0", "1"}
     assert {r.status for r in records} == {Status.INTERRUPTED}
     assert sorted(len(r.launches) for r in records) in ([2, 3], [3, 4])
@@ -260,7 +260,7 @@ def test_ctrl_c_after_the_last_launch_is_not_lost(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(IdlePairs, "close", interrupted)
-    measured = history_measurement.measure_each(pool, [[InventedTask("good", fine)]])
+    measured = timing.measure_each(pool, [[InventedTask("good", fine)]])
     ((record,),) = itertools.islice(measured, 1)
     assert record.status == Status.OK
     with pytest.raises(KeyboardInterrupt):
@@ -268,7 +268,7 @@ def test_ctrl_c_after_the_last_launch_is_not_lost(
 
 
 def test_nothing_to_measure_gives_nothing(pool: WorkerPool) -> None:
-    assert list(history_measurement.measure_each(pool, [])) == []
+    assert list(timing.measure_each(pool, [])) == []
 
 
 @pytest.mark.usefixtures("no_blocks")
@@ -281,10 +281,10 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
         counts.append(round(1e3 * all_blocks_s))
         return 6
 
-    monkeypatch.setattr(history_measurement, "quad_count", count_quads)
+    monkeypatch.setattr(timing, "quad_count", count_quads)
     enough_after(monkeypatch, 2)
     times = iter([(2 * 10**6, 10**6), (10**6, 10**6), *[(50 * 10**6, 10**6)] * 9])
-    history_measurement.measure(pool, [InventedTask("good", lambda count: next(times))])
+    timing.measure(pool, [InventedTask("good", lambda count: next(times))])
     assert counts[:3] == [3, 2, 2]
     assert set(counts[2:]) == {2}
 
@@ -307,7 +307,7 @@ def test_a_task_that_is_alone_is_timed_until_the_next_processes_are_ready(
         return record
 
     names = [str(i) for i in range(tasks)]
-    history_measurement.measure(pool, [InventedTask(name, ready(name)) for name in names])
+    timing.measure(pool, [InventedTask(name, ready(name)) for name in names])
     assert [prepared.count(name) for name in names] == tasks * [layouts]
 
 
@@ -318,8 +318,8 @@ def test_a_task_that_is_alone_does_not_wait_for_ever(
     monkeypatch.setattr(IdlePairs, "is_next_ready", lambda pairs: False)
     enough_after(monkeypatch, 1)
     ready = itertools.count()
-    history_measurement.measure(pool, [InventedTask("alone", lambda count: fine(next(ready)))])
-    assert next(ready) == history_measurement._MAX_LAYOUTS
+    timing.measure(pool, [InventedTask("alone", lambda count: fine(next(ready)))])
+    assert next(ready) == timing._MAX_LAYOUTS
 
 
 @pytest.mark.parametrize(
@@ -343,7 +343,7 @@ def test_a_model_that_only_the_release_cannot_load_is_unavailable(
 
 def test_what_a_release_lacks_is_said_and_not_timed(pool: WorkerPool) -> None:
     old = ReleaseSpec("9.9.9", "9.9.9")
-    (record,) = history_measurement.measure(pool, [StepTask((INSTALLED, old), CARTPOLE.model)])
+    (record,) = timing.measure(pool, [StepTask((INSTALLED, old), CARTPOLE.model)])
     assert record.status in (Status.INPUT, Status.FAILED)
     assert "9.9.9" in record.detail
     assert record.launches == []
@@ -364,10 +364,10 @@ def test_every_operation_computes_the_same_whenever_it_is_prepared(name: str) ->
 def test_the_time_of_a_run_is_that_of_the_blocks_of_the_reference_alone() -> None:
     orders = ["ABBA", "BAAB"]
     ns = np.array([[100.0, 900.0, 900.0, 110.0], [900.0, 120.0, 130.0, 900.0]])
-    assert history_measurement.run_ns(orders, ns, np.array([0, 0]), 1) == 115.0
+    assert timing.run_ns(orders, ns, np.array([0, 0]), 1) == 115.0
     # two layouts with whole runs of their own, and two sections of a run
-    assert history_measurement.run_ns(orders, ns, np.array([0, 1]), 1) == 115.0
-    assert history_measurement.run_ns(orders, ns, np.array([0, 1]), 2) == 230.0
+    assert timing.run_ns(orders, ns, np.array([0, 1]), 1) == 115.0
+    assert timing.run_ns(orders, ns, np.array([0, 1]), 2) == 230.0
 
 
 def test_sections_of_different_runs_are_different_work() -> None:
@@ -375,7 +375,7 @@ def test_sections_of_different_runs_are_different_work() -> None:
     ns = 100.0 * np.stack([np.ones(8), ratios, ratios, np.ones(8)], axis=1)
     parts = section_numbers([4, 4], [0, 1], 2)
     assert stats.total_log_ratio(["ABBA"] * 8, ns, parts) == pytest.approx(np.log(4.9 / 4))
-    assert history_measurement.run_ns(["ABBA"] * 8, ns, parts, 2) == 200.0
+    assert timing.run_ns(["ABBA"] * 8, ns, parts, 2) == 200.0
 
 
 def test_a_process_that_cannot_read_its_work_leaves_no_answer_of_the_other_behind(

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from mjbench.releases.placement import Placement
-from mjbench.releases.release_ratios import (
+from benchmarks.history.release_ratios import (
     MAX_LAUNCHES,
     MIN_DEVIATION,
     PLACEMENT_DEVIATION,
@@ -20,6 +19,7 @@ from mjbench.releases.release_ratios import (
     completed_share,
     finished,
 )
+from mjbench.releases.placement import Placement
 from mjbench.status import Status
 
 

@@ -1,7 +1,7 @@
 """The time of a step or an operation in a release over that in a fixed one, launch by launch.
 
 Releases that were measured months apart can be compared by it, because the machine's drift hits
-both. `mjbench history measure` measures it and stores it, one record for a model or an operation
+both. `python -m benchmarks.history measure` stores it, one record for a model or an operation
 and a release.
 """
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 from packaging.version import InvalidVersion, Version
 
+from benchmarks.history import change_points, release_ratios
+from benchmarks.history.change_points import Changes
+from benchmarks.history.release_ratios import RatioRecord, StepRatioRecord
 from mjbench.measuring.ratio import LogEstimate
-from mjbench.releases import change_points, release_ratios
-from mjbench.releases.change_points import Changes
 from mjbench.releases.release import version_key
-from mjbench.releases.release_ratios import RatioRecord, StepRatioRecord
 from mjbench.simulation import changed_work
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status

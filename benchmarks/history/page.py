@@ -1,23 +1,23 @@
-"""What a history of releases comes to: what changed, what accounts for it, and all its figures."""
+"""The page of the history: what changed between releases, what accounts for it, and plots."""
 
 import math
 import statistics
 from collections.abc import Iterator, Sequence
 
-from mjbench.host.machine import Machine
-from mjbench.measuring.ratio import LogEstimate
-from mjbench.releases import speed_history
-from mjbench.releases.change_points import (
+from benchmarks.history import plots, speed_series, tables
+from benchmarks.history.change_points import (
     FALSE_DISCOVERY_RATE,
     MIN_CHANGE,
     MIN_DEVIATIONS,
     SIMULATED_DEVIATION,
 )
+from benchmarks.history.speed_history import SpeedHistory, listed_changes
+from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
+from mjbench.host.machine import Machine
+from mjbench.measuring.ratio import LogEstimate
 from mjbench.releases.release import NO_CHANGE_PAIRS
-from mjbench.report import formats, history_plots
-from mjbench.report import history_tables as tables
-from mjbench.report.content import Conclusion, DataTable, Section
-from mjbench.report.speed_history import SpeedHistory, listed_changes
+from mjbench.report import formats
+from mjbench.report.content import Conclusion, Section
 from mjbench.simulation import models
 from mjbench.units import count_of
 
@@ -31,12 +31,11 @@ _METHODS = {
 }
 
 
-def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]:
-    """Yield what a history of one or more models comes to, its plots, then all its figures."""
+def sections(history: SpeedHistory) -> Iterator[Section]:
+    """Yield what changed, a plot of each model, and the change points."""
     first = history.releases()[0]
-    measure = f"mjbench history measure --since {first}"
-    explain = f"mjbench history explain --since {first}"
-    both = f"{measure} && {explain}"
+    measure = f"python -m benchmarks.history measure --since {first}"
+    both = f"{measure} && python -m benchmarks.history explain --since {first}"
     yield Section(
         "What changed between releases",
         conclusions=[Conclusion(sentence) for sentence in conclusions(history)],
@@ -44,117 +43,49 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
         command=measure,
         see_also=_METHODS,
     )
-    if has_plots:
+    yield Section(
+        "Change points of a step",
+        facts=[
+            "Changes of the time of mj_step from one release to the next, from"
+            f" {_percent(tables.MIN_CHANGE)} on, with their standard error. The cause is “work” if"
+            " the work or the result of a step changed, too; “code” if the same work takes another"
+            " time, with placement averaged out; “undecided” if that is not known. After a"
+            " function: by how many percent of the step's instructions its own count changed."
+        ],
+        tables=[tables.step_changes(history)],
+        command=both,
+    )
+    if history.operations:
         yield Section(
-            "Plots",
+            "Change points around the step",
             facts=[
-                "From top to bottom: the time of a step relative to the reference, with two"
-                " standard errors and change points; its instructions; its work; and how far one"
-                " step ends from where the reference ends. Shaded: the ratio as shipped, where it"
-                " certainly differs."
+                "Changes of the time of operations around mj_step, on one thread, from"
+                f" {_percent(tables.MIN_CHANGE)} on. ×2 is twice the time. rollout and Batch step,"
+                " so they change with mj_step, too."
             ],
-            figures=[history_plots.figure(history, series) for series in history.models],
+            tables=[tables.operation_changes(history)],
             command=both,
-            is_open=True,
         )
-    yield from _change_points(history, both)
-    yield _section(
-        tables.excursions(history),
-        measure,
-        "One release is off, and the next takes back more than half of it.",
+    yield Section(
+        "Plots",
+        facts=[
+            "From top to bottom: the time of a step relative to the reference, with two standard"
+            " errors and all change points; its instructions; its work; and how far one step ends"
+            " from where the reference ends. Shaded: the ratio as shipped, if it certainly differs."
+        ],
+        figures=[plots.figure(history, series) for series in history.models],
+        command=both,
+        is_open=True,
     )
-    yield _section(
-        tables.drifts(history),
-        measure,
-        "Slow changes over four or more releases. Change points between them are listed above, and"
-        " are not part of the figure.",
-    )
-    yield _section(
-        tables.placement(history),
-        measure,
-        f"Changes of a step that are at least {_percent(tables.MIN_PLACEMENT)} larger or smaller as"
-        f" shipped than with placement averaged out, and by more than {MIN_DEVIATIONS:g} standard"
-        " errors. Few launches are as shipped, so only large differences are seen.",
-    )
-    yield _section(tables.totals(history), measure)
-    yield _section(
-        tables.step_times(history),
-        measure,
-        "Microseconds of one mj_step from Python: the ratio to the reference, times the reference's"
-        " own time, the median over all releases' measurements. ▲ and ▼ mark change points.",
-    )
-    if history.operations:
-        yield _section(
-            tables.operation_times(history),
-            measure,
-            "Microseconds of one load, copy, reset or ray, in the same way; for MjSpec per geom,"
-            " compiling included; for rollout and Batch per simulation of five steps.",
-        )
-    yield _section(
-        tables.instructions(history),
-        explain,
-        "Thousands of instructions of one mj_step, counted by Callgrind. ▲ and ▼ mark changes"
-        f" above {100 * tables.COUNT_THRESHOLD:g} % from the release before, where both were"
-        " counted. A count says what the code does, not how long it takes.",
-        nothing="Not counted; mjbench history explain counts them.",
-    )
-    yield _section(
-        tables.work(history),
-        measure,
-        "Releases in which a step does other work than in the release before, or a step or an"
-        " operation gives another result.",
-    )
-    if history.failures:
-        yield _section(
-            tables.failures(history),
-            measure,
-            "What could not be measured because a process crashed, hung or failed, by a fault of"
-            " the release or of mjbench.",
-        )
-
-
-def _section(
-    table: DataTable, command: str, introduction: str = "", nothing: str = "None."
-) -> Section:
-    """Return a section of one table, or of a line in its place where it has no rows."""
-    return Section(
-        table.title,
-        facts=[introduction] if introduction else [],
-        tables=[table],
-        notes=[] if table.rows else [nothing],
-        command=command,
-    )
-
-
-def _change_points(history: SpeedHistory, command: str) -> Iterator[Section]:
-    """Yield the change points of steps, and of operations if any."""
-    nothing = f"None from {_percent(MIN_CHANGE)} on."
-    yield _section(
-        tables.step_changes(history),
-        command,
-        "Changes of the time of mj_step from one release to the next, from"
-        f" {_percent(MIN_CHANGE)} on, with their standard error. The cause is “work” where the work"
-        " or the result of a step changed, too, whether or not that accounts for all of it; “code”"
-        " where the same work takes another time, with placement averaged out; “undecided” where"
-        " that is not known. After a function: by how many percent of the step's instructions its"
-        " own count changed.",
-        nothing,
-    )
-    if history.operations:
-        yield _section(
-            tables.operation_changes(history),
-            command,
-            "Changes of the time of operations around mj_step, on one thread; large ones as a"
-            " factor, where ×2 is twice the time. rollout and Batch step, so they change with"
-            " mj_step, too. After a function: by how many percent of the operation's instructions"
-            " its own count changed; C's and Python's functions count, too.",
-            nothing,
-        )
 
 
 def conclusions(history: SpeedHistory) -> Iterator[str]:
     """Yield sentences: from the first release to the last, and the largest changes."""
-    compared = [tables.total(series) for series in history.models if len(series.measured) > 1]
+    compared = [
+        speed_series.change(series.measured[0], series.measured[-1])
+        for series in history.models
+        if len(series.measured) > 1
+    ]
     if not compared:
         yield "No model was timed in more than one release, so there is nothing to compare."
         return
@@ -231,11 +162,10 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
     listed = 0
     shipped = models.shipped()
     for pair in NO_CHANGE_PAIRS:
-        for series, before, after in tables.pairs(history, pair.new):
-            is_pair = before.release == pair.old and history.lists(pair.new)
-            if is_pair and series.name in shipped:
+        for series, before, after in _pairs(history, pair.new):
+            if before.release == pair.old and series.name in shipped:
                 names[pair.new] = None
-                changes.append(speed_history.change(before, after))
+                changes.append(speed_series.change(before, after))
                 points = series.changes.change_points
                 listed += any(series.measured[point.index] is after for point in points)
     if changes:
@@ -250,6 +180,16 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
             f" standard errors predict {100 * expected:.2f} %; {listed} of them"
             f" {'is' if listed == 1 else 'are'} listed."
         )
+
+
+def _pairs(
+    history: SpeedHistory, release: str
+) -> Iterator[tuple[SpeedSeries, MeasuredRelease, MeasuredRelease]]:
+    """Yield each model that was measured in a release and before it, with both."""
+    for series in history.models:
+        releases = [each.release for each in series.measured]
+        if release in releases[1:]:
+            yield series, *series.pair(releases.index(release))
 
 
 def _machine(machine: Machine) -> str:

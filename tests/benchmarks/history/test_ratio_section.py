@@ -1,18 +1,18 @@
-"""The table of `mjbench history measure`."""
+"""The table of what was timed."""
 
 from dataclasses import replace
 
 from speed_histories import record
 
+from benchmarks.history import ratio_section
+from benchmarks.history.release_ratios import RatioRecord
 from mjbench.pages import terminal
-from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import release_ratios
 from mjbench.status import Status
 
 
 def lines_with(word: str, records: list[RatioRecord]) -> list[str]:
     """Return the printed lines that hold a word."""
-    text = terminal.text_of([release_ratios.section(records)])
+    text = terminal.text_of([ratio_section.section(records)])
     return [line for line in text.splitlines() if word in line]
 
 

@@ -1,6 +1,6 @@
 """Causes of change points that no measurement names: a table written by hand.
 
-benchmarks/causes.toml names items of MuJoCo's changelog, and what was found by measuring otherwise.
+causes.toml names items of MuJoCo's changelog, and causes that other measurements showed.
 """
 
 import re
@@ -12,7 +12,8 @@ from pathlib import Path
 import msgspec
 
 from mjbench.errors import InputError, one_line
-from mjbench.releases import bundle
+
+FILE = Path(__file__).with_name("causes.toml")
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,6 @@ class KnownCause:
     series: str
     commit: str
     text: str
-
-
-def default_path() -> Path | None:
-    """Return the table of a checkout of mjbench; None outside of one."""
-    file = bundle.default_path().with_name("causes.toml")
-    return file if file.exists() else None
 
 
 def load(file: Path) -> list[KnownCause]:
