@@ -1,4 +1,4 @@
-"""A module in the place of MuJoCo or NumPy is named where it is the cause of an error, only there."""
+"""A module in the place of MuJoCo or NumPy is named where it is the cause of an error."""
 
 import importlib
 import sys
