@@ -32,7 +32,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
     "Many runs": {
         "history": "in which release speed changed, and why",
         "releases": "list, install and remove releases",
-        "sweep": "a matrix of models and releases on Ray",
+        "sweep": "a matrix of commands on a Ray cluster",
     },
 }
 
