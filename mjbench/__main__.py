@@ -1,20 +1,17 @@
 """Start the command line; without its packages, say in one line what to install."""
 
 import contextlib
-import signal
 import sys
 from typing import NoReturn
 
+from mjbench.api import interrupts
 from mjbench.status import ExitCode
 
 
 def main() -> None:
     """Run `mjbench` with the process's arguments."""
-    # until a command has something to save: an import that is interrupted need not be a traceback
-    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    interrupts.end_at_once()  # until a command has something to save; imports have not
     try:
-        from mjbench.api import interrupts
         from mjbench.cli import cli
     except ModuleNotFoundError as error:  # mjbench is run where it was not installed
         from mjbench import extras

@@ -5,7 +5,7 @@ import errno
 import os
 import sys
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -114,17 +114,30 @@ def _errors_reported() -> Iterator[None]:
         yield
     except MjbenchError as error:
         report_line(str(error))
-        sys.exit(error.exit_code)
+        sys.exit(ExitCode.INTERRUPTED if _is_of_interrupt(error) else error.exit_code)
     except (KeyboardInterrupt, click.Abort):
-        report_line("interrupted")
-        sys.exit(ExitCode.INTERRUPTED)
+        _end_interrupted()
     except (click.ClickException, click.exceptions.Exit):
         raise
     except BrokenPipeError:  # nobody reads on (`… | head`)
         sys.exit(ExitCode.ENVIRONMENT)
     except Exception as error:
+        if _is_of_interrupt(error):  # such as an import of a C extension
+            _end_interrupted()
         report_line(describe_unforeseen(error))
         sys.exit(ExitCode.ENVIRONMENT)
+
+
+def _end_interrupted() -> NoReturn:
+    report_line("interrupted")
+    sys.exit(ExitCode.INTERRUPTED)
+
+
+def _is_of_interrupt(error: BaseException | None) -> bool:
+    """Return whether an error was raised while KeyboardInterrupt was on its way, or for it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def report_line(text: str) -> None:

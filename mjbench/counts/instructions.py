@@ -9,7 +9,6 @@ cache misses, mispredicted branches and system calls take time without taking in
 """
 
 import contextlib
-import os
 import shutil
 import subprocess
 import time
@@ -199,7 +198,7 @@ def _program(
 
     The dumps become `callgrind.out.1`, `callgrind.out.2`, … in the folder.
     """
-    core, parent = folder / "core", os.getpid()
+    core = folder / "core"
     with writing(folder):
         core.mkdir()
         release_python.link_mjbench(core)
@@ -207,7 +206,8 @@ def _program(
 
         def command(descriptor: int) -> list[str]:
             code = f"from mjbench.counts.counted_program import main; main({descriptor})"
-            return [*_callgrind(folder), *release_python.command(code, core, install)]
+            program = [*_callgrind(folder), *release_python.command(code, core, install)]
+            return child.ending_with_parent(program)
 
         connection = child_connection.start(
             command,
@@ -221,7 +221,6 @@ def _program(
                 "PYTHONHASHSEED": HASH_SEED,
                 "TMPDIR": str(folder),  # valgrind's own temporary files go with the folder
             },
-            preexec_fn=lambda: child.die_with_parent(parent),
         )
         try:
             with contextlib.suppress(OSError):  # its end is reported where its answer is read

@@ -33,6 +33,19 @@ _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER, _PR_GET_CHILD_SUBREAPER = 1, 36, 37
 # which begins with that of this process.
 MARK = "MJBENCH_CHILD"
 _OWN_MARK = uuid.uuid4().hex
+# The signals that may raise an exception: those that interrupt, and the alarm of `interrupts`.
+_DELAYED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM")
+# A program that ends with its parent: it is not a `preexec_fn`, for which Python runs hooks of fork
+# in this process, where it would drop Ctrl-C. Python ignores two signals, programs do not.
+_START = f"""\
+import ctypes, os, signal, sys
+ctypes.CDLL(None).prctl({_PR_SET_PDEATHSIG}, signal.SIGKILL)
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+if os.getppid() == int(sys.argv[1]):
+    os.execvp(sys.argv[2], sys.argv[2:])
+"""
+_ENDING_WITH_PARENT = (sys.executable, "-I", "-S", "-c", _START)
 # Descendants may start others while they are ended: they are looked for at most so often, and
 # awaited for so many seconds.
 _SEARCHES, _DEATH_S = 10, 5.0
@@ -82,7 +95,6 @@ class Child(ChildProcess):
         command: Sequence[str],
         *,
         env: Mapping[str, str] | None = None,
-        preexec_fn: Callable[[], None] | None = None,
         **arguments: Any,
     ):
         _adopt_orphans()
@@ -94,7 +106,6 @@ class Child(ChildProcess):
                     command,
                     env={**environment, MARK: self._mark},
                     start_new_session=True,
-                    preexec_fn=preexec_fn,
                     **arguments,
                 )
         except OSError as error:
@@ -146,19 +157,32 @@ class AdoptedChild(ChildProcess):
 
 @contextlib.contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Delay Ctrl-C until the block has ended: a process that is half started could not be ended."""
-    handler = signal.getsignal(signal.SIGINT)
-    if not callable(handler) or threading.current_thread() is not threading.main_thread():
-        yield
-        return
+    """Delay signals until the block has ended: a process that is half started cannot be ended."""
+    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
     waiting: list[tuple[int, FrameType | None]] = []
-    signal.signal(signal.SIGINT, lambda number, frame: waiting.append((number, frame)))
+    has_ended = False
+
+    def delay(number: int, frame: FrameType | None) -> None:
+        if has_ended:  # a handler that raises has kept this one from being replaced
+            handlers[number](number, frame)
+        else:
+            waiting.append((number, frame))
+
+    if threading.current_thread() is threading.main_thread():
+        for name in _DELAYED:
+            number = getattr(signal, name, None)
+            handler = None if number is None else signal.getsignal(number)
+            if number is not None and callable(handler):
+                handlers[number] = handler
+                signal.signal(number, delay)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, handler)
-        if waiting:
-            handler(*waiting[0])
+        has_ended = True
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number, frame in waiting:
+            handlers[number](number, frame)
 
 
 def new_mark() -> str:
@@ -287,6 +311,16 @@ def die_with_parent(parent: int | None = None) -> None:
         platforms.end_with_parent()
     if parent is not None and os.getppid() != parent:
         os._exit(1)
+
+
+def ending_with_parent(command: Sequence[str]) -> list[str]:
+    """Return a command that also ends with the thread that starts it, where Linux can do it.
+
+    For programs that cannot call `die_with_parent`.
+    """
+    if sys.platform != "linux":
+        return list(command)
+    return [*_ENDING_WITH_PARENT, str(os.getpid()), *command]
 
 
 def describe_exit(code: int) -> str:

@@ -5,7 +5,6 @@ beyond that is an error of measuring.
 """
 
 import contextlib
-import os
 import subprocess
 import sys
 from collections import Counter
@@ -204,11 +203,9 @@ def busy_neighbour_core() -> Iterator[None]:
         raise MachineError("--busy cannot work here: this system cannot keep a process on one core")
     core = max(allowed)
     code = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: sum(range(100000))"
-    parent = os.getpid()
     spinner = child.Child(  # in a session of its own: Ctrl-C is not for it
-        [sys.executable, "-c", code],
+        child.ending_with_parent([sys.executable, "-c", code]),
         stdin=subprocess.DEVNULL,
-        preexec_fn=lambda: child.die_with_parent(parent),
     )
     try:
         yield

@@ -19,6 +19,7 @@ import msgspec
 
 from mjbench import extras
 from mjbench.errors import InputError, UnavailableError, one_line
+from mjbench.host import child
 
 # Samples per second.
 DEFAULT_RATE_HZ = 100
@@ -120,7 +121,11 @@ def start(
     with log.open("wb") as output:
         # in a session of its own: Ctrl-C is for the program
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+            child.ending_with_parent(command),
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
         )
     return Sampler(process, file, log)
 

@@ -90,16 +90,17 @@ def run(command: str, *arguments: str, phase: str) -> str:
     _LOG.info(phase)
     with files.temporary_folder() as folder, tempfile.TemporaryFile() as errors:
         process = child.Child(
-            [
-                *(sys.executable, "-m", "pip", command),
-                *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
-                *arguments,
-            ],
+            child.ending_with_parent(
+                [
+                    *(sys.executable, "-m", "pip", command, "--quiet", "--no-input"),
+                    *("--disable-pip-version-check", "--only-binary=:all:"),
+                    *arguments,
+                ]
+            ),
             env={_VERSION_OF_GIT: "0", **environment, "TMPDIR": str(folder)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=errors,
-            preexec_fn=child.die_with_parent,
         )
         try:
             while process.wait(_TICK_S) is None:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line, shown, suggestion, writing
-from mjbench.host import child
 from mjbench.units import short_commit
 
 # Names what lies in the user's checkout now: changes that are not committed and files that are not
@@ -207,7 +206,6 @@ def _git(
             errors="surrogateescape",
             check=False,
             env={**environment, "GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C", **(variables or {})},
-            preexec_fn=child.die_with_parent,
         )
     except OSError as error:
         raise MachineError(f"cannot run git, which revisions need: {error.strerror}") from error

@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from commands import PYTHONPATH, ROOT, mjbench_process
 
 from mjbench.cli import group
+from mjbench.errors import MachineError
 
 
 def test_help_and_version_need_no_engine() -> None:
@@ -75,3 +77,25 @@ def test_a_rendering_library_that_cannot_be_loaded_is_named(
 def test_a_command_without_its_group_has_the_same_help() -> None:
     context = group.cli.commands["doctor"].make_context("doctor", [])
     assert context.help_option_names == ["-h", "--help"]
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (ImportError("initialization failed"), "interrupted"),
+        (MachineError("cannot write x"), "cannot write x"),
+    ],
+    ids=["import", "cleanup"],
+)
+def test_an_interrupt_that_becomes_another_error_stays_one(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, line: str
+) -> None:
+    def fail(*arguments: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise error
+
+    monkeypatch.setattr("mjbench.paths.registry", fail)
+    result = CliRunner().invoke(group.cli, ["paths"])
+    assert (result.exit_code, result.stderr) == (130, f"mjbench: {line}\n")

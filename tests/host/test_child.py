@@ -64,6 +64,38 @@ def test_a_child_whose_parent_has_ended_before_it_could_ask_to_die_with_it_ends(
     assert (done.returncode, done.stdout) == (1, "")
 
 
+def test_a_program_that_knows_nothing_of_it_ends_with_its_parent() -> None:
+    program = (
+        "import subprocess\n"
+        "from mjbench.host import child\n"
+        "shell = ['sh', '-c', 'echo $$; exec sleep 600']\n"
+        "subprocess.run(child.ending_with_parent(shell))"
+    )
+    environment = {**os.environ, "PYTHONPATH": PYTHONPATH}
+    parent = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert parent.stdout is not None
+    process = os.pidfd_open(int(parent.stdout.readline()))
+    parent.kill()
+    parent.communicate()
+    assert ends(process)
+
+
+def test_a_program_whose_parent_has_ended_is_not_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "getpid", lambda: 1 << 22)
+    command = child.ending_with_parent(["echo", "on"])
+    monkeypatch.undo()
+    assert subprocess.run(command, capture_output=True, check=True).stdout == b""
+
+
+@pytest.mark.parametrize("name", ["SIGPIPE", "SIGXFSZ"])
+def test_a_program_that_ends_with_its_parent_has_the_usual_signals(name: str) -> None:
+    number = getattr(signal, name).value
+    command = child.ending_with_parent(["sh", "-c", f"kill -{number} $$"])
+    assert subprocess.run(command, check=False).returncode == -number
+
+
 def test_what_others_have_started_below_this_process_lives_on() -> None:
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as neighbour:
         mine = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
@@ -76,22 +108,27 @@ def test_what_others_have_started_below_this_process_lives_on() -> None:
     assert neighbour.returncode == 0
 
 
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGALRM"])
 def test_an_interrupt_waits_until_a_process_has_started_and_then_ends_it(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
+    number = getattr(signal, name)
     started: list[subprocess.Popen[bytes]] = []
 
     class Interrupted(subprocess.Popen[bytes]):
         def __init__(self, *arguments: object, **options: object) -> None:
-            signal.raise_signal(signal.SIGINT)  # before it has a mark, or anybody knows it
+            signal.raise_signal(number)  # before it has a mark, or anybody knows it
             super().__init__(*arguments, **options)  # type: ignore[call-overload]
             started.append(self)
 
     monkeypatch.setattr(subprocess, "Popen", Interrupted)
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        child.Child([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            child.Child([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        signal.signal(number, before)
     assert started[0].stdin is not None
     assert started[0].stdin.closed
-    assert signal.getsignal(signal.SIGINT) is before
     assert [process.returncode for process in started] == [-signal.SIGKILL]

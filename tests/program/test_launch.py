@@ -73,7 +73,7 @@ def full_disk():
 
 
 @pytest.mark.usefixtures("full_disk")
-def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkeypatch):
+def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkeypatch, capfd):
     folder = tmp_path / "temporary"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
@@ -81,6 +81,7 @@ def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkey
     file.write_text("import mujoco, sys\nsys.exit(7)")
     seen = launch.run(Program([str(file)]))
     assert seen.exit_code == 7
+    assert capfd.readouterr() == ("", "")
     assert seen.pid in seen.untimed_pids
     assert seen.steps == []
     assert list(folder.iterdir()) == []

@@ -1,9 +1,14 @@
 """py-spy's file is read, or refused in one line; so is why there are no samples."""
 
 import json
+import os
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
+from commands import PYTHONPATH
+from process_tree import ends
 
 from mjbench.errors import InputError
 from mjbench.program import py_spy
@@ -32,6 +37,29 @@ def test_why_there_are_no_samples(tmp_path, text, words):
     problem = py_spy.Sampler(SimpleNamespace(), tmp_path / "samples.json", log).problem()
     assert all(word in problem for word in words)
     assert "\n" not in problem
+
+
+def test_the_profiler_ends_with_mjbench_however_that_ends(tmp_path):
+    profiler = tmp_path / "py-spy"
+    profiler.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 600\n")
+    profiler.chmod(0o755)
+    os.mkfifo(tmp_path / "pid")
+    program = (
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        "from mjbench.program import py_spy\n"
+        "py_spy.program = lambda: sys.argv[1] + '/py-spy'\n"
+        "py_spy.start(os.getpid(), Path(sys.argv[1]), 10, False)\n"
+        "signal.pause()"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", program, str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+    )
+    process = os.pidfd_open(int((tmp_path / "pid").read_text()))
+    parent.kill()
+    parent.wait()
+    assert ends(process)
 
 
 def document(name='Process 7 Thread 8 "Main"'):

@@ -45,6 +45,11 @@ def map_file(path: str, size: int) -> mmap.mmap:
         os.close(descriptor)
 
 
+def path_of(folder: str) -> str:
+    """Return the path of the file of this process."""
+    return os.path.join(folder, f"{os.getpid()}.steps")
+
+
 def _allocate(descriptor: int, size: int) -> None:
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(descriptor, 0, size)
@@ -64,7 +69,7 @@ class StepFile:
         if self._folder == os.devnull:
             self._begin(mmap.mmap(-1, _SIZE))
         else:
-            self._begin(map_file(os.path.join(self._folder, f"{os.getpid()}.steps"), _SIZE))
+            self._begin(map_file(path_of(self._folder), _SIZE))
 
     def close(self) -> None:
         self._begin(mmap.mmap(-1, FIRST_RECORD))
