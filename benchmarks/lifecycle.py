@@ -24,7 +24,7 @@ def _start_data(name: str) -> mujoco.MjData:
 
 
 def _block(name: str, repeats: int) -> Callable[[], None]:
-    """Return what does an operation as many times, as `mjbench history measure` does it.
+    """Return what does an operation as many times, as `benchmarks.history measure` does it.
 
     A release that cannot do it skips the benchmark.
     """

@@ -2,20 +2,20 @@
 
 asv's times are those of one machine on one day. This ratio does not follow the machine's drift, so
 releases that were measured months apart can be compared by it. The reference release is installed
-in mjbench's cache (see mjbench.releases.installs). `mjbench history measure` measures the same, and
-keeps every launch. `setup_cache` imports what measures: asv imports this module where NumPy and
-MuJoCo alone are installed.
+in mjbench's cache (see mjbench.releases.installs). `python -m benchmarks.history measure` measures
+the same, and keeps every launch. `setup_cache` imports what measures: asv imports this module where
+NumPy and MuJoCo alone are installed.
 """
 
 from benchmarks import stored
+from benchmarks.history import release_ratios
+from benchmarks.history.release_ratios import REFERENCE, RatioRecord
 from benchmarks.settings import Cached, Tracked, for_asv
-from mjbench.releases import release_ratios
-from mjbench.releases.release_ratios import REFERENCE, RatioRecord
 from mjbench.simulation import models
 from mjbench.status import Status
 
 # Launches of two processes, in each of which all models are timed: one turn of the schedule of
-# placements. `mjbench history measure` has two to ten turns.
+# placements. `benchmarks.history measure` has two to ten turns.
 LAUNCHES = release_ratios.SCHEDULE_LAUNCHES
 
 
@@ -29,8 +29,8 @@ class Reference(Tracked):
     @for_asv(timeout=600)  # the first one installs the reference
     def setup_cache(self) -> dict[str, Cached[float]]:
         """Measure all models in the same launches; return the ratios by model."""
-        from mjbench.paired import history_measurement
-        from mjbench.paired.history_tasks import StepTask
+        from benchmarks.history import timing
+        from benchmarks.history.tasks import StepTask
         from mjbench.paired.worker_pool import WorkerPool
         from mjbench.releases import release_names
 
@@ -47,7 +47,7 @@ class Reference(Tracked):
             except NotImplementedError as reason:
                 cache[model] = Cached(Status.UNAVAILABLE, str(reason))
         with WorkerPool() as pool:
-            records = history_measurement.measure(pool, tasks, LAUNCHES)
+            records = timing.measure(pool, tasks, LAUNCHES)
         return cache | {record.model: _cached(record) for record in records}
 
     def setup(self, cache: dict[str, Cached[float]], model: str) -> None:

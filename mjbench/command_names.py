@@ -30,40 +30,25 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "paths": "list the ways of stepping",
     },
     "Many runs": {
-        "history": "in which release speed changed, and why",
         "releases": "list, install and remove releases",
         "sweep": "a matrix of commands on a Ray cluster",
     },
 }
 
-# What became of commands that no longer exist.
-REMOVED: Mapping[str, str] = {
-    "falls": "`falls` is an example of mjbench's repository now: python docs/examples/falls.py"
-}
-
-# Earlier names go on working.
-EARLIER: Mapping[str, Sequence[str]] = {
-    "diff": ("show", "--against="),  # the old run is the first one
-    "explain": ("versions", "--explain"),
-    "instructions": ("profile", "--instructions"),
-    "overhead": ("profile", "--habits"),
-    "report": ("show", "--format", "html"),  # a later --format counts
-    "results export": ("show", "--format", "csv"),
-    "selfcheck": ("doctor", "--verdicts"),
-}
-# Commands of groups, by what their results are named after.
-_OF_GROUPS: Mapping[str, Sequence[str]] = {
-    "history": ("history", "measure"),
-    "history-explain": ("history", "explain"),
-    "installs": ("releases", "installs"),
+# Modes, and commands of groups, by what their results are named after.
+_OF_RESULTS: Mapping[str, str] = {
+    "diff": "show --against",
+    "explain": "versions --explain",
+    "installs": "releases installs",
+    "instructions": "profile --instructions",
+    "overhead": "profile --habits",
+    "selfcheck": "doctor --verdicts",
 }
 
 
 def with_mode(words: Sequence[str], names: Collection[str]) -> list[str]:
-    """Return the words of a command line with the command's present name, a mode as one word."""
-    nword = 2 if " ".join(words[:2]) in EARLIER else 1
-    earlier = " ".join(words[:nword])
-    name, *rest = [*EARLIER.get(earlier, words[:1]), *words[nword:]]
+    """Return the words of a command line with a mode as one word."""
+    name, *rest = words
     options = rest[: rest.index("--")] if "--" in rest else rest
     for option in options:
         if f"{name} {option}" in names:
@@ -72,7 +57,6 @@ def with_mode(words: Sequence[str], names: Collection[str]) -> list[str]:
     return [name, *rest]
 
 
-def present_name(results_name: str) -> str:
+def command_of(results_name: str) -> str:
     """Return the command, and its mode, of results that are named after it in files."""
-    words = {**EARLIER, **_OF_GROUPS}.get(results_name, (results_name,))
-    return " ".join(words).removesuffix("=")
+    return _OF_RESULTS.get(results_name, results_name)

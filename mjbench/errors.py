@@ -2,11 +2,22 @@
 
 import contextlib
 import difflib
+import errno
+import os
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.status import ExitCode, Status
+
+# What the operating system says when the machine, or a limit of this process, is used up.
+_EXHAUSTED = (
+    *(errno.EMFILE, errno.ENFILE, errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM),
+    *(errno.EIO, errno.EFBIG),
+)
+# The packages that mjbench computes with, and what each of them certainly has.
+_ATTRIBUTES = {"mujoco": "MjModel", "numpy": "ndarray"}
 
 
 class MjbenchError(Exception):
@@ -21,6 +32,10 @@ class InputError(MjbenchError):
 
     exit_code = ExitCode.USAGE
     status = Status.INPUT
+
+
+def wrong_argument(name: str, value: object, expected: str) -> InputError:
+    return InputError(f"{name} must be {expected}, not {one_line(repr(value), 60)}")
 
 
 class UnavailableError(InputError):
@@ -67,6 +82,8 @@ def failure_of(error: BaseException) -> Failure:
         return Failure(error.status, str(error))
     if isinstance(error, MemoryError):
         return Failure(Status.FAILED, "out of memory")
+    if line := foreign_module(error):
+        return Failure(Status.FAILED, line)
     return Failure(Status.FAILED, describe(error))
 
 
@@ -78,6 +95,108 @@ def describe(error: BaseException) -> str:
     except Exception:  # an exception of the user's own whose __str__ raises
         message = ""
     return f"{name}: {message}" if message else name
+
+
+def describe_unforeseen(error: Exception) -> str:
+    """Return an unforeseen error in one line, and write its traceback to a file that it names.
+
+    A module that cannot be imported, memory that is short and what the operating system refuses
+    are the environment's fault; anything else is a defect of mjbench.
+    """
+    if line := _exhausted(error) or foreign_module(error):
+        return line
+    is_defect = False
+    backend = os.environ.get("MUJOCO_GL")
+    match error:
+        case _ if backend and _is_of_rendering(error):
+            return (
+                f"MuJoCo cannot load the rendering library of MUJOCO_GL={one_line(backend, 30)}"
+                f" ({describe(error)}); install it, or unset MUJOCO_GL"
+            )
+        case ImportError():
+            line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
+        case OSError():
+            line = one_line(error)
+        case _:
+            line, is_defect = f"unexpected {describe(error)}", True
+    file = _write_details(error)
+    if file is None:
+        return line
+    return f"{line}; {'please report it with the ' if is_defect else ''}details in {file}"
+
+
+def foreign_module(error: BaseException) -> str:
+    """Return which file is imported in the place of MuJoCo or NumPy, in one line.
+
+    It is empty unless that is why `error` was raised: the file raised it, or lacks what is needed.
+    """
+    import importlib.machinery
+    import traceback
+
+    raising = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
+    raising.add(str(getattr(error, "filename", "")))  # of a SyntaxError
+    for name, attribute in _ATTRIBUTES.items():
+        module = sys.modules.get(name)
+        if hasattr(module, attribute):
+            continue
+        spec = importlib.machinery.PathFinder.find_spec(name)
+        file = spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), None))
+        is_lacking = module is not None and isinstance(error, AttributeError | ImportError)
+        if file and (is_lacking or file in raising) and not _is_installed(name, file):
+            return (
+                f"{one_line(file)} is imported in the place of the package {name}: rename it, or"
+                " take its folder off the path of Python (PYTHONPATH)"
+            )
+    return ""
+
+
+def _is_installed(package: str, file: str) -> bool:
+    import importlib.metadata
+
+    try:
+        folder = importlib.metadata.distribution(package).locate_file(package)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return Path(file).is_relative_to(str(folder))
+
+
+def _is_of_rendering(error: BaseException) -> bool:
+    import traceback
+
+    files = (frame.filename for frame in traceback.extract_tb(error.__traceback__))
+    return any("gl_context" in file or "/OpenGL/" in file for file in files)
+
+
+def _exhausted(error: BaseException | None) -> str:
+    """Return what the machine ran out of, in one line; empty if an error has another cause."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return "out of memory"
+        if isinstance(error, OSError) and error.errno in _EXHAUSTED:
+            return one_line(error)
+        error = error.__cause__ or error.__context__
+    return ""
+
+
+def _write_details(error: Exception) -> str | None:
+    """Write an error's traceback to a new file; return its name, or None where none can be."""
+    import tempfile
+    import traceback
+
+    details = "".join(traceback.format_exception(error))
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w",
+            prefix="mjbench-error-",
+            suffix=".txt",
+            delete=False,
+            encoding="utf-8",
+            errors="backslashreplace",
+        ) as file:
+            file.write(details)
+    except OSError:
+        return None
+    return file.name
 
 
 def printable(text: object) -> str:

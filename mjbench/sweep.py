@@ -225,20 +225,18 @@ def _processors(nodes: Sequence[Mapping[str, Any]], label: str) -> float:
 
 def run_cell(cell: Cell, folder: Path | None = None) -> CellResult:
     """Run a command on this node; what it has started ends with it, and with this process."""
-    parent = os.getpid()
     label = {machine.LABEL_VARIABLE: cell.machine} if cell.machine else {}
     with files.temporary_folder() as temporary, child.adoption():
         results, log = temporary / "runs", temporary / "errors.txt"
         storing = [cell.words[0], "--results", str(results), *cell.words[1:]]
         with log.open("wb") as errors:
             process = child.Child(
-                [sys.executable, "-P", "-m", "mjbench", *storing],
+                child.ending_with_parent([sys.executable, "-P", "-m", "mjbench", *storing]),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=errors,
                 cwd=folder,
                 env={**os.environ, **label},
-                preexec_fn=lambda: child.die_with_parent(parent),
             )
         try:
             process.wait()

@@ -83,11 +83,11 @@ def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
 
 def _kind(words: Sequence[str]) -> str:
     """Return the name of the document that a command line writes."""
-    from mjbench.command_names import present_name
+    from mjbench.command_names import command_of
     from mjbench.report.kinds import DOCUMENTS
 
     for name in DOCUMENTS:
-        command, _, mode = present_name(name).partition(" ")
+        command, _, mode = command_of(name).partition(" ")
         if mode and words[0] == command and mode in words:
             return name
     return words[0]

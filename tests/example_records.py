@@ -26,6 +26,8 @@ FACTS = ModelFacts(
     integrator="euler",
     solver="newton",
     cone="pyramidal",
+    can_fall=False,
+    has_clock=True,
 )
 JUDGED = EngineJudgement.of(
     Precision.FLOAT32,

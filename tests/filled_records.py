@@ -36,14 +36,8 @@ _EXACT = ("knob", "orders", "histogram", "schema")
 # The records that runs of each command have.
 KINDS: Mapping[str, Sequence[str]] = {
     "compare": ("model", "measurement", "race"),
-    "scaling": ("scaling",),
-    "history": ("step_ratio", "operation_ratio", "explain"),
     "versions": ("verdict",),
-    **{
-        name: (name,)
-        for name in RECORD_TYPES
-        if name not in ("model", "measurement", "race", "scaling")
-    },
+    **{name: (name,) for name in RECORD_TYPES if name not in ("model", "measurement", "race")},
 }
 
 

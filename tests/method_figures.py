@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from commands import ROOT
 from committed_trials import RUNS, trial_counts
 
+from benchmarks.history import change_points, release_ratios, tables
 from benchmarks.studies import gpu, tally_file
 from benchmarks.studies.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
@@ -29,7 +30,7 @@ from mjbench.paired import outcomes, race, race_record
 from mjbench.program import loop_time, py_spy
 from mjbench.program.hook import bursts, step_clock
 from mjbench.program.remedies import remedy
-from mjbench.releases import change_points, placement, release_ratios
+from mjbench.releases import placement
 from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
 from mjbench.report.kinds import RECORD_TYPES
@@ -90,9 +91,10 @@ def history() -> Iterator[str]:
     yield f"nine more would take longer than {release_ratios.TARGET_S:.0f} s"
     yield f"A *change* of {percent(math.expm1(change_points.MIN_CHANGE))} or more"
     yield f"of at most {percent(change_points._MAX_SLOPE, 1)} each"
+    yield f"tables have those of {percent(math.expm1(tables.MIN_CHANGE))} or more"
     page = " ".join((ROOT / "docs/method/history.md").read_text().split())
     start, end = page.index("A release takes"), page.index("Operations are of one pass")
-    yield page[start:end]  # tests/report/test_committed_runs.py and test_committed_history.py
+    yield page[start:end]  # tests/benchmarks/history/test_committed_history.py
 
 
 def paired() -> Iterator[str]:

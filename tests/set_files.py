@@ -1,14 +1,11 @@
-"""Run files and run sets of invented machines, for tests of what reads them."""
+"""Run files of invented machines, for tests of what reads them."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mjbench.host.machine import Machine
-from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import runs
-from mjbench.store.run_set import RunSection, RunSetFile
 from mjbench.store.run_writer import RunFile
 from mjbench.store.runs import Record, RunHeader
 
@@ -50,19 +47,3 @@ def run_file(
         file.append(record)
     file.close()
     return file.path
-
-
-def section_of(
-    path: Path, record_types: Mapping[str, type] = RECORD_TYPES, cell: str = ""
-) -> RunSection:
-    """Return a run file as a section."""
-    return RunSection(cell, runs.load(path, record_types), tuple(runs.read_lines(path)))
-
-
-def set_of(path: Path, files: Sequence[Path]) -> Path:
-    """Return a run set of run files."""
-    file = RunSetFile.create(path)
-    for one in files:
-        file.append(section_of(one))
-    file.close()
-    return path

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 from set_files import labelled
 
+from benchmarks.history import speed_series
+from benchmarks.history.release_ratios import LaunchRatio, StepRatioRecord
+from benchmarks.history.speed_series import SpeedSeries
 from mjbench.counts.records import ExplainRecord, FunctionDifference, Pair
-from mjbench.releases import speed_history
 from mjbench.releases.placement import Placement
-from mjbench.releases.release_ratios import LaunchRatio, StepRatioRecord
-from mjbench.releases.speed_history import SpeedSeries
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run, RunHeader
@@ -53,12 +53,12 @@ def record(
 def history(ratios: Sequence[float]) -> SpeedSeries:
     """Return the history of a model in the first of VERSIONS."""
     records = [record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)]
-    (only,) = speed_history.histories(records)
+    (only,) = speed_series.histories(records)
     return only
 
 
 def history_run(machine: str, ratios: Sequence[float], model: str = "pile") -> Run:
-    """Return a run of `history measure` on a machine that the user gave a name."""
+    """Return a run of the history on a machine that the user gave a name."""
     header = RunHeader(SCHEMA, "history", labelled(machine), {})
     records = [record(v, r, model) for v, r in zip(VERSIONS, ratios, strict=False)]
     return Run(header, tuple(records))

@@ -1,6 +1,5 @@
 """Any number in a run file is refused in one line, or is shown."""
 
-import contextlib
 import copy
 import json
 import random
@@ -110,10 +109,9 @@ def show(run: Run) -> None:
 
 def write_pages(run: Run) -> None:
     """Write the pages of `show --html` and `--markdown`."""
-    with contextlib.suppress(InputError):  # operations alone are no history
-        report = reports.build([NamedRun(FILE, run)])
-        assert "".join(markdown_page.render(report))
-        assert html_page.render(report)
+    report = reports.build([NamedRun(FILE, run)])
+    assert "".join(markdown_page.render(report))
+    assert html_page.render(report)
 
 
 @pytest.mark.parametrize("number", BEYOND)
@@ -140,9 +138,7 @@ def test_ratios_of_a_search_that_no_two_versions_have_are_refused() -> None:
         parsed(header, comparison)
 
 
-@pytest.mark.parametrize(
-    "command", [name for name in filled_records.KINDS if name not in ("history", "versions")]
-)
+@pytest.mark.parametrize("command", [name for name in filled_records.KINDS if name != "versions"])
 def test_an_extreme_number_is_refused_or_shown(command: str) -> None:
     lines = filled_records.lines(command)
     for at in range(1, len(lines), 2):  # of two records of each type

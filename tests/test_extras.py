@@ -41,6 +41,6 @@ def test_without_metadata_it_is_the_command_for_a_clone(monkeypatch: pytest.Monk
     assert extras.install_command() == "python -m pip install ."
 
 
-@pytest.mark.parametrize("extra", ["", "env", "history", "mjx", "report", "run", "test", "warp"])
+@pytest.mark.parametrize("extra", ["", "asv", "env", "mjx", "ray", "report", "warp"])
 def test_every_extra_of_mjbench_has_packages(extra: str) -> None:
     assert " ." not in extras.install_command(extra)

@@ -2,33 +2,31 @@
 
     python -m benchmarks.studies.history_repeats FIRST.jsonl SECOND.jsonl
 
-prints, for the steps of all models, by how much the second run file of `mjbench history measure`
+prints, for the steps of all models, by how much the second run file of `benchmarks.history measure`
 differs from the first, and by how much the changes from one release to the next do.
 """
 
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.history import files, known_causes
+from benchmarks.history.speed_history import SpeedHistory
 from benchmarks.studies import tally_command
 from mjbench.status import ExitCode
-
-if TYPE_CHECKING:
-    from mjbench.report.speed_history import SpeedHistory
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
     parser = tally_command.parser(__doc__)
-    parser.add_argument("first", type=Path, help="run file of `mjbench history measure`")
+    parser.add_argument("first", type=Path, help="run file of `benchmarks.history measure`")
     parser.add_argument("second", type=Path, help="another one")
     options = parser.parse_args(arguments)
-    from mjbench.report import history_files  # asv imports this module where msgspec is missing
-
-    first, second = (history_files.read([f], None) for f in (options.first, options.second))
+    first, second = (
+        files.read([file], known_causes.FILE) for file in (options.first, options.second)
+    )
     differences = repeated(first, second)
     changes = [b - a for series in differences for a, b in itertools.pairwise(series)]
     _print("ratios", np.concatenate([np.zeros(0), *differences]))
@@ -36,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     return ExitCode.OK
 
 
-def repeated(first: "SpeedHistory", second: "SpeedHistory") -> list[np.ndarray]:
+def repeated(first: SpeedHistory, second: SpeedHistory) -> list[np.ndarray]:
     """Return the differences of log ratios of the releases that both have, one array a model."""
     known = {
         (series.name, each.release): each.ratio.log_ratio

@@ -2,7 +2,7 @@
 
     python -m benchmarks.studies.history_simulation [--histories 1000]
 
-draws histories of a model whose truth is known, looks for changes as `mjbench history` does, and
+draws histories of a model whose truth is known, looks for changes as `benchmarks.history` does, and
 writes a part of docs/method/history.md. It takes about a minute.
 """
 

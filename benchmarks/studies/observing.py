@@ -116,9 +116,9 @@ def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
     from mjbench.program.py_spy import DEFAULT_RATE_HZ, MANY_RATE_HZ
 
     usual_hz = MANY_RATE_HZ if name == PROCESSES else DEFAULT_RATE_HZ
-    rate = ["--rate", str(rate_hz)] if rate_hz else []
+    rate = ["--sample-rate", str(rate_hz)] if rate_hz else []
     ordinary = _run(name, rate, lambda observers, of_program: _let_run(of_program))
-    half = ["--rate", str(math.ceil((rate_hz or usual_hz) / 2))]
+    half = ["--sample-rate", str(math.ceil((rate_hz or usual_hz) / 2))]
     divided = _run(
         name, half, lambda observers, of_program: _change_sides(observers, of_program, seconds)
     )

@@ -83,7 +83,7 @@ def examples_of(page: str) -> Iterator[Example]:
     """Yield the examples of a page's text in their order.
 
     Those are blocks of commands, Python and TOML, and commands in the text that name a file or an
-    environment: `mjbench history measure` alone is a name.
+    environment: `mjbench releases install` alone is a name.
     """
     parts = re.split(r"^((?:<!-- of [^\n]*\n+)?```\w*\n.*?^```$)", page, flags=re.M | re.S)
     for part in parts:

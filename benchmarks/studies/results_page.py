@@ -16,10 +16,10 @@ from mjbench.paired.outcomes import Cause
 from mjbench.paired.race_record import Loop
 
 if TYPE_CHECKING:  # else imported late: asv imports this module where few packages are
-    from mjbench.releases.speed_history import MeasuredRelease
+    from benchmarks.history.speed_history import Listed, SpeedHistory
+    from benchmarks.history.speed_series import MeasuredRelease
     from mjbench.report.advice import Advice
     from mjbench.report.path_speedups import ModelResults
-    from mjbench.report.speed_history import Listed, SpeedHistory
     from mjbench.store.runs import Run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,10 +44,10 @@ def committed_run() -> "Run":
 
 def committed_history() -> "SpeedHistory":
     """Return the committed history of releases."""
-    from mjbench.report import history_files
+    from benchmarks.history import files, known_causes
 
-    files = [f for f in history_files.run_files(ROOT / "results/history") if "reference-" in f.name]
-    return history_files.read(files, ROOT / "benchmarks/causes.toml")
+    committed = files.run_files(ROOT / "results/history")
+    return files.read([f for f in committed if "reference-" in f.name], known_causes.FILE)
 
 
 def model_lines(run: "Run") -> Iterator[str]:
@@ -156,7 +156,7 @@ def _mark(row: "Advice", y: float) -> Iterator[str]:
 
 def release_lines(history: "SpeedHistory") -> Iterator[str]:
     """Yield the releases in which one of the models became slower or faster."""
-    from mjbench.report.speed_history import listed_changes
+    from benchmarks.history.speed_history import listed_changes
 
     series = [each for each in history.models if each.name in SERIES]
     changes: dict[str, dict[str, Listed]] = {}

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.releases import change_points
-from mjbench.releases.change_points import Changes
+from benchmarks.history import change_points
+from benchmarks.history.change_points import Changes
 
 RELEASES = 42
 NO_CHANGE = Path(__file__).parents[2] / "results" / "runs" / "reference-between-builds.jsonl"

@@ -3,6 +3,7 @@
 A check-up asks the commands that look closer, each for a short time, and stores their records.
 """
 
+import contextlib
 import os
 import sys
 import time
@@ -24,7 +25,13 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.environment import measurement as environments
 from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
-from mjbench.errors import Failure, InputError, MjbenchError
+from mjbench.errors import (
+    Failure,
+    InputError,
+    MjbenchError,
+    describe_unforeseen,
+    wrong_argument,
+)
 from mjbench.host import isolate, machine
 from mjbench.limits import SECONDS, TIME_LIMIT_S
 from mjbench.loop import lint, profile
@@ -161,6 +168,8 @@ def checkup(
     """
     limit_s = argument_values.number("time_limit_s", time_limit_s, SECONDS)
     budget_s = argument_values.number("budget_s", budget_s, SECONDS)
+    if not all(isinstance(argument, str) for argument in arguments):
+        raise wrong_argument("arguments", arguments, "texts")
     with start_states.plan(settle_s, states) as starts:
         plan = CheckupPlan(quick, starts, limit_s, budget_s)
         if isinstance(target, str | os.PathLike):
@@ -235,6 +244,8 @@ class _Parts:
             failure = failure_of_model(name, error)
             detail = failure.detail.removeprefix(f"{name}: ")
             ended = replace(begun, status=failure.status, detail=detail)
+        except Exception as error:  # the other parts stay
+            ended = replace(begun, status=Status.FAILED, detail=describe_unforeseen(error))
         ended = replace(ended, seconds=self.clock() - begin_s)
         self.records += [ended, *records]
         if ended.has_ended_well:
@@ -353,12 +364,16 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
     def ran(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         program = launch.Program((source.name, *source.arguments), sys.executable)
         launch.check(program)
-        seen = launch.run(program, times.steps, most_s=times.program)
-        return part, [ProgramRow.of(program.name, seen)]
+        seen = launch.run(program, times.steps, most_s=times.program, ends_on_signal=True)
+        if not seen.was_interrupted:
+            with contextlib.suppress(KeyboardInterrupt):
+                return part, [ProgramRow.of(program.name, seen)]
+        ended = replace(part, status=Status.INTERRUPTED)
+        return ended, [ProgramRow.of(program.name, replace(seen, models=()))]
 
     first = parts.measured(CheckupPart.SOURCE, "reading it", read)
     yield first
-    if first.failure is None:
+    if not any(part.status == Status.INPUT for part in parts.parts):
         doing = f"running it, for {times.program:.0f} s at most"
         yield parts.measured(CheckupPart.PROGRAM, doing, ran)
 

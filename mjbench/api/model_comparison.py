@@ -21,7 +21,7 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.comparison.verification import AgreementReport, ModelFiles, verify_in_child
 from mjbench.errors import Failure, failure_of
 from mjbench.host import isolate, machine, neighbours
-from mjbench.host.machine import ProcessorTime
+from mjbench.host.machine import CoreChange, ProcessorTime
 from mjbench.paired import launches
 from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
@@ -170,6 +170,7 @@ class ComparedModel:
         self._pool, self._plan, self._name = pool, plan, source.name
         self._shares, self._of_sizes, self._observer = shares, of_sizes, observer
         self._begin_s, self._processor_time = time.monotonic(), ProcessorTime.now()
+        self._cores = machine.allowed_cores()
         self._children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
         self._race: RaceRecord | None = None
         self._is_complete = False
@@ -237,12 +238,15 @@ class ComparedModel:
         self._show_known()
 
     def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
-        earlier = self._race.neighbours if self._race is not None else ()
-        names = sorted({*earlier, *(each.command for each in neighbours.measuring_now())})
+        earlier = self._race or record
+        names = sorted(
+            {*earlier.neighbours, *(each.command for each in neighbours.measuring_now())}
+        )
         return replace(
             record,
             stolen_share=ProcessorTime.now().stolen_since(self._processor_time),
             neighbours=names,
+            core_change=earlier.core_change or CoreChange.since(self._cores),
         )
 
     def _run_accelerated(self) -> None:

@@ -8,14 +8,14 @@ all of them together (`mjbench.api.measured`).
 import contextlib
 import functools
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
+from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable, wrong_argument
 from mjbench.host import conditions, machine, neighbours, platforms
-from mjbench.host.machine import ProcessorTime
+from mjbench.host.machine import CoreChange, ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Progress
@@ -35,6 +35,8 @@ class Observer:
     """Passes the progress of a measurement on to a function; commands show more."""
 
     def __init__(self, on_progress: Progress | None = None):
+        if not (on_progress is None or callable(on_progress)):
+            raise wrong_argument("on_progress", on_progress, "a function")
         self._on_progress = on_progress or timing.no_progress
 
     def __call__(self, name: str, share: float) -> None:
@@ -79,6 +81,7 @@ class Measurement:
         not be measured again. It may raise KeyboardInterrupt, or end after a record that says so.
       select_finished: which records of a continued run are not measured again.
       notes: what makes the results unreliable here, a sentence each.
+      record_types: of the records in a run file, by their `type`.
     """
 
     command: str
@@ -87,6 +90,7 @@ class Measurement:
     measure: Callable[[Sequence[Record], Observer], Items]
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
+    record_types: Mapping[str, type] = field(default_factory=lambda: RECORD_TYPES)
 
 
 def pinning_notes() -> list[str]:
@@ -225,7 +229,7 @@ class Session:
         with contextlib.ExitStack() as closing:
             if self._wait is not None:
                 self._others = self._look(self._wait)
-            self._begin = ProcessorTime.now()
+            self._begin, self._cores = ProcessorTime.now(), machine.allowed_cores()
             self.header = self._new_header()
             if self._folder is not None:
                 self._file = self._open(self._folder)
@@ -271,7 +275,7 @@ class Session:
             return RunFile.create(folder, self.header)
         if file.is_fifo():
             raise InputError(f"cannot continue {file}: it is a pipe, not a file")
-        stored = runs.load(file, RECORD_TYPES)
+        stored = runs.load(file, self._measurement.record_types)
         check_continues(file, stored.header, self.header)
         self.header = stored.header
         if stored.is_torn:
@@ -310,8 +314,10 @@ class Session:
         others = dict.fromkeys([*self._others, *neighbours.measuring_now()])
         share = ProcessorTime.now().stolen_since(self._begin)
         stolen_share = share if share >= conditions.NOTABLE_STOLEN else None
-        if not others and stolen_share is None:
+        core_change = CoreChange.since(self._cores)
+        if not others and stolen_share is None and core_change is None:
             return None
-        disturbance = Disturbance([other.command for other in others], stolen_share)
+        commands = [other.command for other in others]
+        disturbance = Disturbance(commands, stolen_share, core_change)
         self.record(disturbance)
         return disturbance

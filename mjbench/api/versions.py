@@ -52,7 +52,7 @@ def versions(
     min_effect: float = outcomes.MIN_EFFECT,
     confidence: float = outcomes.CONFIDENCE,
     precision: float = outcomes.PRECISION,
-    time_limit_s: float = outcomes.TIME_LIMIT_S,
+    budget_s: float = outcomes.TIME_LIMIT_S,
     as_shipped: bool = False,
     nbatch: int | None = None,
     nstep: int | None = None,
@@ -85,7 +85,7 @@ def versions(
         `same`.
       confidence: of the interval, as a share.
       precision: stop when half the interval's width is below this share.
-      time_limit_s: for each verdict, once the models are loaded; after it, an uncertain one is
+      budget_s: for each verdict, once the models are loaded; after it, an uncertain one is
         `inconclusive`.
       as_shipped: whether to compare builds with their machine code where it lies in memory.
       nbatch: simulations of a run.
@@ -127,7 +127,7 @@ def versions(
             argument_values.number("min_effect", min_effect, SHARE),
             argument_values.number("confidence", confidence, SHARE),
             argument_values.number("precision", precision, SHARE),
-            argument_values.number("time_limit_s", time_limit_s, SECONDS),
+            argument_values.number("budget_s", budget_s, SECONDS),
             sizes,
             as_shipped,
         )

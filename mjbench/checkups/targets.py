@@ -86,6 +86,8 @@ def recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSo
 
 
 def _recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSource:
+    if not name:
+        raise InputError(f"the name is empty; give {FORMS}")
     path = Path(name)
     if path.suffix == _PROGRAM:
         if not _exists(path):

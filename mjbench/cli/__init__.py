@@ -11,7 +11,6 @@ from mjbench.cli import (  # each adds its command to the group
     compare,
     doctor,
     env,
-    history,
     latency,
     lint,
     listings,

@@ -46,7 +46,8 @@ def checkup(
     TARGET is a model, a Python program or an environment, as other commands take them. `mjbench
     TARGET` is the same. For a model, it races ways of stepping, tries settings, and measures
     together the changes that keep results. A program runs unchanged, and its arguments follow --.
-    What it prints stays on standard output; the list goes to standard error.
+    What it prints stays on standard output; the list goes to standard error. Where it fails,
+    its exit code is that of the check-up.
 
     Each item shows what it gains, what it changes in results, and which command looks closer. Wrong
     results come first.
@@ -59,6 +60,7 @@ def checkup(
       mjbench my_env:make --html checkup.html
     """
     from mjbench.api.checkup import CheckupPlan, measurement
+    from mjbench.api.run import exit_code_of
     from mjbench.checkups import targets
     from mjbench.pages.reports import NamedRun
     from mjbench.report import checkup as report
@@ -86,4 +88,6 @@ def checkup(
         for form, page in pages.items():
             if page.is_wanted:
                 page.write(show_pages.page(form, [named]))
+    if code_of_program := exit_code_of(run.session.run()):
+        run.exit_with(code_of_program)
     run.exit()

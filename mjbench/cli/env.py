@@ -12,7 +12,6 @@ from mjbench.cli.shared import (
     STORING,
     THREAD_COUNTS,
     THREADS,
-    RenamedOption,
     budget,
     count,
     with_options,
@@ -27,9 +26,7 @@ MAX_NSTEP = 100_000
 @click.argument("names", nargs=-1, required=True, metavar="ENVIRONMENT…")
 @click.option(
     "--nstep",
-    "--steps",
     "nstep",
-    cls=RenamedOption,
     type=count(Bounds(1, MAX_NSTEP)),
     help="Steps of the environment to record and repeat in every round"
     "  [default: as many as take 0.1 s, from 50 to 1000]",
@@ -44,9 +41,7 @@ MAX_NSTEP = 100_000
 @THREADS
 @click.option(
     "--nbatch",
-    "--num-envs",
     "nenv",
-    cls=RenamedOption,
     type=THREAD_COUNTS,
     help="Numbers of environments in vectorised forms  [default: 1, 2, 4, … usable cores]",
 )

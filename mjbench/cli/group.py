@@ -1,7 +1,6 @@
 """The group of all commands, and how an error becomes one line and an exit code."""
 
 import contextlib
-import errno
 import os
 import sys
 from collections.abc import Iterator
@@ -12,19 +11,20 @@ import click
 import mjbench
 from mjbench.checkups.targets import may_be_target
 from mjbench.cli import standard_streams
-from mjbench.command_names import LISTED, REMOVED, with_mode
-from mjbench.errors import InputError, MachineError, MjbenchError, describe, one_line, printable
+from mjbench.command_names import LISTED, with_mode
+from mjbench.errors import (
+    MachineError,
+    MjbenchError,
+    describe_unforeseen,
+    foreign_module,
+    printable,
+)
 from mjbench.host import platforms
 from mjbench.status import ExitCode
 
 _HELP_NAMES = ["-h", "--help"]
 # Where a context keeps the words of the command line.
 _COMMAND_LINE = "mjbench.command_line"
-# What the operating system says when the machine, or a limit of this process, is used up.
-_EXHAUSTED = (
-    *(errno.EMFILE, errno.ENFILE, errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM),
-    *(errno.EIO, errno.EFBIG),
-)
 
 
 class CommandGroup(click.Group):
@@ -64,8 +64,6 @@ class Cli(CommandGroup):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return a command with its arguments; refuse what cannot run here, but not its help."""
-        if args[0] in REMOVED:
-            raise InputError(REMOVED[args[0]])
         words = with_mode(args, self.commands)
         if words[0] not in self.commands and may_be_target(words[0]):
             words = ["checkup", *words]
@@ -121,6 +119,11 @@ def _errors_reported() -> Iterator[None]:
         raise
     except BrokenPipeError:  # nobody reads on (`… | head`)
         sys.exit(ExitCode.ENVIRONMENT)
+    except SystemExit as error:
+        if not (line := foreign_module(error)):
+            raise
+        report_line(line)
+        sys.exit(ExitCode.ENVIRONMENT)
     except Exception as error:
         if _is_of_interrupt(error):  # such as an import of a C extension
             _end_interrupted()
@@ -142,73 +145,6 @@ def _is_of_interrupt(error: BaseException | None) -> bool:
 
 def report_line(text: str) -> None:
     click.echo(f"mjbench: {printable(text)}", err=True)
-
-
-def describe_unforeseen(error: Exception) -> str:
-    """Return an unforeseen error in one line, and write its traceback to a file that it names.
-
-    A module that cannot be imported, memory that is short and what the operating system refuses
-    are the environment's fault; anything else is a defect of mjbench.
-    """
-    if exhausted := _exhausted(error):
-        return exhausted
-    is_defect = False
-    backend = os.environ.get("MUJOCO_GL")
-    match error:
-        case _ if backend and _is_of_rendering(error):
-            return (
-                f"MuJoCo cannot load the rendering library of MUJOCO_GL={one_line(backend, 30)}"
-                f" ({describe(error)}); install it, or unset MUJOCO_GL"
-            )
-        case ImportError():
-            line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
-        case OSError():
-            line = one_line(error)
-        case _:
-            line, is_defect = f"unexpected {describe(error)}", True
-    file = _write_details(error)
-    if file is None:
-        return line
-    return f"{line}; {'please report it with the ' if is_defect else ''}details in {file}"
-
-
-def _is_of_rendering(error: BaseException) -> bool:
-    import traceback
-
-    files = (frame.filename for frame in traceback.extract_tb(error.__traceback__))
-    return any("gl_context" in file or "/OpenGL/" in file for file in files)
-
-
-def _exhausted(error: BaseException | None) -> str:
-    """Return what the machine ran out of, in one line; empty if an error has another cause."""
-    while error is not None:
-        if isinstance(error, MemoryError):
-            return "out of memory"
-        if isinstance(error, OSError) and error.errno in _EXHAUSTED:
-            return one_line(error)
-        error = error.__cause__ or error.__context__
-    return ""
-
-
-def _write_details(error: Exception) -> str | None:
-    """Write an error's traceback to a new file; return its name, or None where none can be."""
-    import tempfile
-    import traceback
-
-    details = "".join(traceback.format_exception(error))
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w",
-            prefix="mjbench-error-",
-            suffix=".txt",
-            delete=False,
-            encoding="utf-8",
-            errors="backslashreplace",
-        ) as file:
-            file.write(details)
-    except OSError:
-        return None
-    return file.name
 
 
 @click.group(

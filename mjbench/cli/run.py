@@ -7,7 +7,7 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import OUTPUT, RenamedOption, count, seconds
+from mjbench.cli.shared import OUTPUT, count, seconds
 from mjbench.errors import InputError
 from mjbench.limits import SAMPLES_PER_S
 from mjbench.status import ExitCode
@@ -46,9 +46,7 @@ class _ProgramCommand(click.Command):
 )
 @click.option(
     "--sample-rate",
-    "--rate",
     "rate_hz",
-    cls=RenamedOption,
     type=count(SAMPLES_PER_S),
     help="Samples of the program's stacks per second  [default: 100; 20 of a program with several"
     " child processes]",

@@ -165,14 +165,6 @@ HERTZ = Text("HZ", f"a number of times per second such as 1000, {limits.HERTZ}",
 FILE = click.Path(path_type=Path)
 
 
-class RenamedOption(click.Option):
-    """An option whose last name is that of an earlier version: it works, and no help has it."""
-
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        record = super().get_help_record(ctx)
-        return record and (record[0].replace(f", {self.opts[-1]}", ""), record[1])
-
-
 def own_path_folder(path_names: Sequence[str] | None) -> str | None:
     """Return the folder that the user's own paths are imported from, and import from it here, too.
 
@@ -237,19 +229,16 @@ def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., 
     return click.option(flag, is_flag=True, expose_value=False, help=f"{text} ({flag} --help)")
 
 
-def budget(
-    default_s: float, text: str, zero: bool = False, is_renamed: bool = False
-) -> Callable[..., Any]:
+def budget(default_s: float, text: str, zero: bool = False) -> Callable[..., Any]:
     """Return the option --budget of a command, which gets `budget_s`.
 
     Args:
       text: what the time is for, for the help.
       zero: whether it may be 0, for as little as possible.
-      is_renamed: whether it was --time-limit; the command then gets `time_limit`.
     """
     return click.option(
-        *(("--budget", "--time-limit", "time_limit") if is_renamed else ("--budget", "budget_s")),
-        cls=RenamedOption if is_renamed else click.Option,
+        "--budget",
+        "budget_s",
         type=seconds(zero),
         default=f"{default_s:g}s",
         show_default=True,
@@ -288,13 +277,13 @@ def _verdict_plan(
     min_effect: float,
     confidence: float,
     precision: float,
-    time_limit: float,
+    budget_s: float,
     as_shipped: bool,
     sizes: "Sizes",
 ) -> "VerdictPlan":
     from mjbench.paired.verdict import VerdictPlan
 
-    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
+    return VerdictPlan(min_effect, confidence, precision, budget_s, sizes, as_shipped)
 
 
 def metric_option(*metrics: Metric) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -396,7 +385,6 @@ _JUDGING = (
         outcomes.TIME_LIMIT_S,
         "Time for each verdict, once the models are loaded; after it, an uncertain one is"
         " `inconclusive`.",
-        is_renamed=True,
     ),
     click.option(
         "--as-shipped",

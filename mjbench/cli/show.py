@@ -70,9 +70,9 @@ def show(
     --html is one file, which needs no network and nothing beside it. Its charts need
     vl-convert-python and Jinja2: the extra `report`.
 
-    --against compares two runs of `compare`. They
-    were measured at different times, so only what certainly differs by more than 5 % is slower or
-    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
+    --against compares two runs of `compare`. They were measured at different times, so only what
+    certainly differs by more than 5 % is slower or faster. `mjbench versions` and `mjbench ab`
+    alternate both, and find smaller changes.
 
     With --against, --fail-on judges these differences; without, the verdicts that `versions` or
     `ab` stored in RUN.
@@ -107,12 +107,10 @@ def show(
         else:
             _print(chosen, code, json_file, fail_on)
         return
-    olds = [Path(against)] if against else files[:1]  # the first RUN of `diff OLD NEW`
-    news = files if against else files[1:]
-    if len(olds) != 1 or len(news) > 1:
+    if len(files) > 1:
         raise InputError("--against compares one RUN with OLD")
-    new = news[0] if news else runs.latest(results)
-    _show_differences(olds[0], new, across, fail_on, json_file)
+    new = files[0] if files else runs.latest(results)
+    _show_differences(Path(against), new, across, fail_on, json_file)
 
 
 def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: FailOn) -> None:

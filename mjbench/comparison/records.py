@@ -5,7 +5,7 @@ apply.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from mjbench import paths
@@ -19,14 +19,11 @@ from mjbench.bounds import (
 )
 from mjbench.comparison.plan import Variant
 from mjbench.paths.accelerated import AcceleratedPath
-from mjbench.simulation.accelerated_judgement import EngineAnswer, EngineJudgement, Precision
+from mjbench.simulation.accelerated_judgement import EngineJudgement, Precision
 from mjbench.simulation.reference_run import ModelFacts, Work
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
-
-# Why an accelerated path of an earlier version is not judged.
-_OTHER_RULES = "it was checked by an earlier version of mjbench, which did not judge contacts"
 
 # How a variant ended, and not its model.
 _OWN_ENDING = {"status", "detail"}
@@ -50,7 +47,6 @@ class ModelRecord:
       start_contacts: contacts at the first simulation's start.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       usable_cores: cores that this process may use.
-      cores_had: cores that threads got; only in files of earlier versions, see `RaceLaunch`.
       total_steps: steps that the user will take in all; None where they did not say.
     """
 
@@ -76,7 +72,6 @@ class ModelRecord:
     work: Work | None = None
     nbatch_asked: PositiveInt | None = None
     usable_cores: PositiveInt = 1
-    cores_had: Sequence[PositiveFloat] = ()
     total_steps: PositiveInt | None = None
 
     @property
@@ -98,8 +93,7 @@ class MeasurementRecord:
       cached_compile_s: seconds of the compiler where its cache holds the program.
       gpu_memory_bytes: most memory of the GPU; None on a CPU.
       buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
-      samples_s: seconds of each block of an accelerated path; of one that runs C only in files of
-        earlier versions, where the same position is the same round.
+      samples_s: seconds of each block of an accelerated path.
     """
 
     record_type: ClassVar[str] = "measurement"
@@ -163,24 +157,6 @@ class MeasurementRecord:
         shared = {each.name for each in fields(self)} & {each.name for each in fields(model)}
         return replace(self, **{name: getattr(model, name) for name in shared - _OWN_ENDING})
 
-    @staticmethod
-    def upgrade(value: dict[str, Any]) -> dict[str, Any]:
-        if "returns" not in value:  # a rollout used to return all that it can, others final states
-            product = Product.SENSORS if value.get("path") == "rollout" else Product.FINAL
-            value = {**value, "returns": product.value}
-        check = value.get("check")
-        if not isinstance(check, dict) or value.get("judgement"):
-            return value
-        is_free = check.get("contact_steps") == 0 and bool(check.get("unconstrained_steps"))
-        answer, reason = EngineAnswer.NOT_JUDGED, _OTHER_RULES
-        if value.get("status") == Status.DISAGREES:
-            answer, reason = EngineAnswer.NO, value.get("detail", "")
-        elif value.get("agrees") and is_free:  # contacts alone were not judged
-            answer, reason = EngineAnswer.YES, ""
-        precision = check.get("precision", Precision.FLOAT32)
-        judged = EngineJudgement(precision=precision, answer=answer, reason=reason)
-        return {**value, "agrees": judged.agrees, "judgement": asdict(judged)}
-
 
 class OfModel(Protocol):
     """A record of a model at one size."""
@@ -205,15 +181,6 @@ def of_model(kind: type[_R], model: OfModel, records: Iterable[object]) -> list[
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScalingRecord:
-    """A run of a search for the number of threads in a file of an earlier version."""
-
-    record_type: ClassVar[str] = "scaling"
-    model: ModelRecord
-    measurements: Sequence[MeasurementRecord]
-
-
 RECORD_TYPES: Mapping[str, type] = {
-    kind.record_type: kind for kind in (ModelRecord, MeasurementRecord, ScalingRecord)
+    kind.record_type: kind for kind in (ModelRecord, MeasurementRecord)
 }

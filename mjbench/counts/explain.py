@@ -1,23 +1,15 @@
-"""Explain why a release is slower: instructions by function and stage, baseline and candidate.
+"""Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
-`mjbench history explain` asks for each release and the one before, for models and operations.
-"""
-
-import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mjbench.counts import counted_program
-from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.function_differences import function_differences
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
     ExplainRecord,
-    finished,
 )
 from mjbench.measuring.ratio import Ratio
-from mjbench.measuring.timing import Progress
-from mjbench.paired.history_tasks import Selection
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paired.verdict import exact_verdict
@@ -29,10 +21,6 @@ from mjbench.status import Status
 
 # Two counts of the same work differ by less, as a share (tests/counts/test_instructions.py).
 REPEATABILITY = 0.001
-
-# Of each model and pair of releases, as many functions are stored, and those that exchanged cost
-# with them.
-_TOP = 12
 
 
 def explain_change(
@@ -158,51 +146,3 @@ def verdicts(
         for count in counter.count(candidate, missing) if missing else ():
             row = verdict_row(baselines[count.model], count, comparison.min_effect)
             yield VerdictRecord(**vars(row))
-
-
-def count_rest(
-    selection: Selection, earlier: Sequence[object], on_progress: Progress
-) -> Iterator[list[ExplainRecord]]:
-    """Count each release, and yield what changed since the one before and is not known yet."""
-    done = {(record.old, record.new, record.series) for record in finished(earlier)}
-    missing = _releases_to_count(selection, done)
-    operations = [
-        OperationRequest(operation.name, operation.source) for operation in selection.operations
-    ]
-    before: Sequence[ModelCount] = ()
-    with InstructionCounter() as counter:
-        if missing and selection.sources:
-            list(counter.count(selection.reference, selection.sources))  # draws the workloads
-        for number, release in enumerate(selection.releases):
-            on_progress(f"MuJoCo {release.version}", number / len(selection.releases))
-            if release.version not in missing:
-                before = ()
-                continue
-            counts = [
-                *counter.count(release, selection.sources),
-                *counter.count(release, operations),
-            ]
-            yield [
-                _record(old, new)
-                for old, new in zip(before, counts, strict=bool(before))
-                if (old.release, new.release, new.operation or new.model) not in done
-            ]
-            before = counts
-
-
-def _releases_to_count(selection: Selection, done: set[tuple[str, str, str]]) -> set[str]:
-    versions = [release.version for release in selection.releases]
-    return {
-        version
-        for old, new in itertools.pairwise(versions)
-        for version in (old, new)
-        if any((old, new, name) not in done for name in selection.names)
-    }
-
-
-def _record(old: ModelCount, new: ModelCount) -> ExplainRecord:
-    """Return what changed in a model: functions that changed most, and whose cost moved there."""
-    row = explain_change(old, new, time=None)
-    names = {name for f in row.functions[:_TOP] for name in (f.name, *f.moved_with)}
-    functions = [function for function in row.functions if function.name in names]
-    return replace(row, functions=functions)

@@ -52,7 +52,7 @@ class EnvironmentFacts:
       calls: functions by which it steps the engine, such as `mj_step ×5`, in their order.
       entered: fields of the state, other than ctrl, that it writes before a step of the engine.
       model: facts about its model.
-      unrepeated: what was not the same in another pass; empty where all was, and in older files.
+      unrepeated: what was not the same in another pass; empty where all was.
       dm_control_release: how that which dm_control was built for differs from the installed one;
         None where it does not, or dm_control was not used.
     """
@@ -158,7 +158,7 @@ class VectorSamples:
       ns: per step of one environment.
       single_ns: of the same steps in one environment after the other, resets included as well.
       ncore: cores that it can use: 1, or one for each process as far as there are; None where it
-        was not timed, and in older files.
+        was not timed.
     """
 
     form: VectorForm

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.errors import InputError, one_line
 from mjbench.host import platforms
 
@@ -67,9 +67,30 @@ MEMORY_SHARE = 0.6
 
 
 def usable_cores(root: Path = _ROOT) -> int:
+    return max(1, math.ceil(allowed_cores(root)))
+
+
+def allowed_cores(root: Path = _ROOT) -> float:
+    """Return how many cores the affinity and the quota allow; not whole where a quota is not."""
     cores = len(platforms.affinity()) or os.cpu_count() or 1
-    quota = cgroup_quota(root)
-    return max(1, min(cores, math.ceil(quota))) if quota else cores
+    return min(cores, cgroup_quota(root) or cores)
+
+
+@dataclass(frozen=True)
+class CoreChange:
+    """How many cores this process was allowed before, and how many after a change."""
+
+    before: PositiveFloat
+    after: PositiveFloat
+
+    @classmethod
+    def since(cls, before: float) -> "CoreChange | None":
+        """Return the change until now; None where there is none."""
+        after = allowed_cores()
+        return cls(before, after) if after != before else None
+
+    def __str__(self) -> str:
+        return f"the usable cores changed from {self.before:g} to {self.after:g}"
 
 
 def cgroup_quota(root: Path = _ROOT) -> float | None:
@@ -218,7 +239,7 @@ class Machine:
       versions: of the packages that a result depends on, by name.
       flags: environment variables that change speed or results, by name.
       label: the user's name for this machine, from MJBENCH_MACHINE.
-      host: see `host_hash`; empty in older files.
+      host: see `host_hash`.
     """
 
     cpu: str

@@ -16,6 +16,7 @@ import psutil
 
 from mjbench.bounds import NonNegativeFloat
 from mjbench.errors import one_line
+from mjbench.host.machine import CoreChange
 
 # Environment variable with which no other mjbench is noticed; the tests set it.
 IGNORE_VARIABLE = "MJBENCH_IGNORE_OTHERS"
@@ -44,11 +45,13 @@ class Disturbance:
     Attributes:
       commands: of other mjbench that measured on this machine meanwhile.
       stolen_share: of the processor time, which the host gave to others; None where that was small.
+      core_change: from the beginning to the end; None without one.
     """
 
     record_type: ClassVar[str] = "disturbance"
     commands: Sequence[str] = ()
     stolen_share: NonNegativeFloat | None = None
+    core_change: CoreChange | None = None
 
     @property
     def sentences(self) -> list[str]:
@@ -64,6 +67,10 @@ class Disturbance:
             sentences.append(
                 f"The host took {100 * self.stolen_share:.0f} % of this machine's processor time"
                 " for others: timings are noisier for it, and verdicts take longer."
+            )
+        if self.core_change is not None:
+            sentences.append(
+                f"While this was measured, {self.core_change}: timings before and after differ."
             )
         return sentences
 

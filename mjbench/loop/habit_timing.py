@@ -74,7 +74,7 @@ class OverheadRow:
       binding_ns: a call that steps nothing, made after a step.
       nstep: steps of a run of the loop, which is an episode; median over launches.
       costs: of the habits, the most expensive first.
-      starts: where start states came from; None in older files, for keyframe 0.
+      starts: where start states came from.
     """
 
     record_type: ClassVar[str] = "overhead"

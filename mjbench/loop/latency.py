@@ -142,7 +142,7 @@ class LatencyRow:
       slow: what the steps above the 99 % quantile have in common.
       work: of a step, on average.
       histogram: all latencies in nanoseconds, as an HdrHistogram (V2, compressed, base64).
-      starts: where start states came from; None in older files.
+      starts: where start states came from.
     """
 
     record_type: ClassVar[str] = "latency"

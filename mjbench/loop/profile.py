@@ -57,8 +57,8 @@ class ProfiledSteps:
       stages: share of a step by stage; they sum up to 1.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
-      starts: where start states came from; None in older files, for keyframe 0.
-      run_nstep: steps from each start, which hold its controls; None in older files.
+      starts: where start states came from.
+      run_nstep: steps from each start, which hold its controls.
     """
 
     timestep: float

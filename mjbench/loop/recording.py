@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjbench.errors import InputError, one_line, suggestion
+from mjbench.errors import InputError, one_line, suggestion, wrong_argument
 from mjbench.simulation import compat
 
 # Kinds of named elements, and the attribute that a field without one means; None: it needs one.
@@ -110,7 +110,15 @@ def record(
         both controls and a policy, controls of another shape, or nstep is not a whole number.
     """
     if not isinstance(nstep, int | np.integer) or nstep < 0:
-        raise InputError(f"nstep must be a whole number, at least 0, got {one_line(repr(nstep))}")
+        raise wrong_argument("nstep", nstep, "a whole number, at least 0")
+    if not isinstance(model, mujoco.MjModel):
+        raise wrong_argument("model", model, "an MjModel")
+    if not isinstance(data, mujoco.MjData):
+        raise wrong_argument("data", data, "an MjData")
+    if not (policy is None or callable(policy)):
+        raise wrong_argument("policy", policy, "a function")
+    if not isinstance(fields, list | tuple):
+        raise wrong_argument("fields", fields, "a list of names")
     if controls is not None and policy is not None:
         raise InputError("give controls or a policy, not both")
     step_controls, names = _step_controls(model, int(nstep), controls), _with_counts(fields)
@@ -263,7 +271,10 @@ def _step_controls(
     """Return (nstep, nu) controls, or None without any."""
     if controls is None:
         return None
-    array = np.asarray(controls, dtype=float)
+    try:
+        array = np.asarray(controls, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise wrong_argument("controls", controls, "numbers") from error
     if array.shape not in ((nstep, model.nu), (model.nu,)):
         raise InputError(
             f"controls have the shape {array.shape}; give (nstep, nu) = ({nstep}, {model.nu})"

@@ -8,11 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench import command_names
-from mjbench.counts.records import ExplainRecord
 from mjbench.errors import one_line, printable
-from mjbench.releases import known_causes
-from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import counts, formats, history, history_files, kinds, machines
+from mjbench.report import formats, kinds, machines
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.store import runs
 from mjbench.store.machine_identity import MachineIdentity
@@ -42,13 +39,8 @@ class NamedRun:
 
     @property
     def command(self) -> str:
-        """The command that wrote it, as it was typed where that is known."""
-        return shlex.join(["mjbench", *(self.run.header.command_line or self.present_name.split())])
-
-    @property
-    def present_name(self) -> str:
-        """What the command is called by now."""
-        return command_names.present_name(self.run.header.command)
+        """The command that wrote it, as it was typed."""
+        return shlex.join(["mjbench", *self.run.header.command_line])
 
 
 @dataclass(frozen=True)
@@ -71,14 +63,11 @@ def read(files: Sequence[Path]) -> list[NamedRun]:
 
 def build(named_runs: Sequence[NamedRun]) -> Report:
     compared = machines.of_runs([named.run for named in named_runs])
-    of_history = _history_parts(named_runs)
     parts = [
         replace(part, source=printable(named.file.stem))
         for named, machine in zip(named_runs, compared.identities, strict=True)
-        for part in _parts(named, machine.name if compared.has_several else "", bool(of_history))
+        for part in _parts(named, machine.name if compared.has_several else "")
     ]
-    if of_history:
-        parts = [*of_history, *(replace(part, main=first_of(part.main)) for part in parts)]
     chosen = _with_unique_headings(_most_important(parts)) if len(named_runs) > 1 else parts
     # several models may say the same
     main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
@@ -135,13 +124,10 @@ def _has_content(section: Section) -> bool:
 
 def title(named_runs: Sequence[NamedRun]) -> str:
     if len(named_runs) != 1:
-        return f"mjbench {', '.join(dict.fromkeys(n.present_name for n in named_runs))}"
+        names = (command_names.command_of(named.run.header.command) for named in named_runs)
+        return f"mjbench {', '.join(dict.fromkeys(names))}"
     (named,) = named_runs
-    text = named.command
-    if not named.run.header.command_line:  # models as the records name them
-        models = dict.fromkeys(getattr(record, "model", "") for record in named.run.records)
-        text += " ".join(["", *filter(None, models)])
-    return one_line(text, _TITLE_LENGTH)
+    return one_line(named.command, _TITLE_LENGTH)
 
 
 def _subtitle(named_runs: Sequence[NamedRun]) -> str:
@@ -202,43 +188,15 @@ def _with_fewer_figures(*groups: Sequence[Section]) -> list[list[Section]]:
     return [[fewer(section) for section in group] for group in groups]
 
 
-def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
-    timed = [named for named in named_runs if named.run.of_type(RatioRecord)]
-    if not timed:
-        return []
-    each = history_files.of_runs([n.run for n in named_runs], known_causes.default_path())
-    first, *others = (
-        replace(
-            section,
-            heading=f"{of_machine.name}: {section.heading}" if len(each) > 1 else section.heading,
-            command=timed[0].command,
-        )
-        for of_machine in each
-        for section in history.sections(of_machine)
-    )
-    # why speed changed; counts hold for any machine
-    counted = next((named for named in named_runs if named.run.of_type(ExplainRecord)), None)
-    if counted is not None:
-        explained = counts.change_sections([*each[0].counts.values()])
-        others += [replace(section, command=counted.command) for section in explained]
-    return [
-        _Part(replace(first, is_summary=True), first.conclusions),
-        *(_Part(section, first_of(section.conclusions)) for section in others),
-    ]
-
-
-def _parts(named: NamedRun, machine: str, has_history: bool) -> Iterator[_Part]:
+def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
     """Yield the sections of a run.
 
     Args:
       machine: its name where there are several: what they show side by side then stands at the
         head, in place of what one of them shows.
-      has_history: whether all runs together are a history, which has their counts, too.
     """
     of_run = kinds.kinds_of(named.run)
     for kind in of_run:
-        if has_history and kind in (kinds.HISTORY, kinds.EXPLAIN):
-            continue
         is_detail = kinds.CHECKUP in of_run and kind is not kinds.CHECKUP
         sections = [*kind.sections(named.run)]
         has_summary = any(section.is_summary for section in sections)

@@ -23,10 +23,9 @@ from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs, known_causes
+from mjbench.releases import installs
 from mjbench.releases.catalogue import ReleaseRange
 from mjbench.releases.release_names import INSTALLED
-from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
 from mjbench.store.runs import Record
@@ -86,13 +85,11 @@ class BisectChange:
 
     Attributes:
       skipped: versions right before it that could not be measured: the change may be theirs.
-      known_causes: what is known to have changed in this release, in a sentence each.
     """
 
     version: VersionRow
     verdict: VerdictRow
     skipped: Sequence[VersionRow] = ()
-    known_causes: Sequence[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,21 +336,7 @@ def search_releases(
     rows = [VersionRow(number, name) for number, name in enumerate(versions) if number]
     searched = SearchRange(source.name, VersionKind.RELEASE, versions[0], versions[-1], rows)
     with WorkerPool() as pool:
-        for record in Search(decide, searched, plan.min_effect, earlier, ready).run():
-            if isinstance(record, BisectRecord):
-                changes = [_with_causes(change, source) for change in record.changes]
-                yield replace(record, changes=changes)
-            else:
-                yield record
-
-
-def _with_causes(change: BisectChange, source: ModelSource) -> BisectChange:
-    """Return a change with what is known of it: of shipped models, in a checkout of mjbench."""
-    file = known_causes.default_path()
-    if source.name not in models.shipped() or file is None:
-        return change
-    known = known_causes.explaining(change.version.name, source.name, known_causes.load(file))
-    return replace(change, known_causes=[cause.text for cause in known])
+        yield from Search(decide, searched, plan.min_effect, earlier, ready).run()
 
 
 def search_revisions(

@@ -86,7 +86,8 @@ def pinned(core: int | None) -> Iterator[None]:
     try:
         yield
     finally:
-        platforms.set_affinity(0, allowed)
+        if platforms.affinity() == {core}:  # nobody else has changed it meanwhile
+            platforms.set_affinity(0, allowed)
 
 
 def confine(pids: Iterable[int], cores: Collection[int]) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
+from mjbench.host.machine import CoreChange
 from mjbench.measuring import launch_stats, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paths.base import nthread
@@ -140,6 +141,7 @@ class RaceRecord:
         `MIN_FINAL_LAUNCHES` after it: its budget was used, or something ended it.
       stolen_share: share of the processor time that the host gave to others; None where unknown.
       neighbours: other measurements that ran on this machine meanwhile.
+      core_change: of the cores that paths could use, since the beginning; None without one.
     """
 
     record_type: ClassVar[str] = "race"
@@ -156,6 +158,7 @@ class RaceRecord:
     launches: Sequence[RaceLaunch] = ()
     stolen_share: NonNegativeFloat | None = None
     neighbours: Sequence[str] = ()
+    core_change: CoreChange | None = None
 
     def __post_init__(self) -> None:
         positions = {each.variant for each in self.unable}.union(self.slow, *self.groups)

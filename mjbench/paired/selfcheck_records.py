@@ -21,15 +21,15 @@ class CaseRow:
       slowdown: of the candidate, as a share of the baseline's time: 0 where the two are the same;
         None where its size is unknown.
       callback: function of the engine that the candidate calls inside each step; empty for none.
-      old: MuJoCo release of the baseline; empty where an earlier version of mjbench stored it.
+      old: MuJoCo release of the baseline.
     """
 
     arm: Arm = Arm.SLOWDOWN
     model: str
     slowdown: NonNegativeFloat | None
     callback: str = ""
-    old: str = ""
-    new: str = ""
+    old: str
+    new: str
 
     @property
     def is_slower(self) -> bool:
@@ -44,8 +44,8 @@ class TrialRecord(CaseRow):
       cause: why the times differ; None where they do not, or where more differs than the build.
       estimate: candidate over baseline time.
       low: lower end of its interval; None with too few launches.
-      placement: what the placement of code has to do with it; None where an earlier version of
-        mjbench stored it, which compared as shipped.
+      placement: what the placement of code has to do with it; None where builds were compared as
+        shipped.
       launches: log ratio of each that the verdict rests on.
       residues: of the placements of these launches; empty where they are as shipped.
       as_shipped: log ratio of each launch as shipped beside them.

@@ -12,13 +12,14 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
-from mjbench.errors import InputError, MachineError, shown
+from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.host import files
 from mjbench.loop.python_source import NOTEBOOK_SUFFIX, save_as_python
 from mjbench.program import activities, call_times, gil_waits, py_spy, recorded_models, step_times
@@ -34,9 +35,11 @@ from mjbench.program.step_times import StepTimes
 _START_LOOK_S, _LOOK_S = 0.01, 0.03
 # Seconds for the step clock to begin its file, which Python does before the program.
 _START_S = 10.0
-# Seconds for the program to end after Ctrl-C, and again after SIGTERM.
-_END_S = 10.0
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
+# Seconds for the program to end after Ctrl-C, and again after SIGTERM; and after a signal that ends
+# the run, too.
+_END_S, _INTERRUPTED_S = 10.0, 0.3
+_ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+_SIGNALS = (*_ENDING_SIGNALS, "SIGUSR1", "SIGUSR2")
 # A frame of a stack that Python's `faulthandler` writes.
 _FAULT_LINE = re.compile(r'File "(.+)", line (\d+) in (.+)$', re.MULTILINE)
 _HOOK = Path(__file__).with_name("hook")
@@ -53,12 +56,29 @@ class Program:
     def name(self) -> str:
         return self.arguments[1] if self.arguments[0] == "-m" else Path(self.arguments[0]).name
 
+    @property
+    def command(self) -> list[str]:
+        """What is run; a file whose name begins with a dash is no option of Python."""
+        first, *others = self.arguments
+        is_file = first.startswith("-") and first != "-m"
+        return [self.interpreter, f"./{first}" if is_file else first, *others]
+
+
+@dataclass(frozen=True)
+class UncaughtException:
+    """What ended a program: its type and its message, and the user's line that raised it."""
+
+    text: str
+    place: Place | None
+
 
 @dataclass(frozen=True)
 class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
+      was_ended: as that of `records.ProgramRow`.
+      was_interrupted: whether a signal to mjbench ended the run.
       problem: why there are no samples, in one line; empty where there are.
       untimed_pids: processes whose steps were not timed, since the disk is full.
     """
@@ -70,11 +90,13 @@ class ProgramObservation:
     rate_hz: int
     exit_code: int = 0
     was_ended: bool = False
+    was_interrupted: bool = False
     processor: ProcessorUse | None = None
     problem: str = ""
     calls: ProgramCalls = ProgramCalls()  # noqa: RUF009 - it is frozen
     models: Sequence[RecordedModel] = ()
     crash: Place | None = None
+    exception: UncaughtException | None = None
     gil_waits: Sequence[GilWait] = ()
     untimed_pids: Collection[int] = ()
 
@@ -97,22 +119,26 @@ def run(
     seconds: float | None = None,
     rate_hz: int | None = None,
     most_s: float = math.inf,
+    ends_on_signal: bool = False,
 ) -> ProgramObservation:
     """Run a program to its end, and return what was seen.
 
     Args:
+      ends_on_signal: whether Ctrl-C, SIGTERM and SIGHUP end the run within a second, and the
+        program with it; by default they are the program's, which may go on.
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run. A program of MJX counts as stepping from the first function that JAX has compiled.
     """
     with files.temporary_folder() as folder:
         running: list[subprocess.Popen[bytes]] = []
-        with _passing_signals_to(running):
+        received: list[signal.Signals] = []
+        with _noting_signals(received) if ends_on_signal else _passing_signals_to(running):
             begin = ProcessorClock.now()
             process = _start(program, folder)
             running.append(process)
             was_ended, first_ns = False, None
             try:
-                profiling = _start_profiler(process, folder, rate_hz)
+                profiling = _start_profiler(process, folder, rate_hz, received)
                 while process.poll() is None:
                     time.sleep(_START_LOOK_S if profiling is None else _LOOK_S)
                     first_ns = first_ns or _first_step_ns(folder)
@@ -120,22 +146,24 @@ def run(
                         profiling.look()
                     has_stepped = seconds is not None and _stepped_s(folder, first_ns) > seconds
                     is_late = time.monotonic() - begin.time_s > most_s
-                    if not was_ended and (has_stepped or is_late):
+                    if received or (not was_ended and (has_stepped or is_late)):
                         was_ended = True
-                        _end(process)
+                        _end(process, received)
             except BaseException:  # nobody would wait for it any more
                 _end(process)
                 raise
         end, processor = ProcessorClock.now(), None
         if profiling is not None:
             processor = end.use(begin, profiling)
-            profiling.sampler.finish()
+            profiling.sampler.finish(is_hurried=bool(received))
         seen = _observation(folder, process.pid, profiling, begin.time_s, end.time_s)
         code = process.returncode
         return replace(
             seen,
             exit_code=code if code >= 0 else 128 - code,
-            was_ended=was_ended,
+            was_ended=was_ended or bool(received),
+            was_interrupted=bool(received),
+            models=() if received else seen.models,  # which would be stepped for seconds
             processor=processor,
         )
 
@@ -164,6 +192,7 @@ def _observation(
         calls=call_times.read_all(folder, step_times.read_headers(folder)),
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
+        exception=_exception(folder / f"{pid}.exception"),
         gil_waits=waits,
         untimed_pids=step_times.untimed_pids(folder),
     )
@@ -171,20 +200,31 @@ def _observation(
 
 def _crash(folder: Path) -> Place | None:
     """Return the innermost line of the user's code on the stack that `faulthandler` has written."""
-    for file in sorted(folder.glob("*.fault")):
-        frames = _FAULT_LINE.findall(file.read_text(encoding="utf-8", errors="replace"))
-        stack = [Frame(function, path, int(line)) for path, line, function in frames]
-        own = [frame for frame in stack if activities.is_own(frame)]
-        for frame in (own or stack)[:1]:
-            return activities.place_of(frame)
-    return None
+    files = sorted(folder.glob("*.fault"))
+    places = (_innermost_own(file.read_text(encoding="utf-8", errors="replace")) for file in files)
+    return next(filter(None, places), None)
+
+
+def _exception(file: Path) -> UncaughtException | None:
+    """Return what ended the program, as `hook.start` notes it."""
+    if not file.exists():
+        return None
+    text = file.read_text(encoding="utf-8", errors="replace")
+    return UncaughtException(one_line(text.partition("\n")[0]), _innermost_own(text))
+
+
+def _innermost_own(text: str) -> Place | None:
+    """Return the first line of the user's code in a stack, innermost first; of none, of any."""
+    stack = [Frame(function, path, int(line)) for path, line, function in _FAULT_LINE.findall(text)]
+    own = [frame for frame in stack if activities.is_own(frame)]
+    return next(map(activities.place_of, own or stack), None)
 
 
 def _start(program: Program, folder: Path) -> "subprocess.Popen[bytes]":
     path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
     try:
-        return subprocess.Popen([program.interpreter, *program.arguments], env=environment)
+        return subprocess.Popen(program.command, env=environment)
     except OSError as error:
         raise MachineError(
             f"cannot start {shown(program.interpreter)}: {error.strerror}"
@@ -192,12 +232,15 @@ def _start(program: Program, folder: Path) -> "subprocess.Popen[bytes]":
 
 
 def _start_profiler(
-    process: "subprocess.Popen[bytes]", folder: Path, rate_hz: int | None
+    process: "subprocess.Popen[bytes]",
+    folder: Path,
+    rate_hz: int | None,
+    received: Sequence[signal.Signals],
 ) -> Profiling | None:
     """Start the profiler once Python runs; None where the program ends before."""
     file, begin_s = folder / f"{process.pid}.steps", time.monotonic()
     while not file.exists() and time.monotonic() - begin_s < _START_S:
-        if process.poll() is not None:
+        if process.poll() is not None or received:
             return None
         time.sleep(_START_LOOK_S)
     return Profiling.begin(process.pid, folder, rate_hz)
@@ -217,13 +260,22 @@ def _since_s(begin_ns: int | None) -> float:
     return (time.perf_counter_ns() - begin_ns) / 1e9 if begin_ns else 0.0
 
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    """End the program and what it started as Ctrl-C does; by force where that does not do."""
+def _end(process: "subprocess.Popen[bytes]", received: Sequence[signal.Signals] = ()) -> None:
+    """End the program and what it started as Ctrl-C does; by force where that does not do.
+
+    Args:
+      received: signals to mjbench; from the first on, there is little time.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
-        _send(process, number)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(_END_S)
-            return
+        # a terminal sends Ctrl-C to both
+        has_had_it = number == signal.SIGINT and number in received and _is_foreground()
+        if not has_had_it:
+            _send(process, number)
+        begin_s = time.monotonic()
+        while time.monotonic() - begin_s < (_INTERRUPTED_S if received else _END_S):
+            if process.poll() is not None:
+                return
+            time.sleep(_LOOK_S)
     _kill(process)
 
 
@@ -248,13 +300,31 @@ def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
 def _passing_signals_to(running: "Sequence[subprocess.Popen[bytes]]") -> Iterator[None]:
     """While the block runs, signals are the programs': mjbench passes them on."""
 
-    def handle(number: int, frame: FrameType | None) -> None:
+    def pass_on(number: int, frame: FrameType | None) -> None:
         if number == signal.SIGINT and _is_foreground():
             return  # the terminal has sent it to the program, too
         for process in running:
             process.send_signal(number)
 
-    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    with _handling(_SIGNALS, pass_on):
+        yield
+
+
+@contextlib.contextmanager
+def _noting_signals(received: list[signal.Signals]) -> Iterator[None]:
+    with _handling(_ENDING_SIGNALS, lambda number, _: received.append(signal.Signals(number))):
+        yield
+
+
+@contextlib.contextmanager
+def _handling(
+    names: Sequence[str], handle: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
+    """Let a function handle signals, unless they are ignored, or go to another thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     earlier = {number: signal.getsignal(number) for number in numbers}
     try:
         for number, handler in earlier.items():

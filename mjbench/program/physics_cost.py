@@ -91,8 +91,6 @@ class PhysicsCost:
         parts = {name: share for name, share in self.stages.items() if not is_phase[name]}
         parts.pop(OTHER, None)
         parts["collision"] = sum(share for name, share in self.stages.items() if is_phase[name])
-        of_sensors = (cost.share for cost in self.costs if cost.kind == CostKind.SENSORS)
-        parts.setdefault(step_parts.SENSORS, sum(of_sensors))  # records of earlier versions
         return max(parts.items(), key=lambda part: part[1])
 
     @property

@@ -29,6 +29,8 @@ MANY_CHILDREN, MANY_RATE_HZ = 2, 20
 ENDING_S = 2.0
 # Seconds that the profiler may take to write its file, once the program has ended.
 WRITING_S = 60.0
+# Seconds for both, where the user waits for the end.
+HURRIED_S = 0.25
 # Why there are no samples of a program that is over before the profiler has read it.
 TOO_SHORT = "it ended before it could be sampled, or it is no program of Python"
 # Why the profiler is not allowed to read a process, and what helps.
@@ -60,21 +62,21 @@ class Sampler:
             return float(times.user + times.system)
         return 0.0
 
-    def stop(self) -> None:
+    def stop(self, writing_s: float = WRITING_S) -> None:
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(signal.SIGINT)
         try:
-            self.process.wait(WRITING_S)
+            self.process.wait(writing_s)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
 
-    def finish(self) -> None:
+    def finish(self, is_hurried: bool = False) -> None:
         """Wait until the profiler has written its file; stop one that outlives the program."""
         try:
-            self.process.wait(ENDING_S)
+            self.process.wait(HURRIED_S if is_hurried else ENDING_S)
         except subprocess.TimeoutExpired:
-            self.stop()
+            self.stop(HURRIED_S if is_hurried else WRITING_S)
 
     def problem(self) -> str:
         text = self.log.read_text(encoding="utf-8", errors="replace")
@@ -93,7 +95,7 @@ def program() -> str:
     path = str(beside) if beside.is_file() else shutil.which("py-spy")
     if path is None:
         raise UnavailableError(
-            f"py-spy is not installed; install it with {extras.install_command('run')}"
+            f"py-spy is not installed; install it with {extras.install_command()}"
         )
     return path
 

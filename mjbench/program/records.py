@@ -15,7 +15,7 @@ from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.hook import file_owners
-from mjbench.program.launch import ProgramObservation
+from mjbench.program.launch import ProgramObservation, UncaughtException
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import PhysicsCost
 from mjbench.program.remedies import listing, trials, wrong_results
@@ -81,6 +81,7 @@ class ProgramRow:
       memory_growth_bytes: by how much the memory of the process that grew most has grown since
         shortly after its first step; None where that is not known.
       crash: the line of Python that ran when a process of it crashed; None where none has.
+      exception: that ended it; None where none has.
       physics: what costs in its steps; None where its first loop is not nearly all physics, or its
         model could not be stepped again.
       gil_waits: threads that wait for the GIL, those that wait longest first; none where JAX runs,
@@ -105,6 +106,7 @@ class ProgramRow:
     processor: ProcessorUse | None = None
     memory_growth_bytes: AnyInt | None = None
     crash: Place | None = None
+    exception: UncaughtException | None = None
     physics: PhysicsCost | None = None
     gil_waits: Sequence[GilWait] = ()
     outside_loops: Sequence[LineTime] = ()
@@ -159,6 +161,7 @@ class ProgramRow:
             processor=observation.processor,
             memory_growth_bytes=observation.calls.memory_growth_bytes,
             crash=observation.crash,
+            exception=observation.exception,
             gil_waits=() if any(call.is_of_jax for call in calls) else observation.gil_waits,
             outside_loops=sampled_loops.outside_loops(
                 observation.threads, observation.pid, times, observation.wall_s, calls

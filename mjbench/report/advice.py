@@ -139,8 +139,7 @@ class _Choice:
 def advise(model_results: ModelResults) -> list[Advice]:
     """Return the advice on a model at one size, for open and for closed loop.
 
-    Paths whose steps could not be judged are no candidates. There is no advice without a race, as
-    in files of earlier versions.
+    Paths whose steps could not be judged are no candidates. There is no advice without a race.
     """
     race, base = model_results.race, model_results.base
     if race is None or base is None:
@@ -266,10 +265,7 @@ def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
 
 
 def advise_threads(model_results: ModelResults) -> list[ThreadAdvice]:
-    """Return the advice on each path of which one thread and two other numbers were timed.
-
-    There is none without a race, as in files of earlier versions.
-    """
+    """Return the advice on each path of which one thread and two other numbers were timed."""
     race = model_results.race
     if race is None:
         return []

@@ -83,10 +83,9 @@ def _conclusions(record: BisectRecord, count: int) -> Iterator[Conclusion]:
 
 
 def _causes(change: BisectChange, record: BisectRecord) -> Iterator[str]:
-    """Yield what is known of why a release is slower or faster, and what tells more."""
+    """Yield how to see why a release is slower or faster."""
     if record.kind != VersionKind.RELEASE:
         return
-    yield from (f"known of {change.version.name}: {cause}" for cause in change.known_causes)
     if any(wheel_digest(side.build) for side in change.verdict.sides):  # a version names none
         return
     old, new, model = change.verdict.old, change.verdict.new, shlex.quote(record.target)

@@ -108,6 +108,11 @@ def part_sections(run: Run) -> Iterator[Section]:
 
 def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> Iterator[Conclusion]:
     """Yield what comes first: what spoils figures, wrong results, then the largest gain."""
+    if any(part.status == Status.INTERRUPTED for part in run.of_type(CheckedPart)):
+        yield Conclusion(f"{name}: interrupted, so the list is not complete", Tone.CAUTION)
+    for row in run.of_type(ProgramRow):
+        if ended := program.ending(row):
+            yield Conclusion(f"{name}: {ended}", Tone.BAD)
     for each in derive_all(run.records):
         for caution in each.cautions:
             yield Conclusion(caution, Tone.CAUTION, name)
@@ -356,7 +361,8 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
         case CheckupPart.TOGETHER:
             yield _combined(run) or "not certainly faster than the plain loop"
         case CheckupPart.PROGRAM:
-            yield from map(program.conclusion, run.of_type(ProgramRow))
+            for row in run.of_type(ProgramRow):
+                yield from filter(None, (program.ending(row), program.conclusion(row)))
         case CheckupPart.SOURCE:
             yield f"lint has {count_of(len(part.findings), 'finding')}"
         case CheckupPart.ENVIRONMENT:

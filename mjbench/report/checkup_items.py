@@ -263,12 +263,6 @@ def combination_command(combination: Combination, target: str) -> str:
 def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
     """Yield what `run` says: wrong results, then what its first loop should change."""
     command = f"mjbench run {target}"
-    if row.crash is not None:
-        yield CheckupItem(
-            action=f"it crashed at {short_name(row.crash.file)}:{row.crash.line}: {row.crash.text}",
-            change=ResultChange.CORRECTED,
-            command=command,
-        )
     for remedy in row.wrong:
         yield CheckupItem(action=placed(remedy), change=ResultChange.CORRECTED, command=command)
     remedies = row.loops[0].remedies if row.loops else ()

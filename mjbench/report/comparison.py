@@ -26,7 +26,7 @@ from mjbench.report.crossovers import (
     crossovers,
     describe_crossover,
 )
-from mjbench.report.path_speedups import FORMER, ModelResults, PathResult, derive_all
+from mjbench.report.path_speedups import ModelResults, PathResult, derive_all
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import engine_clock
 from mjbench.simulation.engine_warnings import warning_lines
@@ -151,8 +151,7 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         subject += "" if names_size else f", {size}"
     sized = f"{size}: " if names_size and size else ""
     for text in model_results.cautions:
-        caution, about = (text, "") if text == FORMER else (f"{sized}{text}", subject)
-        yield Conclusion(caution, Tone.CAUTION, about)
+        yield Conclusion(f"{sized}{text}", Tone.CAUTION, subject)
     if record.status == Status.INTERRUPTED and not any(r.is_timed for r in model_results.results):
         yield Conclusion("interrupted before a path was timed", Tone.UNSURE, record.model)
     if record.status not in (Status.OK, Status.INTERRUPTED):

@@ -7,8 +7,6 @@ from pathlib import Path
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
 from mjbench.paired.selfcheck_records import SelfcheckRow
-from mjbench.releases import speed_history
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import (
     Advice,
     ClockAdvice,
@@ -81,24 +79,6 @@ class SelfcheckDocument:
     machine: Machine
     busy: bool | None
     results: Sequence[SelfcheckRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class HistoryDocument:
-    """What `mjbench history measure --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[StepRatioRecord]
-    operations: Sequence[OperationRatioRecord]
-
-    @classmethod
-    def of(cls, machine: Machine, records: Sequence[RatioRecord]) -> "HistoryDocument":
-        """Return the document of records of both kinds, in the order of their releases."""
-        records = speed_history.in_order_of_release(records)
-        steps = [record for record in records if isinstance(record, StepRatioRecord)]
-        operations = [record for record in records if isinstance(record, OperationRatioRecord)]
-        return cls(machine=machine, results=steps, operations=operations)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,6 @@ from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report import (
     bisect,
     checkup,
@@ -36,7 +35,6 @@ from mjbench.report import (
     listings,
     profile,
     program,
-    release_ratios,
     selfcheck,
     tuning,
     verdicts,
@@ -161,14 +159,6 @@ BISECT = Kind(
     lambda run: after_disturbances(run, bisect.sections(run.records)),
     lambda run: run.of_type(BisectRecord),
 )
-HISTORY = Kind(
-    ("history",),
-    (StepRatioRecord, OperationRatioRecord),
-    documents.HistoryDocument,
-    lambda run: documents.HistoryDocument.of(run.header.machine, run.of_type(RatioRecord)),
-    lambda run: after_disturbances(run, [release_ratios.section(run.of_type(RatioRecord))]),
-    lambda run: run.of_type(RatioRecord),
-)
 EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)
 INSTRUCTIONS = _kind(InstructionsRecord, counts.sections, "instructions", has_machine=False)
 TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
@@ -177,7 +167,7 @@ TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
     *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, ENVIRONMENT, VERDICT, SELFCHECK),
-    *(BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE),
+    *(BISECT, EXPLAIN, INSTRUCTIONS, TUNE),
 )
 
 # The records of a run file by their `type`.
@@ -186,8 +176,8 @@ RECORD_TYPES: Mapping[str, type[Any]] = {
     Disturbance.record_type: Disturbance,
 }
 
-# The document of each command that takes `--json`; `show` has those of others, and of a run set its
-# own.
+# The document of each command that takes `--json`; `show` has those of others, and of
+# several runs its own.
 DOCUMENTS: Mapping[str, type[Any]] = {
     **{command: kind.document_type for kind in KINDS for command in kind.commands},
     "diff": documents.DiffDocument,

@@ -9,13 +9,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.comparison.plan import Variant
-from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRecord, of_model
+from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.host import conditions
-from mjbench.measuring import stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
-from mjbench.paths.base import nthread
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
@@ -24,10 +22,6 @@ from mjbench.store.runs import Record
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
-FORMER = (
-    "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
-    " path is advised."
-)
 _FALLING = (
     "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
     " settle (--settle 3s), or give states of your own (--states)."
@@ -40,7 +34,7 @@ _FALLING = (
     *("steps_per_s", "step_ns", "realtime_factor", "speedup", "launches", "work", "snippet"),
     *("nbatch_asked", "precision", "device", "trace_s", "compile_s", "cached_compile_s"),
     *("memory_bytes", "gpu_memory_bytes", "judgement", "versions", "buffer_sizes"),
-    *("overtakes_after_steps", "disturbances", "is_former"),
+    *("overtakes_after_steps", "disturbances"),
 )
 @dataclass(frozen=True, kw_only=True)
 class PathResult(MeasurementRecord):
@@ -57,7 +51,6 @@ class PathResult(MeasurementRecord):
       overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
         running the same number; None where the plain loop is faster.
       disturbances: what disturbed its race, a clause each; empty where nothing did.
-      is_former: whether an earlier version of mjbench timed it: all paths in one process.
     """
 
     starts: Starts | None = None
@@ -68,7 +61,6 @@ class PathResult(MeasurementRecord):
     launches: int = 0
     overtakes_after_steps: float | None = None
     disturbances: Sequence[str] = ()
-    is_former: bool = False
 
     @property
     def is_judged(self) -> bool:
@@ -142,14 +134,12 @@ class ModelResults:
 
     Attributes:
       results: one a variant.
-      race: of the paths that run C; None where there was none, and in files of earlier versions.
-      is_former: whether an earlier version of mjbench timed all paths in one process.
+      race: of the paths that run C; None where there was none.
     """
 
     model: ModelRecord
     results: tuple[PathResult, ...]
     race: RaceRecord | None = None
-    is_former: bool = False
 
     @property
     def statuses(self) -> list[Status]:
@@ -163,9 +153,7 @@ class ModelResults:
         Each launch is judged by the most threads of the paths that it timed.
         """
         if self.race is None:
-            threads = [nthread(result.options) for result in self.results if result.is_timed]
-            had = list(self.model.cores_had)
-            return Cores(statistics.median(had), self._wanted(threads)) if had else None
+            return None
         cores = [
             Cores(each.cores, self._wanted(self.race.threads(each)))
             for each in self.race.launches
@@ -186,6 +174,8 @@ class ModelResults:
         if race and race.neighbours:
             others = ", ".join(f"mjbench {name}" for name in race.neighbours)
             lines.append(f"{others} measured on this machine at the same time")
+        if race and race.core_change:
+            lines.append(str(race.core_change))
         if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
             lines.append(f"threads had {self.cores}")
         return lines
@@ -195,8 +185,6 @@ class ModelResults:
         sentences = []
         if self.disturbances:
             sentences.append(disturbed(self.disturbances))
-        if self.is_former:
-            sentences.append(FORMER)
         model = self.model
         if model.facts is None or model.work is None or not model.facts.can_fall:
             return sentences
@@ -221,33 +209,25 @@ class ModelResults:
 def derive(
     model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
 ) -> ModelResults:
-    own_blocks = (m for m in measurements if m.path == BASE and m.samples_s)
-    base = next((m for m in own_blocks if m.agrees and m.status == Status.OK), None)
-    is_former = race is None and base is not None
-    base_ns = None
-    if race is not None:
-        base_ns = race.base_step_ns
-    elif base is not None:
-        base_ns = 1e9 * _step_s(base)
-    results = [_result(model, m, base_ns, _speedup(m, base, race, base_ns)) for m in measurements]
-    derived = ModelResults(model, tuple(results), race, is_former)
+    base_ns = race.base_step_ns if race is not None else None
+    results = [_result(model, m, base_ns, _speedup(m, race, base_ns)) for m in measurements]
+    derived = ModelResults(model, tuple(results), race)
     disturbances = derived.disturbances
-    marked = (replace(r, disturbances=disturbances, is_former=is_former) for r in results)
+    marked = (replace(result, disturbances=disturbances) for result in results)
     return replace(derived, results=tuple(marked))
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:
     """Return the results of a run's records, model by model, in the order they were measured."""
-    results = []
-    for record in records:
-        match record:
-            case ModelRecord():
-                race = next(iter(of_model(RaceRecord, record, records)), None)
-                measurements = of_model(MeasurementRecord, record, records)
-                results.append(derive(record, measurements, race))
-            case ScalingRecord():
-                results.append(derive(record.model, record.measurements, None))
-    return results
+    return [
+        derive(
+            model,
+            of_model(MeasurementRecord, model, records),
+            next(iter(of_model(RaceRecord, model, records)), None),
+        )
+        for model in records
+        if isinstance(model, ModelRecord)
+    ]
 
 
 def path_results(records: Sequence[Record]) -> Iterator[PathResult]:
@@ -290,27 +270,21 @@ def _result(
 
 
 def _speedup(
-    record: MeasurementRecord,
-    base: MeasurementRecord | None,
-    race: RaceRecord | None,
-    base_ns: float | None,
+    record: MeasurementRecord, race: RaceRecord | None, base_ns: float | None
 ) -> tuple[Ratio, int] | None:
     """Return the speed-up of a variant over the plain loop, and from how many launches it is.
 
-    An accelerated path is timed alone, so its speed-up is a ratio of medians. In a file of an
-    earlier version (no race), that of a C path is a median over rounds of one process.
+    An accelerated path is timed alone, so its speed-up is a ratio of medians.
     """
     if record.is_accelerated:
         if not record.samples_s or base_ns is None:
             return None
         return Ratio(1e-9 * base_ns / _step_s(record), None, None), 1
-    if race is not None:
-        variant = Variant(record.path, record.options)
-        speedup = race.speedup(variant)
-        return None if speedup is None else (speedup, race.launch_count(variant))
-    if base is None or not record.samples_s:
+    if race is None:
         return None
-    return Ratio(stats.median_speedup(base.samples_s, record.samples_s), None, None), 1
+    variant = Variant(record.path, record.options)
+    speedup = race.speedup(variant)
+    return None if speedup is None else (speedup, race.launch_count(variant))
 
 
 def _step_s(record: MeasurementRecord) -> float:

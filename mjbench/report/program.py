@@ -53,17 +53,17 @@ MOSTLY_COMPILING = 0.5
 def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
     """Yield what each program comes to: what to do first, its loops, and its steps."""
     for row in rows:
-        is_bad = row.status != Status.OK or row.crash is not None or bool(row.wrong)
-        wrong = list(dict.fromkeys(map(_wrong, row.wrong)))
-        then = wrong if row.crash is not None else wrong[1:]
-        outside = _outside(row) if row.wrong or row.crash is not None else ""
+        is_bad = row.status != Status.OK or bool(row.wrong)
+        ended, wrong = ending(row), list(dict.fromkeys(map(_wrong, row.wrong)))
+        outside = _outside(row) if row.wrong else ""
         yield Section(
             row.program,
             [
+                *([Conclusion(f"{row.program}: {ended}", Tone.BAD)] if ended else ()),
                 Conclusion(
                     f"{row.program}: {conclusion(row)}", Tone.BAD if is_bad else Tone.NEUTRAL
                 ),
-                *(Conclusion(f"{row.program}: then, {text}", Tone.BAD) for text in then),
+                *(Conclusion(f"{row.program}: then, {text}", Tone.BAD) for text in wrong[1:]),
                 *([Conclusion(f"Outside the loops that step, {outside}.")] if outside else ()),
             ],
             facts=[*_untimed_lines(row), *_memory_lines(row)],
@@ -88,20 +88,28 @@ def program_rows(row: ProgramRow) -> Iterator[Mapping[str, object]]:
             }
 
 
-def conclusion(row: ProgramRow) -> str:
-    """Return the most important thing about a program, in one sentence."""
+def ending(row: ProgramRow) -> str:
+    """Return how a program failed, in one sentence; empty where it did not, or mjbench ended it."""
+    number = row.exit_code - 128
+    name = signal.Signals(number).name if number in set(signal.Signals) else ""
     if row.crash is not None:
-        number = row.exit_code - 128
-        name = f" ({signal.Signals(number).name})" if number in set(signal.Signals) else ""
-        return f"it crashed{name} at {row.crash}: {row.crash.text}"
+        return f"it crashed{f' ({name})' if name else ''} at {row.crash}: {row.crash.text}"
+    if row.was_ended or not row.exit_code:
+        return ""
+    if row.exception is not None:
+        place = row.exception.place
+        return f"it raised {row.exception.text}{f' at {place}: {place.text}' if place else ''}"
+    return f"it was ended by {name}" if name else f"it ended with exit code {row.exit_code}"
+
+
+def conclusion(row: ProgramRow) -> str:
+    """Return the most important thing about a program's time and results, in one sentence."""
     if row.wrong:
         return "first, " + _wrong(row.wrong[0])
     if row.status != Status.OK:
         return f"no samples were taken: {row.detail}"
     outside = _outside(row)
     if not row.loops:
-        if row.exit_code and not row.was_ended:
-            return f"it ended with exit code {row.exit_code}, and no loop stepped MuJoCo before"
         but = ""
         if row.steps and not outside:
             but = ", although it steps; run it for longer"

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from mjbench.errors import wrong_argument
 from mjbench.report import kinds
 from mjbench.store import runs
 from mjbench.store.json_form import json_form
@@ -27,6 +28,8 @@ def load(file: str | Path) -> list[dict[str, Cell]]:
     Raises:
       InputError: it cannot be read.
     """
+    if not isinstance(file, str | Path):
+        raise wrong_argument("file", file, "a path")
     return of_run(runs.load(Path(file), kinds.RECORD_TYPES))
 
 

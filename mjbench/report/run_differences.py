@@ -44,8 +44,7 @@ class RunDifference:
       ratio: new time of a step over old time.
       verdict: what the interval of the ratio says beside `MIN_EFFECT`; `inconclusive` with
         cautions, None without an interval: paths that left a race early have too few launches.
-      cautions: what to know before the ratio: what disturbed either, and which is of an earlier
-        version of mjbench; then the ratio has no interval.
+      cautions: what to know before the ratio: what disturbed either.
     """
 
     model: str
@@ -94,15 +93,10 @@ class _Timed:
     step_s: Sequence[float]
     result: PathResult | None
 
-    @property
-    def is_former(self) -> bool:
-        return self.result is not None and self.result.is_former
-
     def cautions(self, name: str) -> list[str]:
         """Return what to know before its figures; `name` says which of the two it is."""
-        former = ["timed by an earlier version of mjbench"] if self.is_former else []
         disturbances = self.result.disturbances if self.result else ()
-        return [f"{name}: {text}" for text in (*disturbances, *former)]
+        return [f"{name}: {text}" for text in disturbances]
 
 
 def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
@@ -120,9 +114,7 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
             TimedBlocks(before.step_s, identity(old, before.machine)),
             across,
         )
-        is_former = before.is_former or after.is_former
-        ends = (None, None) if is_former else (speedup.low, speedup.high)
-        ratio = Ratio(speedup.median, *ends)
+        ratio = Ratio(speedup.median, speedup.low, speedup.high)
     except InputError as error:
         status, detail = Status.INPUT, str(error)
     return RunDifference(

@@ -101,7 +101,7 @@ def _deciding_s(row: VerdictRow, min_effect: float) -> float | None:
 
 def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
     tones = [_tone(row) for row in rows]
-    if len(rows) > 1 and all(has_evidence(row) for row in rows):
+    if len(rows) > 1:
         together = describe_family(family.decide(rows, confidence), confidence)
         yield Conclusion(together, Tone.BAD if Tone.BAD in tones else Tone.NEUTRAL)
     for row, tone in zip(rows, tones, strict=True):
@@ -118,16 +118,6 @@ def _tone(row: VerdictRow) -> Tone:
 def label(row: VerdictRow) -> str:
     name = f"{row.model}, {describe_targets(row)}"
     return name if row.path in (BASE, "") else f"{name}, {row.path}"
-
-
-def has_evidence(row: VerdictRow) -> bool:
-    """Return whether a comparison can be decided with others; old run files hold no e-values."""
-    return (
-        METRICS[row.metric].is_exact
-        or row.verdict is None
-        or row.ratio is None
-        or row.e_slower is not None
-    )
 
 
 def describe_family(decided: Family, confidence: float) -> str:

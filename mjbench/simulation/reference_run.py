@@ -30,7 +30,7 @@ _LONG_STEP_S = 1.0
 class Work:
     """The work of one step: what it did, averaged over all steps of all simulations, and on what.
 
-    From `degrees_of_freedom` on, they are sizes of the model, and None in older files.
+    From `degrees_of_freedom` on, they are sizes of the model; None where they were not counted.
 
     Attributes:
       contacts: `data.ncon`.
@@ -122,8 +122,8 @@ class ModelFacts:
       integrator: such as `euler`.
       solver: such as `newton`.
       cone: such as `pyramidal`.
-      can_fall: whether gravity acts on a free body; None in older files.
-      has_clock: whether a step reads the timer of MuJoCo's Python package; None in older files.
+      can_fall: whether gravity acts on a free body.
+      has_clock: whether a step reads the timer of MuJoCo's Python package.
     """
 
     nq: NonNegativeInt
@@ -136,8 +136,8 @@ class ModelFacts:
     integrator: str
     solver: str
     cone: str
-    can_fall: bool | None = None
-    has_clock: bool | None = None
+    can_fall: bool
+    has_clock: bool
 
 
 def observe(workload: Workload) -> Observation:

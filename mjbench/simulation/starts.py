@@ -145,7 +145,6 @@ class Starts:
       is_other_model: whether the file's states were captured from another model; False where the
         file does not say.
       held_inputs: MjData fields that the captured program set between steps; simulations hold them.
-      window: None in older files.
     """
 
     settle_s: NonNegativeFloat

@@ -27,8 +27,6 @@ SCHEMA = 1
 # Keys whose texts have several lines; line breaks in other texts are foreign.
 _MULTILINE_KEYS = {"snippet", "code"}
 
-# Records that earlier versions stored; they are left out.
-_REMOVED_TYPES = frozenset({"web_experiments", "contest", "confirmation"})
 # Numbers are not larger: their products and ratios do not overflow.
 _LARGEST = 1e100
 
@@ -36,11 +34,7 @@ _T = TypeVar("_T")
 
 
 class Record(Protocol):
-    """A frozen dataclass that is stored in a run file.
-
-    It may have a static method `upgrade`, which takes a stored record as a dictionary and renames
-    what earlier versions called otherwise.
-    """
+    """A frozen dataclass that is stored in a run file."""
 
     record_type: ClassVar[str]
 
@@ -72,8 +66,8 @@ class RunHeader:
 
     Attributes:
       arguments: they must be the same for `resume`.
-      command_line: the words after `mjbench`; empty in older files.
-      began: in UTC, as ISO 8601; empty in older files.
+      command_line: the words after `mjbench`.
+      began: in UTC, as ISO 8601.
     """
 
     record_type: ClassVar[str] = "run"
@@ -87,8 +81,8 @@ class RunHeader:
 
     @property
     def typed_command(self) -> str:
-        """The words after `mjbench`, for a shell; the command alone in older files."""
-        return shlex.join(self.command_line or (self.command,))
+        """The words after `mjbench`, for a shell."""
+        return shlex.join(self.command_line)
 
     def files_of(self, models: Iterable[str]) -> tuple[InputFile, ...]:
         """Return the files that models were loaded from, which their names name."""
@@ -147,58 +141,38 @@ def read_lines(path: Path) -> list[bytes]:
     try:
         if not (path.is_file() or path.is_fifo() or not path.exists()):
             raise InputError(f"{path}: not a file")
-        return split_lines(path.read_bytes())
+        return io.BytesIO(path.read_bytes()).readlines()
     except (OSError, ValueError) as error:
         raise InputError(f"cannot read {path}: {reason(error)}") from error
 
 
-def split_lines(content: bytes) -> list[bytes]:
-    return io.BytesIO(content).readlines()
-
-
-def parse(
-    path: Path,
-    lines: Sequence[bytes],
-    record_types: Mapping[str, type],
-    first_number: int = 1,
-    may_be_torn: bool = True,
-) -> Run:
-    """Return the run that lines of a file hold, the run's header first.
-
-    Args:
-      may_be_torn: whether to leave out a last line that is not JSON, and not to refuse it.
-    """
-    values, is_torn = _values(path, lines, first_number, may_be_torn)
-    where = path if first_number == 1 else f"{path}, line {first_number}"
+def parse(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> Run:
+    """Return the run that lines of a file hold, the run's header first."""
+    values, is_torn = _values(path, lines)
     if not values or not isinstance(values[0], dict) or values[0].get("type") != "run":
-        raise InputError(f"{where}: not a run file (its first line must be the run's header)")
+        raise InputError(f"{path}: not a run file (its first line must be the run's header)")
     if values[0].get("schema") != SCHEMA:
         raise InputError(
-            f"{where}: format {values[0].get('schema')!r}, this version of mjbench reads {SCHEMA}"
+            f"{path}: format {values[0].get('schema')!r}, this version of mjbench reads {SCHEMA}"
         )
     types = {**record_types, RunHeader.record_type: RunHeader}
-    numbered = [
-        (number, value)
-        for number, value in enumerate(values, first_number)
-        if not (isinstance(value, dict) and str(value.get("type")) in _REMOVED_TYPES)
-    ]
-    header, *records = (_typed(path, number, value, types) for number, value in numbered)
-    for (number, _), record in zip(numbered[1:], records, strict=True):
+    header, *records = (
+        _typed(path, number, value, types) for number, value in enumerate(values, 1)
+    )
+    for number, record in enumerate(records, 2):
         if isinstance(record, RunHeader):
             raise InputError(f"{path}, line {number}: a second header")
     return Run(header, tuple(records), is_torn)
 
 
-def _values(
-    path: Path, lines: Sequence[bytes], first_number: int, may_be_torn: bool
-) -> tuple[list[Any], bool]:
+def _values(path: Path, lines: Sequence[bytes]) -> tuple[list[Any], bool]:
     """Return the JSON value of each line, and whether a last line that is cut short is left out."""
     values: list[Any] = []
-    for number, line in enumerate(lines, first_number):
+    for number, line in enumerate(lines, 1):
         try:
             values.append(_printable_texts(msgspec.json.decode(line)))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            if may_be_torn and len(values) + 1 == len(lines) and values:
+            if len(values) + 1 == len(lines) and values:
                 return values, True  # the writer was killed in the middle of its last line
             raise InputError(f"{path}, line {number}: not JSON; not a run file?") from error
         except ValueError as error:
@@ -230,9 +204,8 @@ def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> An
     kind = types.get(name)
     if kind is None:
         raise InputError(f"{path}, line {number}: not a record of a run file")
-    upgrade = getattr(kind, "upgrade", None)
     try:
-        return msgspec.convert(upgrade(value) if upgrade else value, kind)
+        return msgspec.convert(value, kind)
     except (msgspec.ValidationError, RecursionError) as error:
         raise InputError(f"{path}, line {number}: {one_line(error)}") from error
 

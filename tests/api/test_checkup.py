@@ -1,9 +1,11 @@
 """Which parts a check-up has, what time they get, and how it ends where one fails."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from example_races import ROLLOUT, compared, raced
 from step_profiles import step_profile
@@ -17,6 +19,10 @@ from mjbench.checkups.records import CheckedPart, CheckupPart
 from mjbench.checkups.targets import ProgramFile
 from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.errors import InputError, MachineError
+from mjbench.program.launch import ProgramObservation
+from mjbench.program.recorded_models import RecordedModel
+from mjbench.program.remedies import trials
+from mjbench.program.remedies.trials import MeasuredRatios
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
@@ -106,6 +112,58 @@ def test_a_part_that_fails_does_not_end_the_others(monkeypatch: pytest.MonkeyPat
     statuses = {part.part: part.status for part in parts}
     assert statuses[CheckupPart.SETTINGS] == Status.FAILED
     assert statuses[CheckupPart.TOGETHER] == Status.OK
+
+
+def test_a_part_that_fails_unforeseen_is_said_and_the_others_stay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planted = Planted(monkeypatch, *GAINS)
+    monkeypatch.setattr(checkup, "tune", lambda *arguments: 1 / 0)
+    parts = {part.part: part for part in planted.parts(CheckupPlan())}
+    assert parts[CheckupPart.SETTINGS].status == Status.FAILED
+    assert "ZeroDivisionError: division by zero" in parts[CheckupPart.SETTINGS].detail
+    assert parts[CheckupPart.TOGETHER].status == Status.OK
+
+
+OBSERVED = ProgramObservation(1.0, 7, (), (), 100, False, 0.0)
+
+
+def program_parts(
+    monkeypatch: pytest.MonkeyPatch, lint: Callable[..., Any], seen: ProgramObservation
+) -> list[Any]:
+    monkeypatch.setattr(checkup.lint, "check", lint)
+    monkeypatch.setattr(checkup.launch, "check", lambda program: None)
+    monkeypatch.setattr(checkup.launch, "run", lambda *arguments, **options: seen)
+    source = ProgramFile("train.py", Path("train.py"))
+    parts = checkup._Parts(source, CheckupPlan(), Observer())
+    return [record for item in checkup._program_items(source, parts) for record in item.records]
+
+
+def test_a_program_runs_though_lint_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    source, program, row = program_parts(monkeypatch, lambda name: 1 / 0, OBSERVED)
+    assert (source.status, program.status) == (Status.FAILED, Status.OK)
+    assert row.exit_code == 0
+
+
+def test_a_run_that_was_interrupted_keeps_what_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = replace(OBSERVED, was_interrupted=True, was_ended=True)
+    _, program, row = program_parts(monkeypatch, lambda name: [], seen)
+    assert program.status == Status.INTERRUPTED
+    assert row.wall_s == 1.0
+
+
+def test_an_interrupt_after_the_run_keeps_what_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = RecordedModel(b"", np.zeros((1, 1)), np.zeros((0, 1)), "4.0.0")
+
+    def measure(models: Sequence[RecordedModel], asked: Any) -> MeasuredRatios:
+        if models:
+            raise KeyboardInterrupt
+        return MeasuredRatios({})
+
+    monkeypatch.setattr(trials, "measure", measure)
+    seen = replace(OBSERVED, models=(model,))
+    _, program, row = program_parts(monkeypatch, lambda name: [], seen)
+    assert (program.status, row.wall_s) == (Status.INTERRUPTED, 1.0)
 
 
 def test_a_model_that_cannot_be_stepped_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:

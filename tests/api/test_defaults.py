@@ -21,7 +21,6 @@ RENAMED = {
     "actions_file": "actions",
     "budget": "budget_s",
     "limit_s": "time_limit_s",
-    "time_limit": "time_limit_s",  # of verdicts
 }
 # What only commands have: where results go, what is printed, exit codes.
 OF_COMMANDS = {

@@ -37,7 +37,7 @@ def test_the_examples_of_a_program_run(
         return compare(*models, **{**options, **sizes, "budget_s": 0.1})
 
     def installed(*releases: str, **options: Any) -> Any:
-        options |= {"models": "cartpole", "time_limit_s": 0.1, "as_shipped": True}
+        options |= {"models": "cartpole", "budget_s": 0.1, "as_shipped": True}
         return versions(*["installed"] * len(releases), **options)
 
     (tmp_path / "robot.xml").symlink_to(ROOT / "models/humanoid.xml")

@@ -21,7 +21,8 @@ from mjbench.comparison import accelerated_measurement
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.comparison.verification import ModelFiles
-from mjbench.host import isolate, neighbours
+from mjbench.host import isolate, machine, neighbours
+from mjbench.host.machine import CoreChange
 from mjbench.host.neighbours import Neighbour
 from mjbench.paired.race import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
@@ -155,6 +156,18 @@ def test_another_measurement_that_ended_during_the_race_stays_on_record(
     first, *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
     assert first.race is not None and first.race.neighbours == ["versions"]
     assert last.race is not None and last.race.neighbours == ["versions"]
+
+
+@pytest.mark.usefixtures("inline")
+def test_a_core_that_was_lost_during_the_race_stays_on_record(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    allowed = itertools.chain([2.0, 1.0], itertools.repeat(2.0))
+    monkeypatch.setattr(machine, "allowed_cores", lambda: next(allowed))
+    monkeypatch.setattr(machine, "usable_cores", lambda: 2)
+    *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
+    assert last.race is not None
+    assert last.race.core_change == CoreChange(2, 1)
 
 
 @pytest.mark.usefixtures("inline")

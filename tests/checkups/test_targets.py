@@ -86,3 +86,8 @@ def test_what_stands_for_nothing_is_one_line(
 @pytest.mark.parametrize("word", ["comapre", "--quick", "plna", "prof", "tnue"])
 def test_a_mistyped_command_is_no_target(folder: Path, word: str) -> None:
     assert not targets.may_be_target(word)
+
+
+def test_an_empty_name_is_said_to_be_empty(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the name is empty; give a shipped model"):
+        targets.recognized("", (), tmp_path)

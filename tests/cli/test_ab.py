@@ -7,7 +7,7 @@ from commands import mjbench
 
 
 def test_changed_work_can_fail_the_command(tmp_path: Path) -> None:
-    arguments = ("ab", "model=cube_table", "iterations=1,solver=cg", "--time-limit", "0.2s")
+    arguments = ("ab", "model=cube_table", "iterations=1,solver=cg", "--budget", "0.2s")
     assert mjbench(*arguments, "--fail-on", "changed-work", cwd=tmp_path).returncode == 1
 
 

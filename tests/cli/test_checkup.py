@@ -7,7 +7,7 @@ from unittest import mock
 
 import inline_tasks
 import pytest
-from commands import ROOT, Completed, mjbench
+from commands import ROOT, Completed, mjbench, mjbench_process
 
 import mjbench as package
 from mjbench.api.checkup import CheckupPlan
@@ -79,3 +79,35 @@ def test_what_cannot_be_checked_is_one_line(tmp_path: Path, words: list[str], me
     done = mjbench(*words, cwd=tmp_path)
     assert done.returncode == 2, done.stdout + done.stderr
     assert message in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "says"),
+    [
+        ("x = 1\nraise ValueError('no')", 1, "it raised ValueError: no at program.py:2"),
+        ("raise SystemExit(7)", 7, "it ended with exit code 7"),
+        ("print('well')", 0, "nothing was measured"),
+    ],
+)
+def test_a_program_that_fails_ends_its_check_up_with_its_own_code(
+    tmp_path: Path, text: str, code: int, says: str
+) -> None:
+    (tmp_path / "program.py").write_text(text)
+    done = mjbench("program.py", "--quick", cwd=tmp_path)
+    assert done.returncode == code, done.stderr
+    assert says in done.stderr
+
+
+def test_a_check_up_that_is_interrupted_keeps_what_it_has(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(
+        "import os, signal, time\n"
+        "signal.signal(signal.SIGINT, lambda *_: os._exit(1))\n"
+        "os.kill(os.getppid(), signal.SIGTERM)\n"
+        "time.sleep(60)\n"
+    )
+    done = mjbench_process("program.py", cwd=tmp_path)
+    assert done.returncode == 130, done.stderr
+    assert "mjbench: interrupted; what was measured is saved" in done.stderr
+    assert "program.py: interrupted, so the list is not complete" in done.stderr
+    (file,) = (tmp_path / "results" / "runs").iterdir()
+    assert mjbench("show", str(file), cwd=tmp_path).returncode == 0

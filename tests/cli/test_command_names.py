@@ -1,4 +1,4 @@
-"""Which commands the help lists, modes of commands, and names of earlier versions."""
+"""Which commands the help lists, and modes of commands."""
 
 import re
 from collections.abc import Sequence
@@ -7,19 +7,17 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from commands import ROOT, mjbench
 
 from mjbench.cli import cli, show_pages
-from mjbench.command_names import EARLIER, LISTED, present_name, with_mode
+from mjbench.command_names import LISTED, command_of, with_mode
 from mjbench.report.kinds import DOCUMENTS
 
 MODES = sorted(name for name in cli.commands if " --" in name)
 
 
-def test_the_help_lists_every_command_once_and_no_earlier_name() -> None:
+def test_the_help_lists_every_command_once() -> None:
     listed = [name for lines in LISTED.values() for name in lines]
     assert sorted(listed) == sorted(set(cli.commands) - set(MODES))
-    assert not set(EARLIER) & set(cli.commands)
 
 
 @pytest.mark.parametrize("words", [[], *([name] for name, c in cli.commands.items()
@@ -52,35 +50,6 @@ def test_what_follows_a_separator_is_no_mode() -> None:
     assert with_mode(["doctor", "--", "--verdicts"], MODES) == ["doctor", "--", "--verdicts"]
 
 
-@pytest.mark.parametrize("name", EARLIER)
-def test_an_earlier_name_is_a_command_and_is_named_as_it_is_now(name: str) -> None:
-    done = CliRunner().invoke(cli, [*name.split(), "--help"], prog_name="mjbench")
-    assert done.exit_code == 0, done.output
-    now = " ".join(EARLIER[name][: 2 if f"{EARLIER[name][0]} {EARLIER[name][1]}" in MODES else 1])
-    assert done.output.startswith(f"Usage: mjbench {now} ")
-
-
-def test_earlier_names_take_their_arguments(tmp_path: Path) -> None:
-    run = str(ROOT / "results/runs/reference-mujoco-4.0.0.jsonl")
-    compared = mjbench("diff", "--json", "-", run, run)
-    assert compared.stdout == mjbench("show", run, "--against", run, "--json", "-").stdout
-    assert '"ratio"' in compared.stdout
-    page = mjbench("report", run, "--markdown")
-    assert page.stdout == mjbench("show", run, "--markdown").stdout
-    table = mjbench("report", "--format", "csv", run)
-    assert table.stdout.startswith("model,")
-    assert mjbench("results", "export", run).stdout == table.stdout
-
-
-def test_a_command_that_became_an_example_names_it() -> None:
-    result = CliRunner().invoke(cli, ["falls", "--samples", "10"])
-    assert result.exit_code == 2
-    assert result.stderr == (
-        "mjbench: `falls` is an example of mjbench's repository now:"
-        " python docs/examples/falls.py\n"
-    )
-
-
 def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[tuple[Sequence[Path], str, str | None]] = []
     monkeypatch.setattr(show_pages, "write", lambda *arguments: written.append(arguments))
@@ -89,11 +58,10 @@ def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) 
     assert written == [((Path("a.jsonl"),), "html", "page.html")] * 2
 
 
-@pytest.mark.parametrize("name", [*DOCUMENTS, "history-explain"])
-def test_documents_and_runs_are_said_to_be_of_present_commands(name: str) -> None:
-    command, *rest = present_name(name).split()
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_documents_and_runs_are_said_to_be_of_commands(name: str) -> None:
+    command, *rest = command_of(name).split()
     group = cli.commands[command]
     options = {option for parameter in group.params for option in parameter.opts}
     subcommands = group.commands if isinstance(group, click.Group) else {}
     assert {*rest} <= {*options, *subcommands}
-    assert name not in EARLIER or rest

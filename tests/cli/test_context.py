@@ -8,7 +8,7 @@ import pytest
 from mjbench.api.session import Item, Items, Measurement, Observer, Session
 from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.errors import Failure, MachineError
-from mjbench.host import neighbours
+from mjbench.host import machine, neighbours
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour
 from mjbench.loop.habit_timing import OverheadRow
@@ -150,6 +150,18 @@ def test_time_that_the_host_took_is_reported_where_it_matters(
         pass
     expected = "The host took 13 % of this machine's processor time for others"
     assert (expected in capsys.readouterr().out) == is_reported
+
+
+def test_a_core_that_was_lost_is_reported(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    allowed = iter([2.0, 1.5])
+    monkeypatch.setattr(machine, "allowed_cores", lambda: next(allowed))
+    monkeypatch.setattr(machine, "usable_cores", lambda: 2)
+    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.0)
+    with RunContext(session=Session(Measurement("versions", {}, [], nothing))):
+        pass
+    assert "the usable cores changed from 2 to 1.5" in capsys.readouterr().out
 
 
 def test_what_disturbed_a_run_is_its_last_record_and_comes_first_when_it_is_shown(

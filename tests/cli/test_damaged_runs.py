@@ -29,7 +29,7 @@ from mjbench.store import runs
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 SIDE = TargetRow("3.3.0", "m", "rollout", {"threads": 2}, {"solver": "cg"})
 COMPARISON = (
-    model_record(cores_had=[1.9, 2.0], usable_cores=2, nbatch_asked=10),
+    model_record(usable_cores=2, nbatch_asked=10),
     measurement(samples_s=[0.1, 0.2, 0.15], nbatch_asked=10),
     measurement(
         path="rollout", options={"threads": 2}, samples_s=[0.05, 0.1, 0.07], nbatch_asked=10
@@ -60,8 +60,9 @@ VERDICTS = (
 )  # fmt: skip
 TRIALS = (
     TrialRecord(
-        model="m", slowdown=0.0, verdict=Verdict.SAME, estimate=1.0, low=0.99, high=1.01,
-        seconds=2.0, launches=[0.001, -0.001],
+        model="m", slowdown=0.0, old="4.0.0", new="4.0.0",
+        verdict=Verdict.SAME, estimate=1.0, low=0.99, high=1.01, seconds=2.0,
+        launches=[0.001, -0.001],
     ),
     TrialRecord(
         arm=Arm.BETWEEN_BUILDS, model="m", slowdown=0.0, old="3.2.1", new="3.2.2",
@@ -70,7 +71,8 @@ TRIALS = (
     ),
     TrialRecord(
         arm=Arm.INSIDE_STEP, model="m", slowdown=None, callback="mj_factorM",
-        verdict=Verdict.SLOWER, estimate=1.01, low=1.0, high=1.02, seconds=2.0, launches=[0.01],
+        old="4.0.0", new="4.0.0", verdict=Verdict.SLOWER,
+        estimate=1.01, low=1.0, high=1.02, seconds=2.0, launches=[0.01],
     ),
 )  # fmt: skip
 KINDS = {

@@ -117,7 +117,7 @@ def test_selfcheck_reports_a_row_for_each_model_and_slowdown(tmp_path: Path) -> 
             "1",
             "--slowdowns",
             "0,5",
-            "--time-limit",
+            "--budget",
             "0.2s",
         ),
         *("--json", "out.json"),

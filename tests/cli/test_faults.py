@@ -304,12 +304,3 @@ def test_a_disk_without_room_for_scratch_files_is_one_line(
     assert result.exit_code == 3
     assert result.stderr.count("\n") == 1
     assert "cannot create a temporary folder: [Errno 28] No space left" in result.stderr
-
-
-def test_the_page_of_the_history_does_not_replace_what_it_is_made_of(tmp_path: Path) -> None:
-    causes = tmp_path / "causes.toml"
-    causes.write_text("")
-    done = CliRunner().invoke(cli, ["history", "--causes", str(causes), "-o", str(causes)])
-    assert done.exit_code == 2
-    assert "choose another" in done.stderr
-    assert causes.read_text() == ""

@@ -47,7 +47,7 @@ def planted(tmp_path_factory):
     def run_once(program, *arguments):
         folder = tmp_path_factory.mktemp("planted")
         # more samples than usual, so that short programs have enough
-        return *run(folder, "--rate", "100", PLANTED / program, HUMANOID, *arguments), folder
+        return *run(folder, "--sample-rate", "100", PLANTED / program, HUMANOID, *arguments), folder
 
     return run_once
 
@@ -73,7 +73,9 @@ def test_the_planted_cause_comes_first(planted, program, arguments, activity, co
 
 
 def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path, capfd):
-    done, row = run(tmp_path, "--rate", "100", PLANTED / "stored_views.py", HUMANOID, "10000")
+    done, row = run(
+        tmp_path, "--sample-rate", "100", PLANTED / "stored_views.py", HUMANOID, "10000"
+    )
     assert capfd.readouterr().out == "10000\n"
     assert row["wrong"][0]["code"] == "MJB001"
     assert "correct a wrong result" in done.stderr
@@ -93,7 +95,7 @@ def test_rendering_comes_first(tmp_path):
         pytest.skip("MuJoCo cannot draw by EGL here")
     done, row = run(
         tmp_path,
-        *("--rate", "20", "--seconds", "3", PLANTED / "rendering.py", HUMANOID, "100000"),
+        *("--sample-rate", "20", "--seconds", "3", PLANTED / "rendering.py", HUMANOID, "100000"),
         env={"MUJOCO_GL": "egl"},
     )
     assert row["was_ended"]
@@ -103,7 +105,7 @@ def test_rendering_comes_first(tmp_path):
 
 def test_a_policy_comes_first(tmp_path):
     pytest.importorskip("torch", reason="PyTorch is not installed")
-    _, row = run(tmp_path, "--rate", "100", PLANTED / "policy.py", HUMANOID, "20000")
+    _, row = run(tmp_path, "--sample-rate", "100", PLANTED / "policy.py", HUMANOID, "20000")
     assert row["loops"][0]["remedies"][0]["activity"] == "policy"
 
 
@@ -155,7 +157,7 @@ def test_an_exception_is_shown_as_python_shows_it(tmp_path, capfd):
     [
         ([], "give a program"),
         (["missing.py"], "no such file"),
-        (["--rate", "0", "x.py"], "--rate"),
+        (["--sample-rate", "0", "x.py"], "--sample-rate"),
     ],
 )
 def test_bad_usage_is_one_line(tmp_path, arguments, message):

@@ -13,7 +13,7 @@ from mjbench.paired import time_limit, verdict
 
 def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -> None:
     done = mjbench(
-        *("versions", "installed", "installed", "cube_table", "--time-limit", "0.2s"),
+        *("versions", "installed", "installed", "cube_table", "--budget", "0.2s"),
         *("--json", "out.json"),
         cwd=tmp_path,
     )
@@ -80,7 +80,7 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         (("missing.whl", "installed"), "no such wheel"),
         (("installed", "installed", "--fail-on", "tea"), "'tea' is not one of"),
         (("installed", "installed", "--min-effect", "0"), "above 0% and below 100%"),
-        (("installed", "installed", "--time-limit", "soon"), "not a time such as 60s"),
+        (("installed", "installed", "--budget", "soon"), "not a time such as 60s"),
         (("installed", "installed", "--paths", "mjx"), "name the packages in place of installed"),
         (("numpy==2.3.5", "numpy==2.4.0", "--paths", "mjx,rollout"), "compile: leave out rollout"),
         (("installed", "3.5.0", "--paths", "mjx", "--metric", "load"), "leave out --metric"),

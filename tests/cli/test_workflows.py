@@ -90,7 +90,7 @@ def test_the_action_compares_releases_and_writes_a_report(
         "NEW": "installed",
         "MODELS": "cartpole pile",
         "FAIL_ON": "slower",
-        "ARGUMENTS": "--allow-inconclusive --time-limit 0.2s",
+        "ARGUMENTS": "--allow-inconclusive --budget 0.2s",
     }
     assert set(inputs) == set(compare["env"])
     compared = recorder.run(compare["run"], tmp_path, **env, **inputs)

@@ -68,7 +68,7 @@ def test_a_table_is_a_frame_in_one_line() -> None:
     assert frame.shape[0] == len(mjbench.load(COMPARISON))
 
 
-@pytest.mark.parametrize("file", sorted((ROOT / "results").glob("*/reference-*.jsonl")))
+@pytest.mark.parametrize("file", sorted((ROOT / "results/runs").glob("*.jsonl")))
 def test_every_committed_run_is_a_table(file: Path) -> None:
     table = mjbench.load(file)
     assert table
@@ -114,9 +114,9 @@ def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: Run) ->
 def test_the_command_writes_every_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in exports.FORMATS:
-        words = ["report", str(COMPARISON), "--format", name]
+        words = ["show", str(COMPARISON), "--format", name]
         result = CliRunner().invoke(cli, words)
         assert result.exit_code == 0, result.output
         assert result.stdout.strip()
-    two = ["report", str(COMPARISON), str(COMPARISON), "--format", "csv"]
+    two = ["show", str(COMPARISON), str(COMPARISON), "--format", "csv"]
     assert "takes one RUN" in CliRunner().invoke(cli, two).output

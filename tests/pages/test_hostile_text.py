@@ -16,11 +16,9 @@ from filled_records import Text
 from markdown_it import MarkdownIt
 
 from mjbench.cli import cli
-from mjbench.errors import InputError
 from mjbench.pages import exports, reports
 from mjbench.pages import html as html_page
 from mjbench.pages import markdown as markdown_page
-from mjbench.report import history, history_files
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import runs
 
@@ -78,7 +76,7 @@ def write(folder: Path, text_of: Callable[[str], Text]) -> list[Path]:
 def files(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     def text_of(command: str) -> Text:
         # a path that mjbench does not have is refused where it is looked up
-        is_kept = request.param == 0 or command == "scaling"
+        is_kept = request.param == 0
         return cycled(request.param, ("python_loop", "rollout") if is_kept else ("python_loop",))
 
     return write(tmp_path_factory.mktemp("hostile") / "runs", text_of)
@@ -118,22 +116,9 @@ def assert_no_markup(text: str, own_html: Sequence[str]) -> None:
 
 def test_markdown_has_no_markup_of_theirs(files: list[Path]) -> None:
     for file in files:
-        try:
-            content = reports.build(reports.read([file]))
-        except InputError:  # operations alone are no history
-            continue
+        content = reports.build(reports.read([file]))
         page = "\n".join(markdown_page.render(content))
         assert_no_markup(page, ["<details>", "</details>", "<summary>", "</summary>"])
-
-
-def histories_of(files: Sequence[Path]) -> history_files.SpeedHistory:
-    chosen = [file for file in files if file.stem == "history"]
-    return history_files.read(chosen, None)
-
-
-def test_the_page_of_a_history_has_no_markup_of_theirs(files: list[Path]) -> None:
-    page = "\n".join(markdown_page.document(history.sections(histories_of(files)), "plots"))
-    assert_no_markup(page, [])
 
 
 class _Tags(html.parser.HTMLParser):

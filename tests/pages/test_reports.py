@@ -15,8 +15,6 @@ from click.testing import CliRunner
 from commands import ROOT
 from example_records import measurement, model_record
 from set_files import labelled, run_file
-from speed_histories import VERSIONS
-from speed_histories import record as ratio_record
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.cli import cli
@@ -87,8 +85,6 @@ def needs_the_report_extra() -> None:
 
 @pytest.mark.parametrize("file", COMMITTED, ids=lambda f: f.stem)
 def test_a_committed_run_becomes_one_page_that_needs_nothing_else(file: Path) -> None:
-    if "history" in file.name:
-        pytest.skip("a history is tested with all its files")
     text = as_html.render(reports.build([named(file)]))
     page = Page(text)
     assert len(text) < 6e6
@@ -167,16 +163,16 @@ def test_the_command_writes_a_file_or_markdown(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = run_file_here(tmp_path / "results/runs", *compared("cartpole"))
-    result = CliRunner().invoke(cli, ["report", "-o", "page.html"])
+    result = CliRunner().invoke(cli, ["show", "--html", "-o", "page.html"])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "page.html").read_text().startswith("<!doctype html>")
-    result = CliRunner().invoke(cli, ["report", str(file), "--markdown"])
+    result = CliRunner().invoke(cli, ["show", str(file), "--markdown"])
     assert result.exit_code == 0, result.output
     assert result.stdout.startswith("## mjbench compare")
-    result = CliRunner().invoke(cli, ["report", str(file), "-o", str(file)])
+    result = CliRunner().invoke(cli, ["show", str(file), "--html", "-o", str(file)])
     assert result.exit_code == 2
     assert "a file that this command reads" in result.output
-    result = CliRunner().invoke(cli, ["report", "missing.jsonl"])
+    result = CliRunner().invoke(cli, ["show", "--html", "missing.jsonl"])
     assert result.exit_code == 2
 
 
@@ -213,7 +209,7 @@ def test_the_head_says_what_was_measured_when_and_where(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["runs/reference-mujoco-4.0.0", "runs/reference-selfcheck-quiet", "history/reference-ratios"],
+    ["runs/reference-mujoco-4.0.0", "runs/reference-selfcheck-quiet"],
 )
 def test_markdown_shows_little_and_folds_the_rest(name: str) -> None:
     text = "\n".join(as_markdown.render(report(ROOT / f"results/{name}.jsonl")))
@@ -222,20 +218,6 @@ def test_markdown_shows_little_and_folds_the_rest(name: str) -> None:
 
 
 # several machines
-
-
-OF_A_HISTORY = (
-    "What changed between releases",
-    "Plots",
-    "Change points of a step",
-    "Single releases that are off",
-    "Drifts",
-    "Changed by placement",
-    "From the first release to the last",
-    "Time of a step",
-    "Instructions of a step",
-    "Releases that compute something else",
-)
 
 
 def verdict_runs(folder: Path, **records: Record) -> list[Path]:
@@ -313,14 +295,6 @@ def test_sections_of_several_runs_that_would_be_called_the_same_are_told_apart(
     assert headings(first, first) == ["Verdicts (x) (1)", "Verdicts (x) (2)"]
 
 
-def test_counts_of_several_runs_are_one_section_of_a_history() -> None:
-    names = ("ratios", "counts", "counts-2", "counts-pile-1")
-    files = [ROOT / f"results/history/reference-{name}.jsonl" for name in names]
-    headings = [section.heading for section in reports.build(reports.read(files)).sections]
-    assert headings.count("Instructions, release by release") == 1
-    assert not any("Instructions, release by release (" in heading for heading in headings)
-
-
 def test_a_file_that_is_given_twice_is_reported_once(tmp_path: Path) -> None:
     files = verdict_runs(tmp_path, a=SLOWER, b=SAME)
     content = report(*files, *files)
@@ -384,22 +358,6 @@ def test_of_many_machines_each_cell_is_a_row(tmp_path: Path) -> None:
     table = report(*files).summaries[0].tables[0]
     assert [column.title for column in table.columns] == ["question", "machine", "answer"]
     assert len(table.rows) == 9
-
-
-def test_histories_of_several_machines_are_apart(tmp_path: Path) -> None:
-    step = [1.0] * 4 + [1.1] * 4
-    files = [
-        run_file(
-            tmp_path,
-            labelled(name),
-            *(ratio_record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)),
-            command="history",
-        )
-        for name, ratios in (("a", step), ("b", [1.0] * 8))
-    ]
-    content = report(*files)
-    headings = [f"{name}: {heading}" for name in "ab" for heading in OF_A_HISTORY]
-    assert [section.heading for section in all_sections(content)] == headings
 
 
 def test_the_command_of_a_section_names_some_files(tmp_path: Path) -> None:

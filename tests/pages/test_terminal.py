@@ -108,10 +108,10 @@ def test_no_number_of_a_table_is_cut_however_narrow_the_console() -> None:
 
 
 def test_the_heading_names_what_sentences_leave_out() -> None:
-    caution = Conclusion("measured by an earlier version", Tone.CAUTION)
+    caution = Conclusion("measured beside another mjbench", Tone.CAUTION)
     for conclusions in ([caution], [caution, Conclusion("m: fast", subject="m")]):
         text = terminal.text_of([Section("m: 8 simulations", conclusions)])
-        assert text.splitlines()[:2] == ["measured by an earlier version", "m: 8 simulations"]
+        assert text.splitlines()[:2] == ["measured beside another mjbench", "m: 8 simulations"]
     assert "m: 8" not in terminal.text_of([Section("m: 8", [Conclusion("m: fast")])])
 
 

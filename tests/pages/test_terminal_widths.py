@@ -162,7 +162,8 @@ def test_trials_read_back_as_their_document(
 def committed_tables() -> list[tuple[str, DataTable]]:
     """Return the tables of all committed runs, each with its file."""
     tables = []
-    for file in sorted((ROOT / "results").glob("*/*.jsonl")):
+    counts = (ROOT / "results/history").glob("reference-counts*.jsonl")
+    for file in [*sorted(RUNS.glob("*.jsonl")), *counts]:
         run = runs.load(file, RECORD_TYPES)
         sections = kinds.kind_of(run).sections(run)
         tables += [(file.name, table) for section in sections for table in section.tables]

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterable
 
 import pytest
 from paired_examples import CARTPOLE
@@ -73,6 +74,22 @@ def test_pinning_ends_with_its_block_even_when_that_fails() -> None:
         assert os.sched_getaffinity(0) == {core}
         _ = 1 / 0
     assert os.sched_getaffinity(0) == allowed
+
+
+def test_cores_that_are_taken_away_from_a_pinned_process_are_not_taken_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = {0, 1}
+    monkeypatch.setattr(cores.platforms, "affinity", lambda: set(now))
+    monkeypatch.setattr(cores.platforms, "set_affinity", lambda _, allowed: replace(allowed))
+
+    def replace(allowed: Iterable[int]) -> None:
+        now.clear()
+        now.update(allowed)
+
+    with cores.pinned(0):
+        replace({1})
+    assert now == {1}
 
 
 def test_confining_moves_a_process_and_passes_over_one_that_has_ended() -> None:

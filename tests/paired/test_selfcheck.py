@@ -35,6 +35,8 @@ def trial(verdict: Verdict, estimate: float, half_width: float = 0.005, **others
         **{
             "model": "m",
             "slowdown": 0.0,
+            "old": "4.0.0",
+            "new": "4.0.0",
             "verdict": verdict,
             "estimate": estimate,
             "low": estimate - half_width,
@@ -188,10 +190,10 @@ def test_rows_are_sorted_by_arm_model_and_slowdown() -> None:
         return row.arm, row.model, row.slowdown, row.old
 
     assert [key(row) for row in selfcheck.summary(trials)] == [
-        (Arm.SLOWDOWN, "a", 0.05, ""),
-        (Arm.SLOWDOWN, "m", 0.0, ""),
-        (Arm.SLOWDOWN, "m", 0.02, ""),
-        (Arm.INSIDE_STEP, "m", None, ""),
+        (Arm.SLOWDOWN, "a", 0.05, "4.0.0"),
+        (Arm.SLOWDOWN, "m", 0.0, "4.0.0"),
+        (Arm.SLOWDOWN, "m", 0.02, "4.0.0"),
+        (Arm.INSIDE_STEP, "m", None, "4.0.0"),
         (Arm.BETWEEN_BUILDS, "m", 0.0, "3.2.1"),
         (Arm.BETWEEN_BUILDS, "m", 0.0, "3.1.2"),
     ]

@@ -1,12 +1,15 @@
 """Programs end when their seconds are over, whatever they ignore."""
 
+import math
+import os
+import signal
 import tempfile
 from pathlib import Path
 
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.program import launch, py_spy
+from mjbench.program import activities, launch, py_spy
 from mjbench.program.launch import Program
 
 STEPS = """
@@ -28,6 +31,14 @@ end = time.monotonic() + 120
 step = jax.jit(lambda state: state + 1.0)
 while time.monotonic() < end:
     step(0.0)
+"""
+
+
+RAISES = """
+import json
+def load():
+    raise ValueError("no such\\nrobot")
+load()
 """
 
 
@@ -87,6 +98,43 @@ def test_a_program_runs_as_ever_where_its_steps_cannot_be_timed(tmp_path, monkey
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_run_and_the_program_whatever_it_ignores(stubborn, monkeypatch, number):
+    first_step_ns = launch._first_step_ns
+
+    def interrupt_once_it_steps(folder):
+        first_ns = first_step_ns(folder)
+        if first_ns is not None:
+            os.kill(os.getpid(), number)
+        return first_ns
+
+    monkeypatch.setattr(launch, "_first_step_ns", interrupt_once_it_steps)
+    monkeypatch.setattr(launch, "_END_S", math.inf)
+    handler = signal.getsignal(number)
+    seen = launch.run(stubborn, ends_on_signal=True)
+    assert seen.was_interrupted
+    assert seen.was_ended
+    assert seen.exit_code == 128 + 9
+    assert seen.models == (), "nothing is stepped again"
+    assert signal.getsignal(number) is handler
+
+
+def test_an_exception_that_ends_a_program_is_known_with_its_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    activities.shown_path.cache_clear()
+    (tmp_path / "raises.py").write_text(RAISES)
+    exception = launch.run(Program(["raises.py"])).exception
+    assert exception.text == "ValueError: no such robot"
+    assert (exception.place.file, exception.place.line) == ("raises.py", 4)
+
+
+def test_a_program_that_exits_has_no_exception(tmp_path):
+    file = tmp_path / "exits.py"
+    file.write_text("raise SystemExit(3)")
+    seen = launch.run(Program([str(file)]))
+    assert (seen.exit_code, seen.exception, seen.was_interrupted) == (3, None, False)
+
+
 def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
     processes = []
     start_program = launch._start
@@ -119,6 +167,15 @@ def test_what_cannot_be_run_is_refused(tmp_path, monkeypatch, arguments, message
     (tmp_path / "notes.ipynb").write_text("{}")
     with pytest.raises(InputError, match=message):
         launch.check(Program(arguments))
+
+
+def test_a_file_whose_name_begins_with_a_dash_is_no_option_of_python(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name = "-cprint('INJECTED')#.py"
+    (tmp_path / name).write_text("import sys; sys.exit(7)")
+    assert Program([name, "-x"], "python").command == ["python", f"./{name}", "-x"]
+    assert launch.run(Program([name])).exit_code == 7
+    assert Program(["-m", "work"], "python").command == ["python", "-m", "work"]
 
 
 def test_a_crash_is_at_the_users_own_line(tmp_path):

@@ -112,8 +112,3 @@ def test_collision_is_one_stage_and_what_is_left_is_none():
     without = PhysicsCost(1.0, stages, [pair])
     assert without.main_stage == ("collision", pytest.approx(0.35))
     assert without.main_cost == pair
-
-
-def test_a_record_of_an_earlier_version_has_its_sensors_among_the_costs():
-    sensors = Cost(CostKind.SENSORS, "rangefinder", 4, 0.4)
-    assert PhysicsCost(1.0, {"other": 0.9}, [sensors]).main_stage == ("sensors", 0.4)

@@ -4,6 +4,7 @@ import gc
 import itertools
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import ROOT
 
 from mjbench.program import call_times, step_times
 from mjbench.program.hook import bursts, call_clock, other_functions, step_clock, step_file, watch
@@ -488,6 +490,24 @@ def test_what_follows_the_last_step_does_not_count(started):
         started.module.mj_step(model, data)
     started.fake.spend(10**12)
     assert read(started).steps_per_s == pytest.approx(1e9 / CALL_NS, rel=0.01)
+
+
+def test_ctrl_c_while_the_clocks_start_ends_the_program_without_a_traceback(tmp_path):
+    program = (
+        "import os, runpy, sys\n"
+        "class Sender:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'mjbench_hook.start': os.kill(os.getpid(), 2)\n"
+        "sys.meta_path.insert(0, Sender())\n"
+        "runpy.run_path(sys.argv[1], run_name='sitecustomize')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(ROOT / "mjbench/program/hook/sitecustomize.py")],
+        env={**os.environ, "MJBENCH_STEP_CLOCK": str(tmp_path)},
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")
 
 
 def test_the_users_own_sitecustomize_runs(tmp_path):

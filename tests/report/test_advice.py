@@ -21,8 +21,8 @@ from example_records import JUDGED, measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
+from mjbench.host.machine import CoreChange
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
-from mjbench.report import path_speedups
 from mjbench.report.advice import (
     Reason,
     ThreadAdvice,
@@ -183,7 +183,13 @@ def test_one_launch_makes_nothing_certain() -> None:
 
 
 @pytest.mark.parametrize(
-    "disturbance", [{"cores": 1.2}, {"stolen_share": 0.2}, {"neighbours": ["latency"]}]
+    "disturbance",
+    [
+        {"cores": 1.2},
+        {"stolen_share": 0.2},
+        {"neighbours": ["latency"]},
+        {"core_change": CoreChange(2, 1)},
+    ],
 )
 def test_a_disturbed_race_makes_nothing_certain(disturbance: dict[str, Any]) -> None:
     model_results = derived(raced(**disturbance))
@@ -284,18 +290,6 @@ def test_the_timer_is_advised_on_where_turning_it_off_certainly_gains() -> None:
     assert clock is not None
     assert clock.speedup.estimate == pytest.approx(1.2, rel=0.01)
     assert advise_clock(derived(raced([*CLEAR, (WITHOUT_TIMER, 1.01)]))) is None
-
-
-def test_a_run_of_an_earlier_version_has_speed_ups_without_an_interval_and_no_advice() -> None:
-    records = [measurement(samples_s=[1.0] * 7), measurement(path="rollout", samples_s=[0.5] * 7)]
-    former = path_speedups.derive(derived(raced()).model, records, None)
-    assert former.is_former
-    assert all(result.is_former for result in former.results)
-    speedup = former.results[1].speedup
-    assert speedup is not None
-    assert (speedup.estimate, speedup.low, speedup.high) == (2.0, None, None)
-    assert advise(former) == []
-    assert advise_clock(former) is None
 
 
 def test_a_model_whose_plain_loop_was_not_timed_gets_no_advice() -> None:

@@ -283,11 +283,15 @@ def test_what_is_not_installed_and_what_was_not_tried_are_lines() -> None:
 def test_a_program_that_does_not_step_has_no_verdict() -> None:
     failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, [], [])
     seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
-    (conclusion,) = checkup.list_section(seen).conclusions
-    assert conclusion.text == (
-        f"{TARGET}: nothing was measured: it ended with exit code 1, and no loop stepped MuJoCo"
-        " before"
-    )
+    assert [each.text for each in checkup.list_section(seen).conclusions] == [
+        f"{TARGET}: it ended with exit code 1",
+        f"{TARGET}: nothing was measured: no loop was seen that steps MuJoCo",
+    ]
+
+
+def test_a_list_that_was_interrupted_says_so_first() -> None:
+    first = checkup.list_section(run(part(CheckupPart.STEP, status=Status.INTERRUPTED)))
+    assert first.conclusions[0].text == f"{TARGET}: interrupted, so the list is not complete"
 
 
 def test_of_a_source_there_is_what_lint_finds() -> None:

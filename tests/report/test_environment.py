@@ -155,7 +155,7 @@ QPOS = FieldDifference("qpos", True, [6], 1, 9)
             "observation, observation, observation, observation and 2 more differ in another pass;"
             " its physics is the same.",
         ),
-        ([], "it does not do the same again."),  # older files do not say what differs
+        ([], "it does not do the same again."),
     ],
 )
 def test_what_does_not_repeat_is_named_once_and_first(

@@ -229,10 +229,14 @@ def test_rows_documents_and_other_tools_say_what_disturbed_a_run(tmp_path: Path)
     action = json.loads(exports.as_github_action_benchmark(read(file)))
     assert {entry["extra"] for entry in action} == {f"Disturbed: {clause}. Measure again."}
     for form in ("csv", "junit"):
-        done = CliRunner().invoke(cli, ["report", str(file), "--format", form])
+        done = CliRunner().invoke(cli, ["show", str(file), "--format", form])
         assert f"m: Disturbed: {clause}" in done.stderr
 
 
 def test_a_difference_to_a_disturbed_run_says_so_first(tmp_path: Path) -> None:
     old, new = stored(tmp_path / "old"), stored(tmp_path / "new", cores=1.2)
-    assert invoked("diff", old, new).lstrip().startswith("m: NEW: threads had 1.20 of 2 cores\n")
+    assert (
+        invoked("show", new, "--against", old)
+        .lstrip()
+        .startswith("m: NEW: threads had 1.20 of 2 cores\n")
+    )

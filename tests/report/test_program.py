@@ -10,6 +10,7 @@ from mjbench.program.activities import Activity, Place
 from mjbench.program.call_times import CallTime
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.hook import call_clock
+from mjbench.program.launch import UncaughtException
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import Cost, CostKind, PhysicsCost
 from mjbench.program.records import LoopReport, ProgramRow
@@ -102,22 +103,41 @@ def test_a_loop_that_only_waits_comes_first_only_if_its_waiting_can_be_shorter()
     assert "more steps for each wait" in program.conclusion(replace(row(waiting), loops=both))
 
 
-def test_a_crash_comes_before_a_wrong_result_and_that_before_time() -> None:
+def test_a_failure_comes_before_a_wrong_result_and_that_before_time() -> None:
     wrong = Remedy(RemedyKind.RESULT, None, PLACE, "a view is stored", None, None)
     both = row(MIXED, remedy(), wrong=[wrong])
     assert program.conclusion(both) == (
         "first, correct a wrong result at train.py:7: a view is stored"
     )
-    crashed = replace(both, crash=PLACE, exit_code=139)
-    assert program.conclusion(crashed).startswith("it crashed (SIGSEGV) at train.py:7")
+    (first, second) = next(program.sections([replace(both, exit_code=3)])).conclusions
+    assert first.text == "train.py: it ended with exit code 3"
+    assert second.text.startswith("train.py: first, correct a wrong result")
 
 
-def test_a_program_that_fails_before_it_steps_has_its_exit_code() -> None:
-    failed = replace(row(MIXED), loops=[], exit_code=1)
-    assert (
-        program.conclusion(failed) == "it ended with exit code 1, and no loop stepped MuJoCo before"
-    )
-    ended = replace(failed, was_ended=True)
+@pytest.mark.parametrize(
+    ("ended", "says"),
+    [
+        ({}, ""),
+        ({"exit_code": 3}, "it ended with exit code 3"),
+        ({"exit_code": 3, "was_ended": True}, ""),
+        ({"exit_code": 137}, "it was ended by SIGKILL"),
+        ({"exit_code": 255}, "it ended with exit code 255"),
+        ({"exit_code": 139, "crash": PLACE}, "it crashed (SIGSEGV) at train.py:7: mj_step"),
+        (
+            {"exit_code": 1, "exception": UncaughtException("ValueError: no", PLACE)},
+            "it raised ValueError: no at train.py:7: mj_step(model, data)",
+        ),
+        ({"exit_code": 1, "exception": UncaughtException("E", None)}, "it raised E"),
+    ],
+)
+def test_how_a_program_failed_is_one_sentence(ended: dict[str, Any], says: str) -> None:
+    said = program.ending(replace(row(MIXED), **ended))
+    assert said.startswith(says)
+    assert bool(said) == bool(says)
+
+
+def test_a_program_that_does_not_step_is_to_run_for_longer() -> None:
+    ended = replace(row(MIXED), loops=[], was_ended=True)
     assert program.conclusion(ended) == (
         "no loop was seen that steps MuJoCo in 3 s; run it for longer"
     )

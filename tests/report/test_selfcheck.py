@@ -10,6 +10,8 @@ from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.report import selfcheck
 
 KNOWN = SelfcheckRow(
+    old="4.0.0",
+    new="4.0.0",
     model="quadruped_terrain",
     slowdown=0.005,
     averaged=True,

@@ -31,7 +31,7 @@ def on(label: str, host: str) -> runs.RunHeader:
 @pytest.mark.parametrize(
     ("stored", "now"),
     [
-        (on("", ""), on("", "a1")),  # an older file
+        (on("", ""), on("", "a1")),
         (on("", "a1"), on("lab", "a1")),
         (on("lab", "a1"), on("lab", "b2")),  # a container, which is a new host each time
     ],

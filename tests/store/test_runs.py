@@ -96,11 +96,6 @@ def test_a_key_that_a_later_version_added_is_ignored(tmp_path: Path) -> None:
     assert runs.load(path, TYPES).records[0] == Sample(7)
 
 
-def test_a_record_that_only_earlier_versions_stored_is_left_out(tmp_path: Path) -> None:
-    path = edited(tmp_path, 3, '{"type": "web_experiments", "build": "wasm"}')
-    assert runs.load(path, TYPES).records == (RECORDS[0], RECORDS[2])
-
-
 def test_a_last_line_cut_short_loses_nothing_else(tmp_path: Path) -> None:
     path = written(tmp_path)
     path.write_text(path.read_text()[:-5])

@@ -7,6 +7,7 @@ otherwise. Whatever goes wrong here must not reach the program.
 import importlib
 import importlib.util
 import os
+import signal
 import sys
 
 
@@ -37,8 +38,13 @@ def _import_next() -> None:
 
 
 if __name__ == "sitecustomize":
+    handler = signal.getsignal(signal.SIGINT)
     try:
+        if handler is signal.default_int_handler:  # Ctrl-C ends the process without a traceback
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
         _start()
     except Exception as error:
         print(f"mjbench: steps are not timed: {error}", file=sys.stderr)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, handler)
     _import_next()

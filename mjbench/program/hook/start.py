@@ -73,7 +73,7 @@ def start(folder: str) -> None:
         actions[module_name] = environment(class_name, method)
     sys.meta_path.insert(0, AfterImport(actions))
     gc.callbacks.append(steps.collections.callback)
-    _hide_clocks()
+    _hide_clocks(folder)
     if not faulthandler.is_enabled():
         _note_crashes(os.path.join(folder, f"{os.getpid()}.fault"))
     _follow_forks(begin_process)
@@ -133,12 +133,15 @@ def _note_crashes(path: str) -> None:
     faulthandler.is_enabled = named_like(is_enabled, lambda: False)
 
 
-def _hide_clocks() -> None:
-    """Let what an uncaught exception prints leave out the clock's own frames."""
+def _hide_clocks(folder: str) -> None:
+    """Let what an uncaught exception prints leave out the clock's own frames, and note it."""
     earlier = sys.excepthook
 
     def report(kind: type[BaseException], error: BaseException, frames: Any) -> None:
-        earlier(kind, error, _without_own(frames))
+        frames = _without_own(frames)
+        with contextlib.suppress(Exception):  # the disk is full, or its own `__str__` raises
+            _note_exception(os.path.join(folder, f"{os.getpid()}.exception"), error, frames)
+        earlier(kind, error, frames)
 
     sys.excepthook = report
     import threading
@@ -155,6 +158,18 @@ def _hide_clocks() -> None:
         earlier_of_threads(arguments)
 
     threading.excepthook = report_of_thread
+
+
+def _note_exception(path: str, error: BaseException, frames: Any) -> None:
+    """Write an exception in a line, and its frames, innermost first, as a crash leaves them."""
+    lines: list[str] = []
+    while frames is not None:
+        code = frames.tb_frame.f_code
+        lines.insert(0, f'File "{code.co_filename}", line {frames.tb_lineno} in {code.co_name}')
+        frames = frames.tb_next
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    with open(path, "w", encoding="utf-8", errors="backslashreplace") as file:
+        file.write("\n".join([text, *lines]))
 
 
 def _without_own(frames: Any) -> Any:

@@ -5,8 +5,8 @@ import math
 import pytest
 from speed_histories import VERSIONS, record
 
+from benchmarks.history.speed_history import from_records
 from benchmarks.studies.history_repeats import repeated
-from mjbench.report.speed_history import from_records
 
 
 def test_only_releases_that_both_have_are_compared() -> None:

@@ -1,0 +1,114 @@
+r"""In which releases of MuJoCo speed changed, and what accounts for it.
+
+    python -m benchmarks.history measure [RELEASE]… [--since VERSION] [--model MODEL]…
+    python -m benchmarks.history explain [RELEASE]… [--since VERSION] [--model MODEL]…
+    python -m benchmarks.history page
+
+`measure` times steps and operations in releases against one fixed release, two minutes each.
+`explain` counts instructions by function, from each release to the next; it needs valgrind, but no
+quiet machine. `page` draws docs/history/ and writes docs/history.md from what both stored.
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from benchmarks.history import files, known_causes, measurements, page, plots, ratio_section
+from benchmarks.history.release_ratios import REFERENCE, RatioRecord
+from benchmarks.history.tasks import Selection
+from benchmarks.studies import tally_command
+from mjbench.api import interrupts
+from mjbench.cli.context import OutputOptions, measure_and_print
+from mjbench.cli.shared import RESUME, WAIT, as_one, results_option, with_options
+from mjbench.counts.records import ExplainRecord
+from mjbench.host import child
+from mjbench.pages import markdown
+from mjbench.paired.operations import registry
+from mjbench.releases import bundle, catalogue, release_names
+from mjbench.report.counts import change_sections
+from mjbench.simulation.models import resolve, shipped
+from mjbench.status import ExitCode
+
+RESULTS = Path("results/history")
+PAGE, PLOTS = files.ROOT / "docs/history.md", files.ROOT / "docs/history"
+
+
+@click.group(help=__doc__)
+def history() -> None:
+    """Measure releases, count their instructions, and write the page of both."""
+
+
+def _select(
+    names: Sequence[str], since: str | None, models: Sequence[str], operations: bool | None
+) -> Selection:
+    """Return what is measured; `operations` is None for those of a run over all models."""
+    has_operations = not models if operations is None else operations
+    return Selection(
+        release_names.parse_release(REFERENCE),
+        catalogue.named_or_since(names, since, bundle.default_path()),
+        [resolve(name) for name in models or shipped()],
+        list(registry().values()) if has_operations else [],
+    )
+
+
+_SELECTION = as_one(
+    "selection",
+    _select,
+    click.argument("names", nargs=-1, metavar="[RELEASE]…"),
+    click.option("--since", metavar="VERSION", help="Without a RELEASE: those from VERSION on."),
+    click.option("--model", "models", multiple=True, metavar="MODEL", help="May be repeated."),
+    click.option(
+        "--operations/--no-operations",
+        default=None,
+        help="Include operations around the step  [default: unless --model is given]",
+    ),
+)
+_OUTPUT = as_one(
+    "output", OutputOptions, results_option(RESULTS, "Folder for the run file."), RESUME, WAIT
+)
+
+
+@history.command()
+@with_options(_SELECTION, _OUTPUT)
+def measure(selection: Selection, output: OutputOptions) -> None:
+    """Time steps and operations in RELEASEs against one fixed release."""
+    measure_and_print(
+        measurements.ratios(selection),
+        output,
+        summary=lambda run: [ratio_section.section(run.of_type(RatioRecord))],
+    ).exit()
+
+
+@history.command()
+@with_options(_SELECTION, _OUTPUT)
+def explain(selection: Selection, output: OutputOptions) -> None:
+    """Count instructions by function, from each RELEASE to the next."""
+    measure_and_print(
+        measurements.changes(selection),
+        output,
+        summary=lambda run: change_sections(run.of_type(ExplainRecord)),
+    ).exit()
+
+
+@history.command("page")
+def write_page() -> None:
+    """Draw the plots and write the page, from the committed run files."""
+    measured = files.read(files.run_files(files.ROOT / RESULTS), known_causes.FILE)
+    plots.draw(measured, PLOTS)
+    lines = markdown.document(page.sections(measured), PLOTS.name)
+    PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _main() -> ExitCode:
+    try:
+        history(prog_name="python -m benchmarks.history")
+    finally:
+        interrupts.disable()
+        child.end_descendants()
+    return ExitCode.OK
+
+
+if __name__ == "__main__":
+    sys.exit(tally_command.run("history", _main, "what was measured is saved"))

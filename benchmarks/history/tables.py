@@ -1,0 +1,75 @@
+"""Tables of the changes of speed between releases."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
+from mjbench.counts.function_differences import largest_differences
+from mjbench.counts.records import ExplainRecord
+from mjbench.measuring.ratio import LogEstimate
+from mjbench.report import formats
+from mjbench.report.content import Column, DataTable
+
+# The smallest change that has a row: a run beside other work had changes that differ by as much
+# (docs/method/history.md). Plots mark the smaller ones, too.
+MIN_CHANGE = math.log1p(0.05)
+# Functions that are named with a change, and the smallest change of one, as a share of the step's
+# instructions.
+_FUNCTIONS, _MIN_SHARE = 2, 0.0005
+
+
+def step_changes(history: SpeedHistory) -> DataTable:
+    listed = listed_changes(history, history.models)
+    return _change_points("Change points of a step", "model", listed)
+
+
+def operation_changes(history: SpeedHistory) -> DataTable:
+    listed = listed_changes(history, history.operations)
+    return _change_points("Change points around the step", "operation", listed)
+
+
+def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTable:
+    return DataTable.of(
+        heading,
+        [each for each in listed if abs(each.point.change) >= MIN_CHANGE],
+        (Column("releases"), lambda each: f"{each.before.release} → {each.after.release}"),
+        (Column(noun), lambda each: each.title),
+        (
+            Column("time", formats.change_with_error),
+            lambda each: LogEstimate(each.point.change, each.point.deviation),
+        ),
+        (
+            Column("instructions", formats.change_to_tenth),
+            lambda each: _instruction_ratio(each.counts),
+        ),
+        (Column("cause"), lambda each: each.cause.value),
+        (Column("what accounts for it", wraps=True), lambda each: "; ".join(_accounts(each))),
+    )
+
+
+def _instruction_ratio(counts: ExplainRecord | None) -> float | None:
+    return None if counts is None else counts.instruction_ratio
+
+
+def _accounts(listed: Listed) -> Iterator[str]:
+    """Yield what accounts for a change: work, functions, known causes."""
+    yield from listed.work_changes
+    ratio = _instruction_ratio(listed.counts)
+    if ratio is not None and (ratio - 1) * listed.point.change < 0:
+        yield "its instructions changed in the other direction"
+    elif functions := _functions(listed.counts):
+        yield functions
+    for cause in listed.causes:
+        yield cause.text + (f" ({cause.commit})" if cause.commit else "")
+
+
+def _functions(counts: ExplainRecord | None) -> str:
+    """Return the functions that may account for a change, with their instructions."""
+    old = counts.instructions_per_step.old if counts else None
+    if counts is None or not old:
+        return ""
+    return ", ".join(
+        f"{' + '.join(d.names)} {100 * d.difference / old:+.1f} %"
+        for d in largest_differences(counts.functions, _FUNCTIONS)
+        if abs(d.difference) >= _MIN_SHARE * old
+    )
