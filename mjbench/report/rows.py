@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import wrong_argument
 from mjbench.report import kinds
 from mjbench.store import runs
 from mjbench.store.json_form import json_form
@@ -29,7 +29,7 @@ def load(file: str | Path) -> list[dict[str, Cell]]:
       InputError: it cannot be read.
     """
     if not isinstance(file, str | Path):
-        raise InputError(f"file must be a path, got {one_line(repr(file))}")
+        raise wrong_argument("file", file, "a path")
     return of_run(runs.load(Path(file), kinds.RECORD_TYPES))
 
 
