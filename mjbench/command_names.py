@@ -8,10 +8,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 # What `mjbench --help` says of each command, in its order; lines fit into a narrow terminal.
 LISTED: Mapping[str, Mapping[str, str]] = {
-    "To begin with": {
-        "checkup": "what can I do? the same as `mjbench TARGET`",
-    },
     "Every day": {
+        "checkup": "what can I do? the same as `mjbench TARGET`",
         "run": "my program: where time goes, what to change",
         "env": "an environment: where the time of a step goes",
         "compare": "the fastest way to step; threads with --scaling",
@@ -28,8 +26,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "latency": "the slowest steps, and which miss a deadline",
         "models": "list the shipped models",
         "paths": "list the ways of stepping",
-    },
-    "Many runs": {
         "releases": "list, install and remove releases",
         "sweep": "a matrix of models and releases on Ray",
     },

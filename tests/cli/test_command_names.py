@@ -20,6 +20,11 @@ def test_the_help_lists_every_command_once() -> None:
     assert sorted(listed) == sorted(set(cli.commands) - set(MODES))
 
 
+def test_the_help_fits_on_a_screen() -> None:
+    done = CliRunner().invoke(cli, ["--help"], env={"COLUMNS": "80"}, terminal_width=80)
+    assert len(done.output.splitlines()) <= 40
+
+
 @pytest.mark.parametrize("words", [[], *([name] for name, c in cli.commands.items()
                                         if isinstance(c, click.Group))], ids=" ".join)  # fmt: skip
 def test_the_help_has_a_line_for_each_command_in_a_narrow_terminal(words: list[str]) -> None:
