@@ -26,15 +26,12 @@ MACOS = {
                 "--budget", "0.1", "--results", "runs"],
     "versions": ["versions", "installed", "installed", "cartpole", *QUICK,
                  "--budget", "0.1s", "--results", "runs"],
-    "selfcheck": ["doctor", "--verdicts", "cartpole", "--trials", "1", "--slowdowns", "0",
-                  "--budget", "0.1s", "--results", "runs"],
     "merge": ["results", "merge", RUN, "-o", "set.jsonl"],
     "profile": ["profile", "cartpole", "--budget", "0.1s"],
     "overhead": ["profile", "--habits", "contact.xml", "--budget", "0.1s"],
     "models": ["models", "cartpole"],
     "releases": ["releases", "installs"],
     "instructions": ["profile", "--instructions", "cartpole"],
-    "busy": ["doctor", "--verdicts", "cartpole", "--busy", "--results", "runs"],
 }  # fmt: skip
 
 
