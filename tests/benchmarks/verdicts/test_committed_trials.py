@@ -87,7 +87,7 @@ def test_slowdowns_inside_a_step_of_at_least_the_smallest_effect_are_found(file:
 @pytest.mark.parametrize("file", BETWEEN_BUILDS, ids=lambda f: f.stem)
 def test_at_most_one_of_forty_no_change_pairs_is_called_different_by_code(file: Path) -> None:
     stored = runs.load(file, RECORD_TYPES).of_type(TrialRecord)
-    pairs = {(trial.model, trial.old, trial.new) for trial in trials}
+    pairs = {(trial.model, trial.old, trial.new) for trial in stored}
     assert len(pairs) == len(NO_CHANGE_PAIRS) * len(models.shipped())
     different = [trial for trial in stored if trial.verdict in (Verdict.SLOWER, Verdict.FASTER)]
     assert len(different) <= len(stored) / 40
