@@ -31,7 +31,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
     },
     "Many runs": {
         "releases": "list, install and remove releases",
-        "sweep": "a matrix of models and releases on Ray",
+        "sweep": "a matrix of commands on a Ray cluster",
     },
 }
 
