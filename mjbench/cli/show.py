@@ -43,6 +43,7 @@ _MOST_RUNS = 20
 @click.option(
     "--against",
     metavar="OLD",
+    type=FileName(),
     help="Compare the speeds of RUN with those of an earlier one, row by row.",
 )
 @click.option(
