@@ -271,9 +271,7 @@ def release_range(index_problem: str = "") -> ReleaseRange:
     return ReleaseRange([ReleaseSpec(v, v) for v in VERSIONS], index_problem)
 
 
-def test_the_slow_release_is_found_with_the_time_that_was_asked_for(
-    limits_s: list[float],
-) -> None:
+def test_the_release_that_changed_a_model_is_searched(limits_s: list[float]) -> None:
     plan = VerdictPlan(time_limit_s=30.0)
     *_, record = bisect.search_releases(release_range(), models.resolve("cartpole"), plan)
     assert isinstance(record, BisectRecord)
