@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -149,7 +150,23 @@ LARGE_COUNT = Text(
 )
 NAMES = Text("NAME,…", "a name, or several with commas", _names)
 HERTZ = Text("HZ", f"a number of times per second such as 1000, {limits.HERTZ}", _hertz)
-FILE = click.Path(path_type=Path)
+
+
+class FileName(click.Path):
+    """The name of a file, which is not empty."""
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Any:
+        if not os.fspath(value):
+            self.fail("the name is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+FILE = FileName(path_type=Path)
 
 
 def own_path_folder(path_names: Sequence[str] | None) -> str | None:
