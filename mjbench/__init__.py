@@ -44,4 +44,11 @@ def __getattr__(name: str) -> object:
     import importlib
 
     module, _, attribute = _HOMES[name].partition(":")
-    return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+    try:
+        return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+    except (Exception, SystemExit) as error:
+        from mjbench.errors import MachineError, foreign_module
+
+        if line := foreign_module(error):
+            raise MachineError(line) from error
+        raise

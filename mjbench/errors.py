@@ -4,6 +4,7 @@ import contextlib
 import difflib
 import errno
 import os
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ _EXHAUSTED = (
     *(errno.EMFILE, errno.ENFILE, errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM),
     *(errno.EIO, errno.EFBIG),
 )
+# The packages that mjbench computes with, and what each of them certainly has.
+_ATTRIBUTES = {"mujoco": "MjModel", "numpy": "ndarray"}
 
 
 class MjbenchError(Exception):
@@ -29,6 +32,10 @@ class InputError(MjbenchError):
 
     exit_code = ExitCode.USAGE
     status = Status.INPUT
+
+
+def wrong_argument(name: str, value: object, expected: str) -> InputError:
+    return InputError(f"{name} must be {expected}, not {one_line(repr(value), 60)}")
 
 
 class UnavailableError(InputError):
@@ -75,6 +82,8 @@ def failure_of(error: BaseException) -> Failure:
         return Failure(error.status, str(error))
     if isinstance(error, MemoryError):
         return Failure(Status.FAILED, "out of memory")
+    if line := foreign_module(error):
+        return Failure(Status.FAILED, line)
     return Failure(Status.FAILED, describe(error))
 
 
@@ -94,8 +103,8 @@ def describe_unforeseen(error: Exception) -> str:
     A module that cannot be imported, memory that is short and what the operating system refuses
     are the environment's fault; anything else is a defect of mjbench.
     """
-    if exhausted := _exhausted(error):
-        return exhausted
+    if line := _exhausted(error) or foreign_module(error):
+        return line
     is_defect = False
     backend = os.environ.get("MUJOCO_GL")
     match error:
@@ -114,6 +123,41 @@ def describe_unforeseen(error: Exception) -> str:
     if file is None:
         return line
     return f"{line}; {'please report it with the ' if is_defect else ''}details in {file}"
+
+
+def foreign_module(error: BaseException) -> str:
+    """Return which file is imported in the place of MuJoCo or NumPy, in one line.
+
+    It is empty unless that is why `error` was raised: the file raised it, or lacks what is needed.
+    """
+    import importlib.machinery
+    import traceback
+
+    raising = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
+    raising.add(str(getattr(error, "filename", "")))  # of a SyntaxError
+    for name, attribute in _ATTRIBUTES.items():
+        module = sys.modules.get(name)
+        if hasattr(module, attribute):
+            continue
+        spec = importlib.machinery.PathFinder.find_spec(name)
+        file = spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), None))
+        is_lacking = module is not None and isinstance(error, AttributeError | ImportError)
+        if file and (is_lacking or file in raising) and not _is_installed(name, file):
+            return (
+                f"{one_line(file)} is imported in the place of the package {name}: rename it, or"
+                " take its folder off the path of Python (PYTHONPATH)"
+            )
+    return ""
+
+
+def _is_installed(package: str, file: str) -> bool:
+    import importlib.metadata
+
+    try:
+        folder = importlib.metadata.distribution(package).locate_file(package)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return Path(file).is_relative_to(str(folder))
 
 
 def _is_of_rendering(error: BaseException) -> bool:
@@ -176,6 +220,11 @@ def one_line(text: object, limit: int = 300) -> str:
 def shown(name: str) -> str:
     """Return a name that a user typed for a message: on one line, printable, at most 100 long."""
     return one_line(name if name.isprintable() and name.strip() else repr(name), 100)
+
+
+def file_argument(name: str) -> str:
+    """Return a file's name for a command line, where one that begins with a dash is an option."""
+    return f"./{name}" if name.startswith("-") else name
 
 
 def suggestion(word: str, choices: Iterable[str]) -> str:

@@ -24,6 +24,20 @@ GEOMETRY = """
 """
 
 
-# The rods of benchmarks.studies.tuning_planted lie diagonally, 0.05 m apart along y. This is the
-# distance between their surfaces.
+def rods(na: int, nb: int, options: str = "") -> str:
+    """Return rods that spin about themselves, side by side; only `a` may collide with `b`.
+
+    Each is near every other, and touches none.
+    """
+    rod = (
+        "<body name='{kind}{index}' pos='0 {y} 0' euler='0 0 45'><joint axis='1 0 0'/>"
+        "<geom type='capsule' size='.01' fromto='0 0 0 3 0 0' contype='{own}'"
+        " conaffinity='{other}'/></body>"
+    )
+    a = (rod.format(kind="a", index=i, y=-0.05 * i, own=1, other=2) for i in range(na))
+    b = (rod.format(kind="b", index=i, y=0.05 * (i + 1), own=2, other=1) for i in range(nb))
+    return f"<mujoco><option {options}/><worldbody>{''.join(a)}{''.join(b)}</worldbody></mujoco>"
+
+
+# The rods lie diagonally, 0.05 m apart along y. This is the distance between their surfaces.
 ROD_GAP_M = 0.05 / 2**0.5 - 2 * 0.01

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from enum import StrEnum
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import InputError, wrong_argument
 from mjbench.limits import COUNT, Bounds
 from mjbench.simulation import workload
 
@@ -33,9 +33,9 @@ def number(name: str, value: float, bounds: Bounds) -> float:
     try:
         checked = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise _wrong(name, value, "a number") from None
+        raise wrong_argument(name, value, "a number") from None
     if checked not in bounds:
-        raise _wrong(name, value, str(bounds))
+        raise wrong_argument(name, value, str(bounds))
     return abs(checked) if checked == 0 else checked  # -0 is 0
 
 
@@ -46,9 +46,9 @@ def whole(name: str, value: Any, bounds: Bounds = COUNT, is_float: bool = False)
             raise TypeError
         checked = int(value) if is_float and value == int(value) else operator.index(value)
     except (TypeError, ValueError, OverflowError):
-        raise _wrong(name, value, "a whole number") from None
+        raise wrong_argument(name, value, "a whole number") from None
     if checked not in bounds:
-        raise _wrong(name, value, str(bounds))
+        raise wrong_argument(name, value, str(bounds))
     return checked
 
 
@@ -64,7 +64,7 @@ def choice(name: str, value: str, choices: type[_Choice]) -> _Choice:
     try:
         return choices(value)
     except ValueError:
-        raise _wrong(name, value, f"one of {', '.join(choices)}") from None
+        raise wrong_argument(name, value, f"one of {', '.join(choices)}") from None
 
 
 def holds(nstep: int | None, hold: int) -> None:
@@ -77,13 +77,9 @@ def names(name: str, value: str | Iterable[str]) -> list[str]:
     """Return one name or several, each once; commas separate names, as on the command line."""
     several = [value] if isinstance(value, str) else value
     if not isinstance(several, Iterable) or not all(isinstance(text, str) for text in several):
-        raise _wrong(name, value, "a text, or several")
+        raise wrong_argument(name, value, "a text, or several")
     split = [part.strip() for text in several for part in text.split(",")]
     unique = list(dict.fromkeys(filter(None, split)))
     if not unique:
         raise InputError(f"{name} is empty: give a name, or several")
     return unique
-
-
-def _wrong(name: str, value: object, expected: str) -> InputError:
-    return InputError(f"{name} must be {expected}, not {one_line(repr(value), 60)}")

@@ -25,7 +25,13 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.environment import measurement as environments
 from mjbench.environment.child_process import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
-from mjbench.errors import Failure, InputError, MjbenchError, describe_unforeseen
+from mjbench.errors import (
+    Failure,
+    InputError,
+    MjbenchError,
+    describe_unforeseen,
+    wrong_argument,
+)
 from mjbench.host import isolate, machine
 from mjbench.limits import SECONDS, TIME_LIMIT_S
 from mjbench.loop import lint, profile
@@ -162,6 +168,8 @@ def checkup(
     """
     limit_s = argument_values.number("time_limit_s", time_limit_s, SECONDS)
     budget_s = argument_values.number("budget_s", budget_s, SECONDS)
+    if not all(isinstance(argument, str) for argument in arguments):
+        raise wrong_argument("arguments", arguments, "texts")
     with start_states.plan(settle_s, states) as starts:
         plan = CheckupPlan(quick, starts, limit_s, budget_s)
         if isinstance(target, str | os.PathLike):

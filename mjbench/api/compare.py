@@ -12,7 +12,7 @@ from mjbench.api.measured import Measured
 from mjbench.api.model_comparison import measurement
 from mjbench.comparison import selection
 from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
-from mjbench.errors import InputError, one_line
+from mjbench.errors import InputError, wrong_argument
 from mjbench.limits import LARGE_COUNT, SECONDS, SEED, THREADS, TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.report.advice import Advice, ClockAdvice
@@ -153,7 +153,7 @@ def compare(
 
 def _option_texts(options: Mapping[str, Any]) -> list[str]:
     if not isinstance(options, Mapping):
-        raise InputError(f"options must be a dictionary, got {one_line(repr(options))}")
+        raise wrong_argument("options", options, "a dictionary")
     several = {
         name: [values] if isinstance(values, str) or not isinstance(values, Iterable) else values
         for name, values in options.items()

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from mjbench.errors import Failure, InputError, MjbenchError, failure_of, one_line, printable
+from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable, wrong_argument
 from mjbench.host import conditions, machine, neighbours, platforms
 from mjbench.host.machine import CoreChange, ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour
@@ -36,7 +36,7 @@ class Observer:
 
     def __init__(self, on_progress: Progress | None = None):
         if not (on_progress is None or callable(on_progress)):
-            raise InputError(f"on_progress must be a function, got {one_line(repr(on_progress))}")
+            raise wrong_argument("on_progress", on_progress, "a function")
         self._on_progress = on_progress or timing.no_progress
 
     def __call__(self, name: str, share: float) -> None:

@@ -11,13 +11,14 @@ a lap adds one reading of the clock to it.
 """
 
 import html
+import numbers
 import time
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mjbench.errors import InputError
+from mjbench.errors import InputError, wrong_argument
 from mjbench.units import duration, plain
 
 if TYPE_CHECKING:
@@ -110,7 +111,11 @@ class Timer:
         clock: Callable[[], int] = time.perf_counter_ns,
     ):
         """See `timer`."""
-        self._steps, self._data, self._clock = steps, data, clock
+        if not (data is None or isinstance(getattr(data, "time", None), numbers.Real)):
+            raise wrong_argument("data", data, "an MjData")
+        if not callable(clock):
+            raise wrong_argument("clock", clock, "a function")
+        self.steps, self._data, self._clock = steps, data, clock
         self._begin_ns: int | None = None
         self._end_ns: int | None = None
         self._begin_time_s = self._end_time_s = 0.0
@@ -151,8 +156,10 @@ class Timer:
         return self._steps
 
     @steps.setter
-    def steps(self, steps: int) -> None:
-        self._steps = steps
+    def steps(self, steps: int | None) -> None:
+        if not (steps is None or isinstance(steps, numbers.Integral)):
+            raise wrong_argument("steps", steps, "a whole number")
+        self._steps: int | None = steps
 
     @property
     def elapsed_s(self) -> float:

@@ -111,7 +111,8 @@ def _recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedS
 
 def _model_or_function(name: str, module: str, folder: Path) -> CheckedSource:
     """Return the model of a package, or the function of a module, that `NAME:NAME` stands for."""
-    is_own = _is_in(folder, module)
+    first = folder / module.partition(".")[0]
+    is_own = _exists(first.with_suffix(_PROGRAM)) or _exists(first / "__init__.py")
     try:
         model = models.resolve(name)
     except InputError:
@@ -124,11 +125,6 @@ def _model_or_function(name: str, module: str, folder: Path) -> CheckedSource:
             f" folder: say `mjbench profile {name}` or `mjbench env {name}`"
         )
     return model
-
-
-def _is_in(folder: Path, module: str) -> bool:
-    first = folder / module.partition(".")[0]
-    return _exists(first.with_suffix(_PROGRAM)) or _exists(first / "__init__.py")
 
 
 def _is_importable(module: str) -> bool:

@@ -12,7 +12,13 @@ import mjbench
 from mjbench.checkups.targets import may_be_target
 from mjbench.cli import standard_streams
 from mjbench.command_names import LISTED, with_mode
-from mjbench.errors import MachineError, MjbenchError, describe_unforeseen, printable
+from mjbench.errors import (
+    MachineError,
+    MjbenchError,
+    describe_unforeseen,
+    foreign_module,
+    printable,
+)
 from mjbench.host import platforms
 from mjbench.status import ExitCode
 
@@ -114,6 +120,11 @@ def _errors_reported() -> Iterator[None]:
     except (click.ClickException, click.exceptions.Exit):
         raise
     except BrokenPipeError:  # nobody reads on (`… | head`)
+        sys.exit(ExitCode.ENVIRONMENT)
+    except SystemExit as error:
+        if not (line := foreign_module(error)):
+            raise
+        report_line(line)
         sys.exit(ExitCode.ENVIRONMENT)
     except Exception as error:
         if _is_of_interrupt(error):  # such as an import of a C extension

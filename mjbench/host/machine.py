@@ -184,16 +184,12 @@ def peak_memory_bytes() -> int:
         raise NotImplementedError("nothing is measured on Windows")
     import resource
 
-    peak_bytes = _own_bytes("/proc/self/status", "VmHWM")
+    kilobytes = _entry("/proc/self/status", "VmHWM").split()
+    peak_bytes = int(kilobytes[0]) * 1024 if kilobytes else None
     if peak_bytes is not None:
         return peak_bytes
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
-
-
-def _own_bytes(file: str, key: str) -> int | None:
-    kilobytes = _entry(file, key).split()
-    return int(kilobytes[0]) * 1024 if kilobytes else None
 
 
 @dataclass(frozen=True)

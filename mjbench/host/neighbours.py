@@ -21,7 +21,7 @@ from mjbench.host.machine import CoreChange
 # Environment variable with which no other mjbench is noticed; the tests set it.
 IGNORE_VARIABLE = "MJBENCH_IGNORE_OTHERS"
 # Commands that measure nothing themselves.
-_QUIET = frozenset({"lint", "models", "paths", "releases", "results", "show", "sweep"})
+_QUIET = frozenset({"lint", "models", "paths", "releases", "show", "sweep"})
 # How often a process that waits looks again, in seconds.
 _POLL_S = 1.0
 

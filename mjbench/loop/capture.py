@@ -23,7 +23,7 @@ from typing import BinaryIO
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, MachineError, MjbenchError, one_line, shown, writing
+from mjbench.errors import InputError, MachineError, MjbenchError, shown, writing, wrong_argument
 from mjbench.host import files
 from mjbench.loop import engine_functions
 from mjbench.loop.captured_steps import ModelRecorder, RecordedWindow, StepRecorder
@@ -145,12 +145,16 @@ class Capture(contextlib.ContextDecorator):
             `.mjb`; None for none. Only this release of MuJoCo can load it.
 
         Raises:
-          InputError: a number is too small, or a file ends in something else.
+          InputError: a number is too small, a file ends in something else, or the type is wrong.
         """
         self._file = _ending(file, ".npz", "a file of states")
         self._model_file = None
         if save_model is not None:
             self._model_file = _ending(save_model, ".mjb", "a compiled model")
+        if not (model is None or isinstance(model, mujoco.MjModel)):
+            raise wrong_argument("model", model, "an MjModel")
+        if not (data is None or isinstance(data, mujoco.MjData)):
+            raise wrong_argument("data", data, "an MjData")
         _check_at_least("max_states", max_states, 2)
         _check_at_least("nstep", nstep, 1)
         self._model, self._data, self._max_states, self._nstep = model, data, max_states, nstep
@@ -292,7 +296,7 @@ def _modules_with_own_functions() -> list[str]:
 
 def _ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
     if not isinstance(file, str | os.PathLike):
-        raise InputError(f"file must be a path, got {one_line(repr(file))}")
+        raise wrong_argument("file", file, "a path")
     path = Path(file)
     if path.suffix != ending:
         raise InputError(f"{shown(str(path))}: {what} ends in {ending}")
@@ -319,4 +323,4 @@ def _replacing(file: Path) -> Iterator[BinaryIO]:
 
 def _check_at_least(name: str, value: int, least: int) -> None:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise InputError(f"{name} must be a whole number of at least {least}, got {value!r}")
+        raise wrong_argument(name, value, f"a whole number of at least {least}")

@@ -222,10 +222,6 @@ class ModelRecorder:
             self.nstep += unseen
             nstep -= unseen
 
-    def is_unseen(self, nstep: int) -> bool:
-        """Return whether so many steps pass before the next window begins."""
-        return self._window is None and self.nstep + nstep <= self._sample.due
-
     def _window_of(self, model: mujoco.MjModel, data: mujoco.MjData) -> RecordedWindow | None:
         """Return the window that begins now; None where none is due, or another goes on."""
         # Waiting could block a forked child for ever; a step that is not followed is only missed.
@@ -328,7 +324,7 @@ class StepRecorder:
                 result = function(*args, **keywords)
                 self.other_nstep[model_name(model)] += nstep
                 return result
-            if recorder.is_unseen(nstep):
+            if recorder._window is None and recorder.nstep + nstep <= recorder._sample.due:
                 result = function(*args, **keywords)
                 recorder.nstep += nstep
                 return result

@@ -73,7 +73,8 @@ def logged_views(script: SteppingScript) -> Iterator[Match]:
         mujoco.mj_step(model, data)
         log.append(data.qpos)           # write: log.append(data.qpos.copy())
 
-    Results: the log holds one row for each step. The simulation stays as it is.
+    Results: the log holds one row for each step. The simulation stays as it is, unless the program
+    steps from what it reads in the log, be it as text (`str`, `repr`, `format`).
     """
     return stored_views(script).matches()
 

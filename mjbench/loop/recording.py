@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjbench.errors import InputError, one_line, suggestion
+from mjbench.errors import InputError, one_line, suggestion, wrong_argument
 from mjbench.simulation import compat
 
 # Kinds of named elements, and the attribute that a field without one means; None: it needs one.
@@ -110,14 +110,15 @@ def record(
         both controls and a policy, controls of another shape, or nstep is not a whole number.
     """
     if not isinstance(nstep, int | np.integer) or nstep < 0:
-        raise InputError(f"nstep must be a whole number, at least 0, got {one_line(repr(nstep))}")
-    for given, kind in ((model, mujoco.MjModel), (data, mujoco.MjData)):
-        if not isinstance(given, kind):
-            raise InputError(f"expected an {kind.__name__}, got {one_line(repr(given))}")
+        raise wrong_argument("nstep", nstep, "a whole number, at least 0")
+    if not isinstance(model, mujoco.MjModel):
+        raise wrong_argument("model", model, "an MjModel")
+    if not isinstance(data, mujoco.MjData):
+        raise wrong_argument("data", data, "an MjData")
     if not (policy is None or callable(policy)):
-        raise InputError(f"policy must be a function, got {one_line(repr(policy))}")
+        raise wrong_argument("policy", policy, "a function")
     if not isinstance(fields, list | tuple):
-        raise InputError(f"fields must be a list of names, got {one_line(repr(fields))}")
+        raise wrong_argument("fields", fields, "a list of names")
     if controls is not None and policy is not None:
         raise InputError("give controls or a policy, not both")
     step_controls, names = _step_controls(model, int(nstep), controls), _with_counts(fields)
@@ -273,7 +274,7 @@ def _step_controls(
     try:
         array = np.asarray(controls, dtype=float)
     except (TypeError, ValueError) as error:
-        raise InputError(f"controls must be numbers, got {one_line(repr(controls))}") from error
+        raise wrong_argument("controls", controls, "numbers") from error
     if array.shape not in ((nstep, model.nu), (model.nu,)):
         raise InputError(
             f"controls have the shape {array.shape}; give (nstep, nu) = ({nstep}, {model.nu})"

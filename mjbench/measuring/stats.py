@@ -49,12 +49,6 @@ def _exponential(median: float, low: float | None, high: float | None) -> Estima
     return Estimate(float(np.exp(median)), *ends)
 
 
-def median_speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> float:
-    """Return the median of `speedup_in_common` alone, which needs no SciPy."""
-    count = min(len(baseline_s), len(candidate_s))
-    return float(np.exp(np.median(_log_ratios(baseline_s[:count], candidate_s[:count]))))
-
-
 def logarithms(times: ArrayLike) -> np.ndarray:
     """Return natural logarithms of times, those that a clock did not see as finite ones."""
     return np.asarray(np.log(np.maximum(times, _LEAST)))

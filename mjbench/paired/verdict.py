@@ -373,16 +373,11 @@ def _log_scale(pair: LaunchedPair, plan: VerdictPlan) -> float:
     return work_check.log_scale
 
 
-def launches_to_judge(launches: Sequence[LaunchRow]) -> Sequence[LaunchRow]:
-    """Return the launches in which code was moved, or all if it never was."""
-    return [launch for launch in launches if launch.placements.is_moved] or launches
-
-
 def judge_launches(
     launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float = 0.0
 ) -> Judgement | None:
     """Judge launches, with `log_scale` added to their log ratios; None without any."""
-    used = launches_to_judge(launches)
+    used = [launch for launch in launches if launch.placements.is_moved] or launches
     if not used:
         return None
     return judge(

@@ -45,7 +45,7 @@ class _Sample:
 
     @cached_property
     def python(self) -> Frame:
-        return _innermost_python(self.stack)
+        return next(frame for frame in reversed(self.stack) if not activities.is_step_clock(frame))
 
     @cached_property
     def own_places(self) -> Sequence[Place]:
@@ -256,11 +256,6 @@ def _samples(stacks: Sequence[_Stack], of_pools: Collection[int]) -> list[_Sampl
         _Sample(thread, stack, inner, activities.activity(stack, thread.thread.pid in of_pools))
         for thread, stack, inner in stacks
     ]
-
-
-def _innermost_python(stack: Sequence[Frame]) -> Frame:
-    """Return the innermost line of Python that is not the step clock's."""
-    return next(frame for frame in reversed(stack) if not activities.is_step_clock(frame))
 
 
 def _parts(samples: Iterable[_Sample]) -> Iterator[tuple[Activity, float]]:

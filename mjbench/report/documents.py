@@ -6,7 +6,6 @@ from pathlib import Path
 
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
-from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.report.advice import (
     Advice,
     ClockAdvice,
@@ -69,16 +68,6 @@ class DiffDocument:
 
     schema: int = SCHEMA
     results: Sequence[RunDifference]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SelfcheckDocument:
-    """What `mjbench doctor --verdicts --json` writes; `busy`: whether a core was kept busy."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    busy: bool | None
-    results: Sequence[SelfcheckRow]
 
 
 @dataclass(frozen=True, kw_only=True)

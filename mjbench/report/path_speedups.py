@@ -155,15 +155,12 @@ class ModelResults:
         if self.race is None:
             return None
         cores = [
-            Cores(each.cores, self._wanted(self.race.threads(each)))
+            Cores(each.cores, min(self.model.usable_cores, max(self.race.threads(each), default=1)))
             for each in self.race.launches
             if each.cores is not None
         ]
         cores.sort(key=lambda each: each.share)
         return cores[(len(cores) - 1) // 2] if cores else None
-
-    def _wanted(self, threads: Sequence[int]) -> int:
-        return min(self.model.usable_cores, max(threads, default=1))
 
     @property
     def disturbances(self) -> list[str]:

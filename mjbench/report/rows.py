@@ -1,10 +1,10 @@
 """A run file as a flat table: one row a result, for pandas, polars or a spreadsheet."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import wrong_argument
 from mjbench.report import kinds
 from mjbench.store import runs
 from mjbench.store.json_form import json_form
@@ -29,24 +29,20 @@ def load(file: str | Path) -> list[dict[str, Cell]]:
       InputError: it cannot be read.
     """
     if not isinstance(file, str | Path):
-        raise InputError(f"file must be a path, got {one_line(repr(file))}")
+        raise wrong_argument("file", file, "a path")
     return of_run(runs.load(Path(file), kinds.RECORD_TYPES))
 
 
 def of_run(run: Run) -> list[dict[str, Cell]]:
-    return _with_all_keys(_rows(run))
+    rows = list(_rows(run))
+    keys = dict.fromkeys(key for row in rows for key in row)
+    return [{key: row.get(key) for key in keys} for row in rows]
 
 
 def _rows(run: Run) -> Iterator[dict[str, Cell]]:
     for kind in kinds.kinds_of(run):
         for result in kind.rows(run):
             yield dict(_flattened(json_form(result)))
-
-
-def _with_all_keys(some: Iterable[dict[str, Cell]]) -> list[dict[str, Cell]]:
-    rows = list(some)
-    keys = dict.fromkeys(key for row in rows for key in row)
-    return [{key: row.get(key) for key in keys} for row in rows]
 
 
 def _flattened(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Cell]]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import mujoco
 
-from mjbench.errors import MachineError, one_line
+from mjbench.errors import MachineError, one_line, wrong_argument
 from mjbench.simulation import compat, engine_library
 from mjbench.simulation.process_wide import ProcessWide
 
@@ -74,8 +74,11 @@ def engine_clock(on: bool) -> EngineClock:
         that the program has set by `mujoco.set_mjcb_time`; releases before 3.3.1 have none.
 
     Raises:
+      InputError: it is neither True nor False.
       MachineError: the timer of this MuJoCo cannot be reached from Python.
     """
+    if not isinstance(on, bool):
+        raise wrong_argument("on", on, "True or False")
     return EngineClock(on)
 
 

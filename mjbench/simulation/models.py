@@ -128,14 +128,9 @@ def _advice(file: Path, reason: str) -> str:
             " by the file alone, such as base.stl"
         )
     with contextlib.suppress(OSError), file.open("rb") as stream:
-        if is_utf16(stream.read(4)):
+        if stream.read(4).startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, b"<\0", b"\0<")):
             return f"; {UTF16}"
     return ""
-
-
-def is_utf16(text: bytes) -> bool:
-    """Return whether XML that begins so is encoded in UTF-16."""
-    return text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, b"<\0", b"\0<"))
 
 
 def save(model: "mujoco.MjModel", file: Path) -> None:

@@ -1,6 +1,7 @@
 """Each function once, on a small model and with small limits."""
 
 import ctypes
+import inspect
 from pathlib import Path
 from typing import Any
 
@@ -138,3 +139,31 @@ def test_orphans_are_adopted_only_while_something_is_measured() -> None:
         assert flag.value == 1
     library.prctl(37, ctypes.byref(flag))
     assert flag.value == 0
+
+
+# What may be anything: it is true or false.
+FLAGS = {"as_shipped", "quick", "same_moment", "wait"}
+
+
+@pytest.mark.parametrize("function", mjbench.__all__)
+def test_an_argument_of_a_wrong_type_is_bad_input(function: str, model: Any) -> None:
+    usual = {
+        "data": mujoco.MjData(model),
+        "fields": ["qpos"],
+        "file": "a.npz",
+        "model": model,
+        "nstep": 1,
+        "old": "3.17.0",
+        "target": "cartpole",
+    }
+    called = getattr(mjbench, function)
+    parameters = inspect.signature(called).parameters.values()
+    needed = [p for p in parameters if p.default is p.empty and p.kind != p.VAR_POSITIONAL]
+    for wrong in [p for p in parameters if p.name not in FLAGS]:
+        several = [object()] if wrong.kind == wrong.VAR_POSITIONAL else []
+        given = {p.name: usual.get(p.name) for p in needed}
+        values = [given.pop(p.name) for p in needed] if several else []
+        named = {} if several else {wrong.name: object()}
+        with pytest.raises(InputError):
+            called(*values, *several, **given | named)
+            pytest.fail(f"{function} takes anything as {wrong.name}")

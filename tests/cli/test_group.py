@@ -55,12 +55,37 @@ def test_a_character_that_the_output_lacks_costs_no_table(env: dict[str, str]) -
     assert "cartpole: 64 simulations \\xd7 61 steps" in done.stdout
 
 
+@pytest.mark.parametrize("words", [("lint", ""), ("show", ""), ("show", "--against", "")])
+def test_an_empty_name_of_a_file_is_said_to_be_empty(words: tuple[str, ...]) -> None:
+    done = CliRunner().invoke(group.cli, words)
+    assert done.exit_code == 2
+    assert "the name is empty" in done.output
+
+
 def test_a_current_folder_that_was_removed_is_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "gone"
     folder.mkdir()
     done = mjbench_process("models", cwd=folder, preexec_fn=folder.rmdir)
     assert done.returncode == 3
     assert done.stderr == "mjbench: the current folder no longer exists; change to another one\n"
+
+
+@pytest.mark.parametrize("words", [("compare", "cartpole"), ("run", "prog.py"), ("prog.py",)])
+@pytest.mark.parametrize(
+    ("name", "content"), [("mujoco.py", "x = 1"), ("numpy.py", "import sys; sys.exit(5)")]
+)
+def test_a_module_in_the_place_of_a_package_is_one_line(
+    name: str, content: str, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "prog.py").touch()
+    file = tmp_path / "path" / name
+    file.parent.mkdir()
+    file.write_text(content)
+    path = os.pathsep.join([str(file.parent), PYTHONPATH])
+    done = mjbench_process(*words, cwd=tmp_path, env={"PYTHONPATH": path})
+    assert done.returncode == 3
+    assert done.stderr.startswith(f"mjbench: {file} is imported in the place of the package ")
+    assert done.stderr.count("\n") == 1
 
 
 def test_a_rendering_library_that_cannot_be_loaded_is_named(

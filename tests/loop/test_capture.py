@@ -458,8 +458,8 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_program_runs(
         ({"file": "states.csv"}, "states.csv: a file of states ends in .npz"),
         ({"file": "a.npz", "save_model": "a.xml"}, "a.xml: a compiled model ends in .mjb"),
         ({"file": "a.npz", "max_states": 1}, "max_states must be a whole number of at least 2"),
-        ({"file": "a.npz", "nstep": 0}, "nstep must be a whole number of at least 1, got 0"),
-        ({"file": "a.npz", "nstep": 1.5}, "nstep must be a whole number of at least 1, got 1.5"),
+        ({"file": "a.npz", "nstep": 0}, "nstep must be a whole number of at least 1, not 0"),
+        ({"file": "a.npz", "nstep": 1.5}, "nstep must be a whole number of at least 1, not 1.5"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(arguments: dict[str, Any], message: str) -> None:

@@ -6,6 +6,8 @@ import sys
 import textwrap
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 from commands import ROOT
 
@@ -431,6 +433,30 @@ def test_a_coroutine_is_a_function_like_others(tmp_path: Path) -> None:
         """,
     )
     assert [(f.line, f.code) for f in results] == [(7, "MJB001")]
+
+
+@pytest.mark.parametrize(
+    "text", ["str(log)", "repr(log)", "format(log)", "f'{log}'", "'%s' % log", "'{}'.format(log)"]
+)
+def test_a_copy_into_a_log_changes_the_simulation_that_its_text_feeds(
+    tmp_path: Path, text: str
+) -> None:
+    model = mujoco.MjModel.from_xml_path(str(ROOT / "models/cartpole.xml"))
+
+    def last_state(view: str) -> np.ndarray:
+        script = LOOP.replace('hinge = data.joint("hinge")\n', "").format(
+            line=f"log.append({view}); data.ctrl[0] = 0.01 * len({text})"
+        )
+        assert [f.code for f in findings(tmp_path, script)] == (
+            [] if view.endswith("copy()") else ["MJB001"]
+        )
+        names = {"model": model}
+        exec(script, names)
+        return names["data"].qpos
+
+    assert not np.array_equal(last_state("data.qpos"), last_state("data.qpos.copy()"))
+    rule = next(rule for rule in RULES if rule.code == "MJB001")
+    assert "unless the program steps from what it reads" in " ".join(rule.explanation.split())
 
 
 def test_a_file_that_cannot_be_checked_stands_between_the_findings_of_others(

@@ -282,3 +282,11 @@ def test_a_loop_that_sets_positions_and_does_not_step_needs_no_forces(tmp_path):
 @pytest.mark.parametrize("line", ["mujoco.mj_step(model, data)", "x = data.qacc", "solve(data)"])
 def test_a_loop_that_steps_or_reads_forces_needs_all_of_mj_forward(tmp_path, line):
     assert findings(tmp_path, SOLVING.format(line=line), "MJB007") == []
+
+
+@pytest.mark.parametrize("text", ["str({})", "repr({})", "format({})", "f'{{{}}}'", "'%s' % {}"])
+@pytest.mark.parametrize("read", ["data", "data.sensordata", "data.qfrc_constraint[0]"])
+def test_what_becomes_text_is_read(tmp_path: Path, text: str, read: str) -> None:
+    line = f"data.ctrl[0] = len({text.format(read)})"
+    assert not findings(tmp_path, LOOP.format(before="pass", line=line), "MJB007")
+    assert findings(tmp_path, LOOP.format(before="pass", line="pass"), "MJB007")

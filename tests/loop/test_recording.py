@@ -236,7 +236,7 @@ def test_by_default_a_row_holds_two_moments() -> None:
     [
         (1, ["actuator:.x"], "no actuator ''"),
         (1, [5], "a field is a name, such as 'qpos', not 5"),
-        ("5", ["qpos"], "nstep must be a whole number, at least 0, got '5'"),
+        ("5", ["qpos"], "nstep must be a whole number, at least 0, not '5'"),
         (1e3, ["qpos"], "nstep must be a whole number"),
     ],
 )
@@ -260,5 +260,5 @@ def test_what_is_no_field_or_number_is_bad_input(
 def test_arguments_of_another_type_are_bad_input(name: str, value: Any) -> None:
     model = models.load(models.resolve("cartpole"))
     usual = {"model": model, "data": mujoco.MjData(model), "nstep": 2, "fields": ["qpos"]}
-    with pytest.raises(InputError, match="got "):
+    with pytest.raises(InputError, match=f"{name} must be "):
         mjbench.record(**usual | {name: value})

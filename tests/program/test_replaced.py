@@ -75,6 +75,13 @@ def test_a_module_is_imported_though_the_clocks_fail(finder, capsys):
     assert capsys.readouterr().err == "mjbench: calls of imported are not timed: of the clocks\n"
 
 
+def test_a_module_in_the_place_of_a_package_is_named(finder, capsys):
+    finder(lambda module: module.mj_step)
+    file = importlib.import_module("imported").__file__
+    line = f"mjbench: calls of imported are not timed: {file} has no mj_step\n"
+    assert capsys.readouterr().err == line
+
+
 def test_a_signal_handler_that_raises_ends_an_import(finder, set_handler):
     set_handler(handle)
     finder(lambda module: signal.raise_signal(signal.SIGINT))

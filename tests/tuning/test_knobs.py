@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import mujoco
 import pytest
+from tuning_models import rods
 
-from benchmarks.studies.tuning_planted import rods
 from mjbench.errors import InputError
 from mjbench.loop.step_parts import OTHER, SENSORS, STAGES
 from mjbench.simulation import compat, model_options, models

@@ -5,9 +5,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from tuning_models import GEOMETRY, ROD_GAP_M
+from tuning_models import GEOMETRY, ROD_GAP_M, rods
 
-from benchmarks.studies.tuning_planted import rods
 from mjbench.simulation import geom_pairs, model_options, models
 from mjbench.tuning import usual_regime
 from mjbench.tuning.usual_regime import ObservedModel, observe_model

@@ -49,7 +49,9 @@ class OtherFunctions:
                 self._note_step(step_count)
             self._calls_since_step += 1
             if not self._is_alone and self._calls_since_step > MOST_BETWEEN_STEPS:
-                self._leave_steps()
+                self._is_alone = True
+                self._steps.break_burst()
+                self._step_count = self._steps.to_pass
             if self._is_alone and bursts.to_pass:
                 bursts.to_pass -= 1
                 return function(*args, **kwargs)
@@ -75,11 +77,6 @@ class OtherFunctions:
             self._is_alone = False
             self._bursts.end()
         self._step_count, self._calls_since_step = step_count, 0
-
-    def _leave_steps(self) -> None:
-        self._is_alone = True
-        self._steps.break_burst()
-        self._step_count = self._steps.to_pass
 
     def _begin_burst(self, args: Sequence[Any], frame: Any) -> None:
         """Begin a burst, and look at the simulation from time to time; the first may be set-up."""

@@ -123,7 +123,10 @@ def _call_after(
         except Exception as error:
             if is_of_signal(error.__traceback__):
                 raise
-            print(f"mjbench: calls of {name} are not timed: {error}", file=sys.stderr)
+            reason = str(error)
+            if isinstance(error, AttributeError) and error.obj is module:  # of the same name
+                reason = f"{module.__file__} has no {error.name}"
+            print(f"mjbench: calls of {name} are not timed: {reason}", file=sys.stderr)
 
     try:
         loader.exec_module = exec_module  # type: ignore[union-attr, method-assign]
