@@ -1,7 +1,7 @@
 """Which commands `mjbench --help` lists, in groups, and which command words of the user mean.
 
-A name of two words is a mode: `doctor --verdicts` is a command of its own, with its own options and
-its own help. `doctor` has the flag only so that its help names it.
+A name of two words is a mode: `versions --explain` is a command of its own, with its own options
+and its own help. `versions` has the flag only so that its help names it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -20,7 +20,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "ab": "which of two models or git commits is slower?",
         "bisect": "which commit or MuJoCo release made it slower?",
         "lint": "what is slow or wrong in a script",
-        "doctor": "can I trust timings here? error rate: --verdicts",
+        "doctor": "can I trust timings here?",
         "show": "stored results again; as a page: --html",
     },
     "A closer look": {
@@ -42,7 +42,6 @@ _OF_RESULTS: Mapping[str, str] = {
     "installs": "releases installs",
     "instructions": "profile --instructions",
     "overhead": "profile --habits",
-    "selfcheck": "doctor --verdicts",
 }
 
 

@@ -10,7 +10,7 @@ from mjbench.cli import show_pages
 from mjbench.cli.context import RunContext
 from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import CODE, FILE, JSON, RESULTS, with_options
+from mjbench.cli.shared import CODE, FILE, JSON, RESULTS, FileName, with_options
 from mjbench.errors import InputError
 from mjbench.status import ExitCode, exit_code
 
@@ -43,6 +43,7 @@ _MOST_RUNS = 20
 @click.option(
     "--against",
     metavar="OLD",
+    type=FileName(),
     help="Compare the speeds of RUN with those of an earlier one, row by row.",
 )
 @click.option(

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
-from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.report.advice import (
     Advice,
     ClockAdvice,
@@ -64,16 +63,6 @@ class CompareDocument:
             crossovers=crossovers(results),
             threads=[advice for m in models for advice in advise_threads(m)],
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class SelfcheckDocument:
-    """What `mjbench doctor --verdicts --json` writes; `busy`: whether a core was kept busy."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    busy: bool | None
-    results: Sequence[SelfcheckRow]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,12 +16,9 @@ from mjbench.host.neighbours import Disturbance
 from mjbench.loop.habit_timing import OverheadRow
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.profile import ProfileRow
-from mjbench.paired import family
-from mjbench.paired import selfcheck as trials
 from mjbench.paired.bisect import BisectComparison, BisectRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord
-from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.report import (
     bisect,
@@ -34,7 +31,6 @@ from mjbench.report import (
     latency,
     profile,
     program,
-    selfcheck,
     tuning,
     verdicts,
 )
@@ -95,19 +91,6 @@ def _kind(
     )
 
 
-def _selfcheck_document(run: Run) -> documents.SelfcheckDocument:
-    return documents.SelfcheckDocument(
-        machine=run.header.machine,
-        busy=run.header.arguments.get("busy"),
-        results=_selfcheck_rows(run),
-    )
-
-
-def _selfcheck_rows(run: Run) -> list[SelfcheckRow]:
-    _, min_effect = family.rule_of(run.header)
-    return trials.summary(run.of_type(TrialRecord), min_effect)
-
-
 CHECKUP = Kind(
     ("checkup",),
     (CheckedPart,),
@@ -136,15 +119,6 @@ VERDICT = Kind(
     verdicts.sections,
     verdicts.verdict_rows,
 )
-SELFCHECK = Kind(
-    ("selfcheck",),
-    (TrialRecord,),
-    _selfcheck_document,
-    lambda run: after_disturbances(
-        run, [selfcheck.section(_selfcheck_rows(run), *family.rule_of(run.header))]
-    ),
-    _selfcheck_rows,
-)
 BISECT = Kind(
     ("bisect",),
     (BisectRecord, BisectComparison),
@@ -161,7 +135,7 @@ TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
 
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
-    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, ENVIRONMENT, VERDICT, SELFCHECK),
+    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, ENVIRONMENT, VERDICT),
     *(BISECT, EXPLAIN, INSTRUCTIONS, TUNE),
 )
 

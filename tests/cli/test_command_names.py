@@ -47,7 +47,7 @@ def test_the_help_of_a_mode_is_its_own_wherever_the_flag_stands(name: str) -> No
 
 
 def test_what_follows_a_separator_is_no_mode() -> None:
-    assert with_mode(["doctor", "--", "--verdicts"], MODES) == ["doctor", "--", "--verdicts"]
+    assert with_mode(["versions", "--", "--explain"], MODES) == ["versions", "--", "--explain"]
 
 
 def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) -> None:
