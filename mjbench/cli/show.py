@@ -185,7 +185,7 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
 def _show_differences(
     old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None
 ) -> None:
-    from mjbench.report.documents import DiffDocument
+    from mjbench.report.documents import ResultsDocument
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.report.run_differences import differences, differences_section
     from mjbench.store import runs
@@ -198,5 +198,5 @@ def _show_differences(
                 " `mjbench show RUN --fail-on slower` judges one run"
             )
         run.show([differences_section(rows)])
-        run.write(DiffDocument(results=rows))
+        run.write(ResultsDocument(results=rows))
     run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))

@@ -1,7 +1,7 @@
 """The documents that `--json` writes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.host.conditions import Condition
@@ -18,23 +18,26 @@ from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.machines import MachineAnswer, Machines
 from mjbench.report.path_speedups import ModelResults, PathResult
-from mjbench.report.run_differences import RunDifference
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
 from mjbench.sweep import Cell, CellResult
 
 
-def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
-    """Return the document of a command whose results are of one type: `schema` and `results`."""
-    machine = [("machine", Machine)] if has_machine else []
-    document = make_dataclass(
-        f"{result.__name__}Results",
-        [("schema", int, field(default=schema)), *machine, ("results", Sequence[result])],  # type: ignore[valid-type]
-        kw_only=True,
-        frozen=True,
-    )
-    document.__doc__ = None
-    return document
+@dataclass(frozen=True, kw_only=True)
+class ResultsDocument:
+    """The document of a command whose results do not depend on one machine."""
+
+    schema: int = SCHEMA
+    results: Sequence[object]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineResultsDocument:
+    """The document of a command that has only results, of one machine."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[object]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,14 +63,6 @@ class CompareDocument:
             crossovers=crossovers(results),
             threads=[advice for m in models for advice in advise_threads(m)],
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiffDocument:
-    """What `mjbench show --against --json` writes."""
-
-    schema: int = SCHEMA
-    results: Sequence[RunDifference]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,9 +96,6 @@ class SweepRow:
         stored = str(file) if file.is_file() else None
         ended = (None, "") if result is None else (result.status, result.detail)
         return cls(cell.command, cell.machine, stored, *ended)
-
-
-SWEEP = results_document(SweepRow, has_machine=False)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from mjbench.loop.latency import LatencyRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired.bisect import BisectComparison, BisectRecord
 from mjbench.paired.race_record import RaceRecord
-from mjbench.paired.records import VerdictRecord, VerdictRow
+from mjbench.paired.records import VerdictRecord
 from mjbench.program.records import ProgramRow
 from mjbench.report import (
     bisect,
@@ -29,14 +29,12 @@ from mjbench.report import (
     environment,
     habit_costs,
     latency,
-    listings,
     profile,
     program,
     tuning,
     verdicts,
 )
 from mjbench.report.content import Section, after_disturbances
-from mjbench.report.lint import LintDocument
 from mjbench.report.path_speedups import derive_all
 from mjbench.store.runs import SCHEMA, Record, Run
 from mjbench.tuning.records import TuneRecord
@@ -54,7 +52,6 @@ class Kind:
 
     commands: tuple[str, ...]
     records: tuple[type[Record], ...]
-    document_type: type[Any]
     document: Callable[[Run], object]
     sections: Callable[[Run], Iterable[Section]]
     rows: Callable[[Run], Iterable[object]]
@@ -72,11 +69,14 @@ def _kind(
 
     Each record is a row of the flat table, or has `rows`.
     """
-    document_type = documents.results_document(record, schema, has_machine)
 
     def document(run: Run) -> object:
-        machine = {"machine": run.header.machine} if has_machine else {}
-        return document_type(results=run.of_type(record), **machine)
+        results = run.of_type(record)
+        if not has_machine:
+            return documents.ResultsDocument(results=results)
+        return documents.MachineResultsDocument(
+            schema=schema, machine=run.header.machine, results=results
+        )
 
     def flat_rows(run: Run) -> Iterator[object]:
         for each in run.of_type(record):
@@ -85,19 +85,15 @@ def _kind(
     return Kind(
         commands,
         (record,),
-        document_type,
         document,
         lambda run: after_disturbances(run, sections(run.of_type(record))),
         flat_rows,
     )
 
 
-_VERDICTS = documents.results_document(VerdictRow)
-
 CHECKUP = Kind(
     ("checkup",),
     (CheckedPart,),
-    checkup.CheckupDocument,
     checkup.CheckupDocument.of,
     lambda run: after_disturbances(run, checkup.sections(run)),
     checkup.items,
@@ -105,7 +101,6 @@ CHECKUP = Kind(
 COMPARE = Kind(
     ("compare",),
     (*comparison_records.RECORD_TYPES.values(), RaceRecord),
-    documents.CompareDocument,
     lambda run: documents.CompareDocument.of(run.header.machine, derive_all(run.records)),
     lambda run: comparison.sections(derive_all(run.records)),  # races say what disturbed them
     lambda run: comparison.flat_rows(derive_all(run.records)),
@@ -118,17 +113,18 @@ ENVIRONMENT = _kind(EnvironmentRecord, environment.sections, "env")
 VERDICT = Kind(
     ("versions", "ab"),
     (VerdictRecord,),
-    _VERDICTS,
-    lambda run: _VERDICTS(machine=run.header.machine, results=verdicts.verdict_rows(run)),
+    lambda run: documents.MachineResultsDocument(
+        machine=run.header.machine, results=verdicts.verdict_rows(run)
+    ),
     verdicts.sections,
     verdicts.verdict_rows,
 )
-_BISECTIONS = documents.results_document(BisectRecord, schema=2)
 BISECT = Kind(
     ("bisect",),
     (BisectRecord, BisectComparison),
-    _BISECTIONS,
-    lambda run: _BISECTIONS(machine=run.header.machine, results=run.of_type(BisectRecord)),
+    lambda run: documents.MachineResultsDocument(
+        schema=2, machine=run.header.machine, results=run.of_type(BisectRecord)
+    ),
     lambda run: after_disturbances(run, bisect.sections(run.records)),
     lambda run: run.of_type(BisectRecord),
 )
@@ -147,20 +143,6 @@ KINDS: Sequence[Kind] = (
 RECORD_TYPES: Mapping[str, type[Any]] = {
     **{record.record_type: record for kind in KINDS for record in kind.records},
     Disturbance.record_type: Disturbance,
-}
-
-# The document of each command that takes `--json`; `show` has those of others, and of
-# several runs its own.
-DOCUMENTS: Mapping[str, type[Any]] = {
-    **{command: kind.document_type for kind in KINDS for command in kind.commands},
-    "diff": documents.DiffDocument,
-    "models": listings.ModelsDocument,
-    "paths": listings.PathsDocument,
-    "doctor": documents.DoctorDocument,
-    "lint": LintDocument,
-    "releases": listings.ReleasesDocument,
-    "installs": listings.InstallsDocument,
-    "sweep": documents.SWEEP,
 }
 
 

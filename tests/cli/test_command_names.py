@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from mjbench.cli import cli, show_pages
 from mjbench.command_names import LISTED, command_of, with_mode
-from mjbench.report.kinds import DOCUMENTS
+from mjbench.report.kinds import KINDS
 
 MODES = sorted(name for name in cli.commands if " --" in name)
 
@@ -63,7 +63,7 @@ def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) 
     assert written == [((Path("a.jsonl"),), "html", "page.html")] * 2
 
 
-@pytest.mark.parametrize("name", DOCUMENTS)
+@pytest.mark.parametrize("name", [name for kind in KINDS for name in kind.commands])
 def test_documents_and_runs_are_said_to_be_of_commands(name: str) -> None:
     command, *rest = command_of(name).split()
     group = cli.commands[command]
