@@ -44,7 +44,7 @@ class MachineResultsDocument:
 class CompareDocument:
     """What `mjbench compare --json` writes."""
 
-    schema: int = 3
+    schema: int = SCHEMA
     machine: Machine
     results: Sequence[PathResult]
     advice: Sequence[Advice]

@@ -36,7 +36,7 @@ from mjbench.report import (
 )
 from mjbench.report.content import Section, after_disturbances
 from mjbench.report.path_speedups import derive_all
-from mjbench.store.runs import SCHEMA, Record, Run
+from mjbench.store.runs import Record, Run
 from mjbench.tuning.records import TuneRecord
 
 
@@ -61,7 +61,6 @@ def _kind(
     record: type[Record],
     sections: Callable[[Sequence[Any]], Iterable[Section]],
     *commands: str,
-    schema: int = SCHEMA,
     has_machine: bool = True,
     rows: Callable[[Any], Iterable[object]] | None = None,
 ) -> Kind:
@@ -74,9 +73,7 @@ def _kind(
         results = run.of_type(record)
         if not has_machine:
             return documents.ResultsDocument(results=results)
-        return documents.MachineResultsDocument(
-            schema=schema, machine=run.header.machine, results=results
-        )
+        return documents.MachineResultsDocument(machine=run.header.machine, results=results)
 
     def flat_rows(run: Run) -> Iterator[object]:
         for each in run.of_type(record):
@@ -123,14 +120,14 @@ BISECT = Kind(
     ("bisect",),
     (BisectRecord, BisectComparison),
     lambda run: documents.MachineResultsDocument(
-        schema=2, machine=run.header.machine, results=run.of_type(BisectRecord)
+        machine=run.header.machine, results=run.of_type(BisectRecord)
     ),
     lambda run: after_disturbances(run, bisect.sections(run.records)),
     lambda run: run.of_type(BisectRecord),
 )
 EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)
 INSTRUCTIONS = _kind(InstructionsRecord, counts.sections, "instructions", has_machine=False)
-TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
+TUNE = _kind(TuneRecord, tuning.sections, "tune", rows=tuning.rows)
 
 
 # A run of a check-up has records of several kinds; its own comes first.
