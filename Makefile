@@ -18,7 +18,7 @@ LAB_PACKAGE := build/lab/node_modules
 # Tests start a thousand processes, each of which would compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help bench test tests lint style types types-darwin pages upgrade site lab c-floor docs-commands slowdown soak fuzz verdicts foreign gpu clean
+.PHONY: help bench test tests lint style types types-darwin pages upgrade site lab c-floor docs-commands slowdown soak fuzz verdicts verdict-simulation foreign gpu clean
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
@@ -32,7 +32,8 @@ help:
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (20 minutes or more)"
 	@echo "make soak      check that 1,000 comparisons in one process use up nothing (half an hour to two hours)"
 	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"
-	@echo "make verdicts  simulate how often verdicts are wrong (3 minutes)"
+	@echo "make verdicts  count wrong verdicts where the truth is known, on this machine (20 minutes or more)"
+	@echo "make verdict-simulation  count wrong verdicts on simulated launches (3 minutes)"
 	@echo "make foreign   compare the C paths on the models of 13 packages, downloaded (half an hour)"
 	@echo "make gpu       measure MJX and Warp on this machine's NVIDIA GPU (an hour or more)"
 	@echo "make clean     remove the virtual environment and caches"
@@ -107,6 +108,9 @@ fuzz: $(STAMP)
 	$(BIN)/python -m benchmarks.studies.fuzz
 
 verdicts: $(STAMP)
+	$(BIN)/python -m benchmarks.verdicts
+
+verdict-simulation: $(STAMP)
 	$(BIN)/python -m benchmarks.studies.verdict_simulation
 
 gpu: $(STAMP)

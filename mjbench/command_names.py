@@ -1,17 +1,15 @@
 """Which commands `mjbench --help` lists, in groups, and which command words of the user mean.
 
-A name of two words is a mode: `doctor --verdicts` is a command of its own, with its own options and
-its own help. `doctor` has the flag only so that its help names it.
+A name of two words is a mode: `versions --explain` is a command of its own, with its own options
+and its own help. `versions` has the flag only so that its help names it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 
 # What `mjbench --help` says of each command, in its order; lines fit into a narrow terminal.
 LISTED: Mapping[str, Mapping[str, str]] = {
-    "To begin with": {
-        "checkup": "what can I do? the same as `mjbench TARGET`",
-    },
     "Every day": {
+        "checkup": "what can I do? the same as `mjbench TARGET`",
         "run": "my program: where time goes, what to change",
         "env": "an environment: where the time of a step goes",
         "compare": "the fastest way to step; threads with --scaling",
@@ -20,7 +18,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "ab": "which of two models or git commits is slower?",
         "bisect": "which commit or MuJoCo release made it slower?",
         "lint": "what is slow or wrong in a script",
-        "doctor": "can I trust timings here? error rate: --verdicts",
+        "doctor": "can I trust timings here?",
         "show": "stored results again; as a page: --html",
     },
     "A closer look": {
@@ -28,8 +26,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "latency": "the slowest steps, and which miss a deadline",
         "models": "list the shipped models",
         "paths": "list the ways of stepping",
-    },
-    "Many runs": {
         "releases": "list, install and remove releases",
         "sweep": "a matrix of commands on a Ray cluster",
     },
@@ -42,7 +38,6 @@ _OF_RESULTS: Mapping[str, str] = {
     "installs": "releases installs",
     "instructions": "profile --instructions",
     "overhead": "profile --habits",
-    "selfcheck": "doctor --verdicts",
 }
 
 

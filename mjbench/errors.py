@@ -222,6 +222,11 @@ def shown(name: str) -> str:
     return one_line(name if name.isprintable() and name.strip() else repr(name), 100)
 
 
+def file_argument(name: str) -> str:
+    """Return a file's name for a command line, where one that begins with a dash is an option."""
+    return f"./{name}" if name.startswith("-") else name
+
+
 def suggestion(word: str, choices: Iterable[str]) -> str:
     """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar."""
     similar = difflib.get_close_matches(word, list(choices))

@@ -37,11 +37,6 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
-def percent_change(ratio: float) -> str:
-    """Return the change that a ratio stands for, in percent, with its sign."""
-    return f"{100 * (ratio - 1):+.2f}"
-
-
 def short_commit(commit: str) -> str:
     """Return the first letters of a commit's hash."""
     return commit[:10]

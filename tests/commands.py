@@ -1,19 +1,14 @@
-"""Run `mjbench` as a user types it, in this process or in one of its own.
-
-Every JSON document that a test has a command write is held against its type.
-"""
+"""Run `mjbench` as a user types it, in this process or in one of its own."""
 
 import contextlib
 import functools
-import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from unittest import mock
 
-import msgspec
 from click.testing import CliRunner
 
 TESTS = Path(__file__).parent
@@ -37,7 +32,7 @@ def mjbench(*words: str, cwd: Path = ROOT, env: Mapping[str, str] | None = None)
             raise result.exception
         return Completed(words, result.exit_code, result.stdout, result.stderr)
 
-    return _checked(words, cwd, invoke)
+    return _without_traceback(invoke())
 
 
 def mjbench_process(
@@ -58,45 +53,9 @@ def mjbench_process(
         timeout=300,
         preexec_fn=preexec_fn,
     )
-    return _checked(words, cwd, run)
+    return _without_traceback(run())
 
 
-def _checked(words: tuple[str, ...], cwd: Path, run: Callable[[], Completed]) -> Completed:
-    """Run a command; hold what it printed and wrote against what every command keeps to."""
-    document = _document(words, cwd)
-    earlier = document.read_text() if document and document.is_file() else ""
-    done = run()
+def _without_traceback(done: Completed) -> Completed:
     assert "Traceback" not in done.stdout + done.stderr
-    written = done.stdout
-    if document is not None:
-        written = document.read_text() if document.is_file() else ""
-    if "--json" in words and written and written != earlier:
-        check_document(_kind(words), written)
     return done
-
-
-def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
-    """Return the file that a command is to write its JSON document to, if it is a file."""
-    target = words[words.index("--json") + 1] if "--json" in words else "-"
-    return None if target == "-" else cwd / target
-
-
-def _kind(words: Sequence[str]) -> str:
-    """Return the name of the document that a command line writes."""
-    from mjbench.command_names import command_of
-    from mjbench.report.kinds import DOCUMENTS
-
-    for name in DOCUMENTS:
-        command, _, mode = command_of(name).partition(" ")
-        if mode and words[0] == command and mode in words:
-            return name
-    return words[0]
-
-
-def check_document(command: str, text: str) -> None:
-    """Hold a command's JSON document against its type; `show` has those of others."""
-    from mjbench.report.kinds import DOCUMENTS
-    from mjbench.store.json_form import json_type
-
-    if command in DOCUMENTS:
-        msgspec.convert(json.loads(text), json_type(DOCUMENTS[command]))

@@ -1,4 +1,4 @@
-"""Trials of the committed selfchecks, and how they ended."""
+"""Committed trials of verdicts, and how they ended."""
 
 import functools
 import itertools
@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from commands import ROOT
 
+from benchmarks.verdicts.records import RECORD_TYPES, TrialRecord
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.selfcheck_records import TrialRecord
-from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import runs
 
 RUNS = ROOT / "results/runs"
-SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
-INSIDE_STEP = sorted(RUNS.glob("reference-inside-step*.jsonl"))
-BETWEEN_BUILDS = sorted(RUNS.glob("reference-between-builds*.jsonl"))
+TRIALS = ROOT / "results/verdicts"
+KNOWN = sorted(TRIALS.glob("reference-selfcheck-*.jsonl"))
+INSIDE_STEP = sorted(TRIALS.glob("reference-inside-step*.jsonl"))
+BETWEEN_BUILDS = sorted(TRIALS.glob("reference-between-builds*.jsonl"))
 
 
 @functools.cache
@@ -84,7 +84,7 @@ class TrialCounts:
 @functools.cache
 def trial_counts() -> TrialCounts:
     """Return the counts of all committed trials."""
-    known, between = trials_of(SELFCHECKS), trials_of(BETWEEN_BUILDS)
+    known, between = trials_of(KNOWN), trials_of(BETWEEN_BUILDS)
     cases = [
         list(of_case)
         for file in INSIDE_STEP

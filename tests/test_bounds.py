@@ -116,19 +116,14 @@ def write_pages(run: Run) -> None:
 
 @pytest.mark.parametrize("number", BEYOND)
 def test_a_number_that_nothing_can_be_is_refused(number: str) -> None:
-    header, trial, *_ = filled_records.lines("trial")
-    trial["launches"] = ["here"]
-    lines = [json.dumps(line).replace('"here"', number).encode() for line in (header, trial, trial)]
+    header, verdict, *_ = filled_records.lines("versions")
+    verdict["seconds"] = "here"
+    lines = [
+        json.dumps(line).replace('"here"', number).encode() for line in (header, verdict, verdict)
+    ]
     with pytest.raises(InputError, match="line 2: ") as refusal:
         runs.parse(FILE, lines, RECORD_TYPES)
     assert len(str(refusal.value).splitlines()) == 1
-
-
-def test_ratios_that_no_two_versions_have_are_refused() -> None:
-    header, trial, *_ = filled_records.lines("trial")
-    trial["launches"] = [1000.0]
-    with pytest.raises(InputError, match=r"line 2: Expected `float` <= 50"):
-        parsed(header, trial)
 
 
 def test_ratios_of_a_search_that_no_two_versions_have_are_refused() -> None:

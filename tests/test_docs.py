@@ -210,7 +210,7 @@ def test_the_page_of_method_states_the_confidence_of_each_command() -> None:
     }
     assert stated == {
         "`compare`": race_record.CONFIDENCE,
-        "`versions`, `ab`, `doctor --verdicts`": outcomes.CONFIDENCE,
+        "`versions`, `ab`": outcomes.CONFIDENCE,
         "`tune`": records.CONFIDENCE,
         "`profile --habits`": habit_timing.CONFIDENCE,
         "the pytest fixture": fixture.CONFIDENCE,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.errors import describe_unforeseen, failure_of, foreign_module
+from mjbench.errors import describe_unforeseen, failure_of, file_argument, foreign_module
 from mjbench.status import Status
 
 
@@ -51,3 +51,10 @@ def test_an_error_of_another_cause_is_not_blamed_on_such_a_module(
 
 def test_an_error_beside_the_installed_packages_is_not_blamed_on_them() -> None:
     assert foreign_module(AttributeError("of the user")) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "argument"), [("-c.py", "./-c.py"), ("a-b.py", "a-b.py"), ("../-c.py", "../-c.py")]
+)
+def test_a_file_on_a_command_line_is_no_option(name: str, argument: str) -> None:
+    assert file_argument(name) == argument

@@ -23,10 +23,12 @@ from mjbench.api import interrupts
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.shared import RESUME, WAIT, as_one, results_option, with_options
 from mjbench.counts.records import ExplainRecord
+from mjbench.errors import InputError
 from mjbench.host import child
 from mjbench.pages import markdown
 from mjbench.paired.operations import registry
-from mjbench.releases import bundle, catalogue, release_names
+from mjbench.releases import bundle, installs, release_names
+from mjbench.releases.release import OLDEST, version_key
 from mjbench.report.counts import change_sections
 from mjbench.simulation.models import resolve, shipped
 from mjbench.status import ExitCode
@@ -40,6 +42,26 @@ def history() -> None:
     """Measure releases, count their instructions, and write the page of both."""
 
 
+def _releases(names: Sequence[str], since: str | None) -> list[release_names.ReleaseSpec]:
+    """Return the releases with these names; without names, those of the history from `since` on."""
+    if names and since:
+        raise InputError("give RELEASEs or --since, not both")
+    if names:
+        return installs.parse_available(names)
+    versions = [
+        release.version
+        for release in bundle.read(bundle.default_path())
+        if version_key(release.version) >= OLDEST  # the history begins one release earlier, for asv
+    ]
+    if since is not None and since not in versions:
+        raise InputError(
+            f"{bundle.default_path()} has no release {since}; it has {len(versions)},"
+            f" from {versions[0]} to {versions[-1]}"
+        )
+    first = versions.index(since) if since else 0
+    return [release_names.parse_release(version) for version in versions[first:]]
+
+
 def _select(
     names: Sequence[str], since: str | None, models: Sequence[str], operations: bool | None
 ) -> Selection:
@@ -47,7 +69,7 @@ def _select(
     has_operations = not models if operations is None else operations
     return Selection(
         release_names.parse_release(REFERENCE),
-        catalogue.named_or_since(names, since, bundle.default_path()),
+        _releases(names, since),
         [resolve(name) for name in models or shipped()],
         list(registry().values()) if has_operations else [],
     )

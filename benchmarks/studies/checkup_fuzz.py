@@ -11,6 +11,7 @@ The exit code is 1 if any does not; those are printed.
 
 import collections
 import itertools
+import json
 import os
 import random
 import subprocess
@@ -79,12 +80,19 @@ def judge(expected: int, code: int, err: str) -> str:
     return "" if code == expected else f"exit code {code} in place of {expected}"
 
 
-def run(text: str) -> tuple[int, str]:
-    """Return the exit code of a program's check-up, and what is wrong with it."""
+def run(text: str) -> tuple[int | None, str]:
+    """Return the exit code of a program's check-up, and what is wrong with it.
+
+    The code is None where the check-up ended the program, whose seconds were over.
+    """
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "program.py").write_text(text)
         by_itself, _ = _ended(folder, "program.py")
         code, err = _ended(folder, "-m", "mjbench", "program.py", "--quick")
+        files = [*Path(folder).glob("results/runs/*.jsonl")]
+        records = [json.loads(line) for file in files for line in file.open()]
+    if any(record.get("was_ended") for record in records):
+        return None, ""
     return code, judge(by_itself if _is_python(text) else 2, code, err)
 
 
@@ -117,15 +125,18 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the choice of programs")
     options = parser.parse_args()
     codes: collections.Counter[int] = collections.Counter()
-    problems = 0
+    problems = ended = 0
     for text in itertools.islice(programs(options.seed), options.programs):
         code, problem = run(text)
-        codes[code] += 1
+        if code is None:
+            ended += 1
+        else:
+            codes[code] += 1
         if problem:
             problems += 1
             print(f"{problem}:\n{text}", flush=True)
     counts = ", ".join(f"{codes[code]} with exit code {code}" for code in sorted(codes))
-    print(f"{options.programs} programs: {counts}; {problems} problems")
+    print(f"{options.programs} programs: {counts}, {ended} ended early; {problems} problems")
     return 1 if problems else 0
 
 

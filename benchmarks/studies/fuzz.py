@@ -71,14 +71,13 @@ _VALUES = (
 _OUTPUTS = ("-", "out.json", "good.xml", "run.jsonl", "loop.py", "folder", "no/such/file", "", "/")
 # What keeps a command line that is good by chance short, by option.
 SHORT = {
-    "--budget": "1s", "--time-limit": "1s", "--nbatch": "2", "--nstep": "4", "--trials": "1",
-    "--slowdowns": "0", "--launches": "9", "--samples": "2", "--duration": "0.1s", "--knots": "3",
-    "--hold": "2", "--seconds": "1",
+    "--budget": "1s", "--time-limit": "1s", "--nbatch": "2", "--nstep": "4", "--hold": "2",
+    "--seconds": "1",
 }  # fmt: skip
 # Options that would wait for another command, or take long.
 NEVER = ("--wait", "--clock")
 # Commands and subcommands that reach the network, write into the project or take long.
-_LEFT_OUT = {"update", "verify", "install", "remove", "history"}
+_LEFT_OUT = {"update", "verify", "install", "remove"}
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def command_lines() -> Iterator[str]:
 
 
 def _with_modes(name: str) -> list[str]:
-    """Return the name of a command and of its modes, such as `doctor --verdicts`."""
+    """Return the name of a command and of its modes, such as `versions --explain`."""
     from mjbench.cli import cli
 
     return [name, *sorted(each for each in cli.commands if each.startswith(f"{name} "))]

@@ -40,10 +40,11 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE, find
 from mjbench.releases import packages
 from mjbench.releases.release_names import ReleaseSpec
+from mjbench.report import formats
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.store.runs import Record
-from mjbench.units import listed, percent_change
+from mjbench.units import listed
 
 # Seconds without an answer after which a process that compiles is killed.
 _COMPILER_PATIENCE_S = 600.0
@@ -284,7 +285,7 @@ def _shown_launch(name: str, on_progress: Progress) -> Callable[[Judgement], Non
     """Return what shows, after each launch, what launches come to so far."""
 
     def on_launch(judgement: Judgement) -> None:
-        text = f"{name} {percent_change(judgement.ratio.estimate)} %"
+        text = f"{name} {formats.change(judgement.ratio.estimate)}"
         on_progress(text, completed_share(judgement.launches))
 
     return on_launch

@@ -74,8 +74,10 @@ class Cli(CommandGroup):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands in groups, each in a line."""
-        for heading, lines in LISTED.items():
-            with formatter.section(heading):
+        formatter.write_paragraph()
+        for heading, lines in LISTED.items():  # without empty lines, to fit on a screen
+            formatter.write_heading(heading)
+            with formatter.indentation():
                 formatter.write_dl([(name.ljust(8), line) for name, line in lines.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -156,27 +158,17 @@ def report_line(text: str) -> None:
 def cli() -> None:
     """Measure MuJoCo in Python: your program, ways of stepping, releases.
 
+    A TARGET is a model (.xml, .urdf, .mjb, a shipped model, or PACKAGE:NAME), a Python program, or
+    an environment such as Humanoid-v5.
+
     \b
     Examples:
       mjbench robot.xml                        what can I do?
       mjbench run --seconds 30 train.py        what to change?
       mjbench compare robot.xml --scaling      thread count?
-      mjbench compare robot.xml --paths mjx,c  is MJX faster?
       mjbench versions 3.17.0 4.0.0 robot.xml  4.0.0 slower?
       mjbench ab HEAD WORKTREE bench:step      am I slower?
-      mjbench tune robot.xml                   which settings?
-      mjbench doctor                           can I trust it?
       mjbench show --html report.html          results as HTML
 
-    A TARGET is a MODEL, a program or an environment. A MODEL is a path to .xml, .urdf or .mjb, one
-    of the shipped models, or PACKAGE:NAME for a model inside an installed package, such as
-    gymnasium:ant.
-
-    Results are stored in results/runs. `mjbench show` prints the newest again, or an older one. In
-    CI, --fail-on slower makes `versions`, `ab` and `show --against` exit with 1 where something is
-    slower.
-
-    Exit codes: 0 success; 1 a finding (paths disagree, or what --fail-on names); 2 bad usage or
-    input; 3 the environment failed (crash, time limit, disk), or a verdict that --fail-on needs
-    stayed inconclusive; 130 interrupted.
+    Exit codes: 0 success; 1 finding; 2 bad input; 3 failure; 130 interrupted.
     """

@@ -6,7 +6,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import JSON
+from mjbench.cli.shared import JSON, FileName
 from mjbench.errors import InputError
 from mjbench.status import ExitCode, Status, exit_code
 
@@ -20,7 +20,7 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="FILE…")
+@click.argument("names", nargs=-1, metavar="FILE…", type=FileName())
 @click.option(
     "--select",
     metavar="CODE,…",

@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -29,8 +30,6 @@ _Parsed = TypeVar("_Parsed")
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")
-# The largest slowdown to inject, as a share of the time of a block.
-MAX_SLOWDOWN = 10.0
 
 
 class Text(click.ParamType[_Value]):
@@ -124,12 +123,6 @@ def share(below: float = 1.0) -> Text[float]:
     return Text("PERCENT", expected, lambda text: _within(_share(text), bounds))
 
 
-def _shares(text: str) -> list[float]:
-    bounds = Bounds(0, MAX_SLOWDOWN)
-    shares = [_within(_share(word), bounds) for word in text.split(",")]
-    return list(dict.fromkeys(abs(share) for share in shares))  # abs: -0 is 0
-
-
 # By how a time ends; longer endings first.
 _SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
 
@@ -156,13 +149,24 @@ LARGE_COUNT = Text(
     "N", f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}", _large_count
 )
 NAMES = Text("NAME,…", "a name, or several with commas", _names)
-SHARES = Text(
-    "PERCENT,…",
-    f"a list of percentages such as 0,0.5,1, each from 0% to {100 * MAX_SLOWDOWN:g}%",
-    _shares,
-)
 HERTZ = Text("HZ", f"a number of times per second such as 1000, {limits.HERTZ}", _hertz)
-FILE = click.Path(path_type=Path)
+
+
+class FileName(click.Path):
+    """The name of a file, which is not empty."""
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Any:
+        if not os.fspath(value):
+            self.fail("the name is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+FILE = FileName(path_type=Path)
 
 
 def own_path_folder(path_names: Sequence[str] | None) -> str | None:
@@ -423,7 +427,6 @@ SETTLE = click.option(
 )
 STARTS = as_one("starts", _start_plan, SETTLE, STATES, ACTIONS)
 LOOP_STARTS = as_one("starts", _start_plan, SETTLE, STATES)
-SIZES_OF_STARTS = as_one("sizes", _sizes, STARTS)
 SIZES = as_one(
     "sizes",
     _sizes,
@@ -432,4 +435,3 @@ SIZES = as_one(
     *(HOLD, SEED, STARTS),
 )
 VERDICT_PLAN = as_one("plan", _verdict_plan, *_JUDGING, SIZES)
-TRIAL_PLAN = as_one("plan", _verdict_plan, *_JUDGING, SIZES_OF_STARTS)

@@ -10,7 +10,7 @@ from mjbench.cli import show_pages
 from mjbench.cli.context import RunContext
 from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import CODE, FILE, JSON, RESULTS, with_options
+from mjbench.cli.shared import CODE, FILE, JSON, RESULTS, FileName, with_options
 from mjbench.errors import InputError
 from mjbench.status import ExitCode, exit_code
 
@@ -43,6 +43,7 @@ _MOST_RUNS = 20
 @click.option(
     "--against",
     metavar="OLD",
+    type=FileName(),
     help="Compare the speeds of RUN with those of an earlier one, row by row.",
 )
 @click.option(
@@ -184,7 +185,7 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
 def _show_differences(
     old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None
 ) -> None:
-    from mjbench.report.documents import DiffDocument
+    from mjbench.report.documents import ResultsDocument
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.report.run_differences import differences, differences_section
     from mjbench.store import runs
@@ -197,5 +198,5 @@ def _show_differences(
                 " `mjbench show RUN --fail-on slower` judges one run"
             )
         run.show([differences_section(rows)])
-        run.write(DiffDocument(results=rows))
+        run.write(ResultsDocument(results=rows))
     run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))

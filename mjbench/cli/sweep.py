@@ -64,7 +64,7 @@ def sweep(
       mjbench sweep plan.toml --address auto
     """
     from mjbench import sweep as sweeps
-    from mjbench.report.documents import SWEEP, SweepRow
+    from mjbench.report.documents import ResultsDocument, SweepRow
 
     target = output or SWEEPS_FOLDER / plan.stem
     with RunContext(json_file, [plan]) as run:
@@ -82,7 +82,7 @@ def sweep(
             run.interrupt(is_saved=any(map(Path.is_file, files.values())))
         rows = [SweepRow.of(cell, files[cell], ended.get(cell)) for cell in cells]
         run.show([_section(rows)])
-        run.write(SWEEP(results=rows))
+        run.write(ResultsDocument(results=rows))
         run.out.print(f"\nRun files: {target}", soft_wrap=True)
         run.exit(result.status for result in ended.values())
 

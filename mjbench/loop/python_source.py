@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import InputError, file_argument, one_line
 from mjbench.simulation import models
 
 NOTEBOOK_SUFFIX = ".ipynb"
@@ -62,7 +62,7 @@ def read_program(file: str) -> PythonProgram:
 
 def save_as_python(file: str) -> str:
     """Return what is wrong with a notebook, and what to do."""
-    command = f"jupyter nbconvert --to script {shlex.quote(file)}"
+    command = f"jupyter nbconvert --to script {shlex.quote(file_argument(file))}"
     return f"a notebook; save it as a Python file: {command}"
 
 

@@ -49,14 +49,3 @@ class ResultsOutcome(StrEnum):
     """They differ from process to process of one revision, so they say nothing."""
     NONE = "none"
     """The function returns nothing, or something that cannot be compared."""
-
-
-class Arm(StrEnum):
-    """How the two targets of a selfcheck differ; the truth follows from it."""
-
-    SLOWDOWN = "slowdown"
-    """The candidate does a known share of the simulations twice; 0 compares identical targets."""
-    INSIDE_STEP = "inside_step"
-    """Every step of the candidate calls one more function of the engine: it is slower."""
-    BETWEEN_BUILDS = "between_builds"
-    """Two releases whose steps execute equally many instructions: they should be the same."""

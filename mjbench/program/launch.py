@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
-from mjbench.errors import InputError, MachineError, one_line, shown
+from mjbench.errors import InputError, MachineError, file_argument, one_line, shown
 from mjbench.host import files
 from mjbench.loop.python_source import NOTEBOOK_SUFFIX, save_as_python
 from mjbench.program import activities, call_times, gil_waits, py_spy, recorded_models, step_times
@@ -60,8 +60,7 @@ class Program:
     def command(self) -> list[str]:
         """What is run; a file whose name begins with a dash is no option of Python."""
         first, *others = self.arguments
-        is_file = first.startswith("-") and first != "-m"
-        return [self.interpreter, f"./{first}" if is_file else first, *others]
+        return [self.interpreter, first if first == "-m" else file_argument(first), *others]
 
 
 @dataclass(frozen=True)

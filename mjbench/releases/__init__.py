@@ -1,1 +1,1 @@
-"""MuJoCo releases: which exist, how they are installed, what their history shows."""
+"""MuJoCo releases: which exist, and how they are installed."""

@@ -7,9 +7,9 @@ from pathlib import Path
 from packaging.version import Version
 
 from mjbench.errors import InputError, MachineError
-from mjbench.releases import bundle, install_check, installs, package_index
-from mjbench.releases.release import OLDEST, version_key
-from mjbench.releases.release_names import ReleaseSpec, parse_release
+from mjbench.releases import bundle, install_check, package_index
+from mjbench.releases.release import version_key
+from mjbench.releases.release_names import ReleaseSpec
 
 
 @dataclass(frozen=True)
@@ -97,23 +97,3 @@ def releases_between(baseline: ReleaseSpec, candidate: ReleaseSpec, history: Pat
     between = sorted((v for v in published if low < version_key(v) < high), key=version_key)
     specs = [baseline, *(ReleaseSpec(version, version) for version in between), candidate]
     return ReleaseRange(specs, known.problem)
-
-
-def named_or_since(names: Sequence[str], since: str | None, history: Path) -> list[ReleaseSpec]:
-    """Return the releases with these names; without names, those of a history from `since` on."""
-    if names and since:
-        raise InputError("give RELEASEs or --since, not both")
-    if names:
-        return installs.parse_available(names)
-    versions = [
-        release.version
-        for release in bundle.read(history)
-        if version_key(release.version) >= OLDEST  # the history begins one release earlier, for asv
-    ]
-    if since is not None and since not in versions:
-        raise InputError(
-            f"{history} has no release {since}; it has {len(versions)},"
-            f" from {versions[0]} to {versions[-1]}"
-        )
-    first = versions.index(since) if since else 0
-    return [parse_release(version) for version in versions[first:]]

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Iterator, Sequence
 
+from mjbench.errors import file_argument
 from mjbench.paired.bisect import (
     BisectChange,
     BisectComparison,
@@ -88,7 +89,8 @@ def _causes(change: BisectChange, record: BisectRecord) -> Iterator[str]:
         return
     if any(wheel_digest(side.build) for side in change.verdict.sides):  # a version names none
         return
-    old, new, model = change.verdict.old, change.verdict.new, shlex.quote(record.target)
+    old, new = change.verdict.old, change.verdict.new
+    model = shlex.quote(file_argument(record.target))
     yield f"Which functions changed: mjbench versions --explain {old} {new} {model}"
 
 

@@ -160,7 +160,7 @@ def svg(specification: Mapping[str, Any]) -> str:
     except ImportError as error:
         raise MachineError(
             f"charts need vl-convert-python: {extras.install_command('report')}; or leave them out"
-            " (show --markdown, history without --plots)"
+            " (show --markdown)"
         ) from error
     return str(vl_convert.vegalite_to_svg(_shortened(specification), vl_version=VERSION))
 

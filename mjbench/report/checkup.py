@@ -9,6 +9,7 @@ from mjbench import paths
 from mjbench.checkups.records import CheckedPart, CheckupPart, Combination
 from mjbench.checkups.targets import TargetKind
 from mjbench.environment.records import EnvironmentRecord
+from mjbench.errors import file_argument
 from mjbench.host.machine import Machine
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.measuring.ratio import Ratio
@@ -279,13 +280,13 @@ def _notes(
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
     for record in run.of_type(TuneRecord):
-        yield from checkup_items.far_settings(record, shlex.quote(parts[0].target))
+        yield from checkup_items.far_settings(record, shlex.quote(file_argument(parts[0].target)))
         yield from tuning_notes.left_out(record)
     yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
     is_open = not _is_certain(run) and all(item.gain is None for item in listed_items)
     if is_open and parts[0].kind == TargetKind.MODEL and run.of_type(ProfileRow):
         commands = ["compare", *("tune" for _ in run.of_type(TuneRecord))]
-        target = shlex.quote(parts[0].target)
+        target = shlex.quote(file_argument(parts[0].target))
         lines = ", ".join(f"mjbench {command} {target}" for command in commands)
         yield f"To decide what is not certain, in more time: {lines}"
     yield from _not_tried(run, parts)
@@ -309,7 +310,7 @@ def _combination_lines(
 ) -> Iterator[str]:
     """Yield how to measure a combination again, or why it is not advised."""
     assert part.verdict is not None, "it was measured"
-    target, gain = shlex.quote(part.target), combination_gain(part.verdict)
+    target, gain = shlex.quote(file_argument(part.target)), combination_gain(part.verdict)
     if gain is None:
         yield f"Together, {_described(combination)} is not certainly faster than the plain loop"
         return
@@ -329,7 +330,7 @@ def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
     """Yield what a check-up has no time for, with the command that tries it."""
     if not parts:
         return
-    target, kind = shlex.quote(parts[0].target), parts[0].kind
+    target, kind = shlex.quote(file_argument(parts[0].target)), parts[0].kind
     done = {part.part for part in parts}
     if kind == TargetKind.MODEL and run.of_type(ProfileRow):
         if CheckupPart.SETTINGS not in done:

@@ -11,6 +11,7 @@ from typing import Any
 from mjbench.checkups.records import CheckedPart, Combination
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.environment.records import EnvironmentRecord
+from mjbench.errors import file_argument
 from mjbench.loop.lint import Finding
 from mjbench.loop.profile import ProfileRow
 from mjbench.measuring.ratio import Ratio
@@ -58,7 +59,7 @@ def _items(run: Run) -> Iterator[CheckupItem]:
     parts = run.of_type(CheckedPart)
     if not parts:
         return
-    target = shlex.quote(parts[0].target)
+    target = shlex.quote(file_argument(parts[0].target))
     searches = run.of_type(TuneRecord)
     yield from _wrong_of_model(run, target)
     for model_results in derive_all(run.records):

@@ -17,7 +17,7 @@ from mjbench.report.content import Column, Conclusion, DataTable, Figure, Sectio
 from mjbench.report.starts import starts_lines
 from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.status import Status
-from mjbench.units import count_of, percent_change
+from mjbench.units import count_of
 
 # Functions of a count that are listed, and functions of a change that are drawn.
 _MOST_LISTED, _MOST_DRAWN = 10, 12
@@ -112,7 +112,7 @@ def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> 
     assert old and new, "both were counted"
     ratio = new / old
     changes = explain.work_changes(baseline, candidate, row.time)
-    counts = f"instructions per step {old:,.0f} → {new:,.0f} ({percent_change(ratio)} %)"
+    counts = f"instructions per step {old:,.0f} → {new:,.0f} ({formats.change(ratio)})"
     time = row.time
     lines = [
         f"{_describe_time(time, time.ratio)}; {counts}" if time and time.ratio else counts,
@@ -131,10 +131,9 @@ def _move_lines(row: ExplainRecord) -> list[str]:
 
 
 def _describe_time(time: VerdictRow, ratio: Ratio) -> str:
-    interval = "interval unknown"
-    if ratio.low is not None and ratio.high is not None:
-        interval = f"{percent_change(ratio.low)} to {percent_change(ratio.high)}"
-    return f"{time.verdict}, time {percent_change(ratio.estimate)} % ({interval})"
+    interval = formats.ends(ratio, formats.change, " to ") or "interval unknown"
+    change = formats.change(ratio.estimate)
+    return f"{time.verdict}, time {change} ({interval.removesuffix(' %')})"
 
 
 def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:

@@ -1,12 +1,11 @@
 """The documents that `--json` writes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
-from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.report.advice import (
     Advice,
     ClockAdvice,
@@ -19,30 +18,33 @@ from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.machines import MachineAnswer, Machines
 from mjbench.report.path_speedups import ModelResults, PathResult
-from mjbench.report.run_differences import RunDifference
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
 from mjbench.sweep import Cell, CellResult
 
 
-def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
-    """Return the document of a command whose results are of one type: `schema` and `results`."""
-    machine = [("machine", Machine)] if has_machine else []
-    document = make_dataclass(
-        f"{result.__name__}Results",
-        [("schema", int, field(default=schema)), *machine, ("results", Sequence[result])],  # type: ignore[valid-type]
-        kw_only=True,
-        frozen=True,
-    )
-    document.__doc__ = None
-    return document
+@dataclass(frozen=True, kw_only=True)
+class ResultsDocument:
+    """The document of a command whose results do not depend on one machine."""
+
+    schema: int = SCHEMA
+    results: Sequence[object]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineResultsDocument:
+    """The document of a command that has only results, of one machine."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[object]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompareDocument:
     """What `mjbench compare --json` writes."""
 
-    schema: int = 3
+    schema: int = SCHEMA
     machine: Machine
     results: Sequence[PathResult]
     advice: Sequence[Advice]
@@ -61,24 +63,6 @@ class CompareDocument:
             crossovers=crossovers(results),
             threads=[advice for m in models for advice in advise_threads(m)],
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiffDocument:
-    """What `mjbench show --against --json` writes."""
-
-    schema: int = SCHEMA
-    results: Sequence[RunDifference]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SelfcheckDocument:
-    """What `mjbench doctor --verdicts --json` writes; `busy`: whether a core was kept busy."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    busy: bool | None
-    results: Sequence[SelfcheckRow]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,9 +96,6 @@ class SweepRow:
         stored = str(file) if file.is_file() else None
         ended = (None, "") if result is None else (result.status, result.detail)
         return cls(cell.command, cell.machine, stored, *ended)
-
-
-SWEEP = results_document(SweepRow, has_machine=False)
 
 
 @dataclass(frozen=True)

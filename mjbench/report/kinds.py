@@ -16,12 +16,9 @@ from mjbench.host.neighbours import Disturbance
 from mjbench.loop.habit_timing import OverheadRow
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.profile import ProfileRow
-from mjbench.paired import family
-from mjbench.paired import selfcheck as trials
 from mjbench.paired.bisect import BisectComparison, BisectRecord
 from mjbench.paired.race_record import RaceRecord
-from mjbench.paired.records import VerdictRecord, VerdictRow
-from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
+from mjbench.paired.records import VerdictRecord
 from mjbench.program.records import ProgramRow
 from mjbench.report import (
     bisect,
@@ -32,17 +29,14 @@ from mjbench.report import (
     environment,
     habit_costs,
     latency,
-    listings,
     profile,
     program,
-    selfcheck,
     tuning,
     verdicts,
 )
 from mjbench.report.content import Section, after_disturbances
-from mjbench.report.lint import LintDocument
 from mjbench.report.path_speedups import derive_all
-from mjbench.store.runs import SCHEMA, Record, Run
+from mjbench.store.runs import Record, Run
 from mjbench.tuning.records import TuneRecord
 
 
@@ -58,7 +52,6 @@ class Kind:
 
     commands: tuple[str, ...]
     records: tuple[type[Record], ...]
-    document_type: type[Any]
     document: Callable[[Run], object]
     sections: Callable[[Run], Iterable[Section]]
     rows: Callable[[Run], Iterable[object]]
@@ -68,7 +61,6 @@ def _kind(
     record: type[Record],
     sections: Callable[[Sequence[Any]], Iterable[Section]],
     *commands: str,
-    schema: int = SCHEMA,
     has_machine: bool = True,
     rows: Callable[[Any], Iterable[object]] | None = None,
 ) -> Kind:
@@ -76,11 +68,12 @@ def _kind(
 
     Each record is a row of the flat table, or has `rows`.
     """
-    document_type = documents.results_document(record, schema, has_machine)
 
     def document(run: Run) -> object:
-        machine = {"machine": run.header.machine} if has_machine else {}
-        return document_type(results=run.of_type(record), **machine)
+        results = run.of_type(record)
+        if not has_machine:
+            return documents.ResultsDocument(results=results)
+        return documents.MachineResultsDocument(machine=run.header.machine, results=results)
 
     def flat_rows(run: Run) -> Iterator[object]:
         for each in run.of_type(record):
@@ -89,32 +82,15 @@ def _kind(
     return Kind(
         commands,
         (record,),
-        document_type,
         document,
         lambda run: after_disturbances(run, sections(run.of_type(record))),
         flat_rows,
     )
 
 
-def _selfcheck_document(run: Run) -> documents.SelfcheckDocument:
-    return documents.SelfcheckDocument(
-        machine=run.header.machine,
-        busy=run.header.arguments.get("busy"),
-        results=_selfcheck_rows(run),
-    )
-
-
-def _selfcheck_rows(run: Run) -> list[SelfcheckRow]:
-    _, min_effect = family.rule_of(run.header)
-    return trials.summary(run.of_type(TrialRecord), min_effect)
-
-
-_VERDICTS = documents.results_document(VerdictRow)
-
 CHECKUP = Kind(
     ("checkup",),
     (CheckedPart,),
-    checkup.CheckupDocument,
     checkup.CheckupDocument.of,
     lambda run: after_disturbances(run, checkup.sections(run)),
     checkup.items,
@@ -122,7 +98,6 @@ CHECKUP = Kind(
 COMPARE = Kind(
     ("compare",),
     (*comparison_records.RECORD_TYPES.values(), RaceRecord),
-    documents.CompareDocument,
     lambda run: documents.CompareDocument.of(run.header.machine, derive_all(run.records)),
     lambda run: comparison.sections(derive_all(run.records)),  # races say what disturbed them
     lambda run: comparison.flat_rows(derive_all(run.records)),
@@ -135,38 +110,29 @@ ENVIRONMENT = _kind(EnvironmentRecord, environment.sections, "env")
 VERDICT = Kind(
     ("versions", "ab"),
     (VerdictRecord,),
-    _VERDICTS,
-    lambda run: _VERDICTS(machine=run.header.machine, results=verdicts.verdict_rows(run)),
+    lambda run: documents.MachineResultsDocument(
+        machine=run.header.machine, results=verdicts.verdict_rows(run)
+    ),
     verdicts.sections,
     verdicts.verdict_rows,
 )
-SELFCHECK = Kind(
-    ("selfcheck",),
-    (TrialRecord,),
-    documents.SelfcheckDocument,
-    _selfcheck_document,
-    lambda run: after_disturbances(
-        run, [selfcheck.section(_selfcheck_rows(run), *family.rule_of(run.header))]
-    ),
-    _selfcheck_rows,
-)
-_BISECTIONS = documents.results_document(BisectRecord, schema=2)
 BISECT = Kind(
     ("bisect",),
     (BisectRecord, BisectComparison),
-    _BISECTIONS,
-    lambda run: _BISECTIONS(machine=run.header.machine, results=run.of_type(BisectRecord)),
+    lambda run: documents.MachineResultsDocument(
+        machine=run.header.machine, results=run.of_type(BisectRecord)
+    ),
     lambda run: after_disturbances(run, bisect.sections(run.records)),
     lambda run: run.of_type(BisectRecord),
 )
 EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)
 INSTRUCTIONS = _kind(InstructionsRecord, counts.sections, "instructions", has_machine=False)
-TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
+TUNE = _kind(TuneRecord, tuning.sections, "tune", rows=tuning.rows)
 
 
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
-    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, ENVIRONMENT, VERDICT, SELFCHECK),
+    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, ENVIRONMENT, VERDICT),
     *(BISECT, EXPLAIN, INSTRUCTIONS, TUNE),
 )
 
@@ -174,20 +140,6 @@ KINDS: Sequence[Kind] = (
 RECORD_TYPES: Mapping[str, type[Any]] = {
     **{record.record_type: record for kind in KINDS for record in kind.records},
     Disturbance.record_type: Disturbance,
-}
-
-# The document of each command that takes `--json`; `show` has those of others, and of
-# several runs its own.
-DOCUMENTS: Mapping[str, type[Any]] = {
-    **{command: kind.document_type for kind in KINDS for command in kind.commands},
-    "diff": documents.DiffDocument,
-    "models": listings.ModelsDocument,
-    "paths": listings.PathsDocument,
-    "doctor": documents.DoctorDocument,
-    "lint": LintDocument,
-    "releases": listings.ReleasesDocument,
-    "installs": listings.InstallsDocument,
-    "sweep": documents.SWEEP,
 }
 
 

@@ -1,6 +1,5 @@
 """What a measurement in a program returns shows itself, and is what the command would store."""
 
-import json
 import re
 import sys
 from collections.abc import Sequence
@@ -10,7 +9,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from commands import check_document
 from example_races import compared, raced
 from step_profiles import step_profile
 
@@ -133,12 +131,6 @@ def test_a_saved_value_is_a_run_file_that_shows_the_same(command: str, tmp_path:
     assert repr(again) == repr(value)
     assert again._repr_html_() == value._repr_html_()
     assert mjbench.load(file) == value.rows()
-
-
-@pytest.mark.parametrize("command", EXAMPLES)
-def test_a_value_as_a_dictionary_is_the_document_of_the_command(command: str) -> None:
-    document = EXAMPLES[command]().to_dict()
-    check_document(command, json.dumps(document))
 
 
 @pytest.mark.parametrize("command", EXAMPLES)

@@ -105,7 +105,7 @@ def test_json_to_stdout_is_one_document_and_nothing_else(
     invent_comparisons(monkeypatch)
     done = invoke("--json", "-")
     document = json.loads(done.stdout)
-    assert document["schema"] == 3
+    assert document["schema"] == 1
     assert "rollout" in done.stderr
     (file,) = (folder / "results/runs").glob("*.jsonl")
     again = CliRunner().invoke(cli, ["show", str(file), "--json", "-"])

@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 from mjbench.cli import cli
 from mjbench.host import machine
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.outcomes import Arm, Cause, Verdict
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
-from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.placement import Placement, PlacementPair
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.reference_run import Work
@@ -58,26 +57,9 @@ VERDICTS = (
         ],
     ),
 )  # fmt: skip
-TRIALS = (
-    TrialRecord(
-        model="m", slowdown=0.0, old="4.0.0", new="4.0.0",
-        verdict=Verdict.SAME, estimate=1.0, low=0.99, high=1.01, seconds=2.0,
-        launches=[0.001, -0.001],
-    ),
-    TrialRecord(
-        arm=Arm.BETWEEN_BUILDS, model="m", slowdown=0.0, old="3.2.1", new="3.2.2",
-        verdict=Verdict.SLOWER, cause=Cause.CODE, estimate=1.01, low=None, high=None,
-        placement=PlacementEffect(True), seconds=2.0, launches=[0.01], as_shipped=[0.02],
-    ),
-    TrialRecord(
-        arm=Arm.INSIDE_STEP, model="m", slowdown=None, callback="mj_factorM",
-        old="4.0.0", new="4.0.0", verdict=Verdict.SLOWER,
-        estimate=1.01, low=1.0, high=1.02, seconds=2.0, launches=[0.01],
-    ),
-)  # fmt: skip
 KINDS = {
     "compare": (*COMPARISON, *RACE),
-    "versions": VERDICTS, "selfcheck": TRIALS,
+    "versions": VERDICTS,
     "env": (environment_record(),),
 }  # fmt: skip
 FOREIGN: list[Any] = [

@@ -66,7 +66,9 @@ def test_the_planted_cause_comes_first(planted, program, arguments, activity, co
     first = row["loops"][0]["remedies"][0]
     assert first["activity"] == activity
     assert first["gain"] > 0.3
-    conclusion = next(line for line in done.stderr.splitlines() if line.startswith(program))
+    lines = [line for line in done.stderr.splitlines() if line.startswith(program)]
+    ending, conclusion = lines[:2] if code else ("", lines[0])  # how it ended comes first
+    assert ending == (f"{program}: it ended with exit code {code}" if code else "")
     assert f"first, {activity}" in conclusion
     shares = row["loops"][0]["time"]["activities"].values()
     assert sum(shares) == pytest.approx(1.0)

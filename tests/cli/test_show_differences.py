@@ -45,7 +45,7 @@ def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Pat
 
 def test_run_files_with_nothing_in_common_are_bad_input(tmp_path: Path) -> None:
     old = stored_run(tmp_path, "1", 1.0)
-    done = mjbench("show", "--against", old, str(RUNS / "reference-selfcheck-quiet.jsonl"))
+    done = mjbench("show", "--against", old, str(RUNS / "reference-checkup-humanoid.jsonl"))
     assert done.returncode == 2
     assert "no timed row" in done.stderr
 

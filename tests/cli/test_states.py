@@ -24,7 +24,6 @@ TAKES_STATES = (
     ("versions", "installed", "installed", "cartpole", "--metric", "instructions"),
     ("ab", "model=cartpole", "model=cartpole"),
     ("versions", "--explain", "installed", "installed", "cartpole"),
-    ("doctor", "--verdicts", "cartpole"),
     ("profile", "--instructions", "cartpole"),
     ("latency", "cartpole"),
     ("profile", "cartpole"),

@@ -75,7 +75,9 @@ def counts(
 
 
 def test_without_valgrind_one_line_says_how_to_get_it(tmp_path: Path) -> None:
-    done = mjbench("instructions", "cartpole", cwd=tmp_path, env={"PATH": str(tmp_path)})
+    done = mjbench(
+        "profile", "--instructions", "cartpole", cwd=tmp_path, env={"PATH": str(tmp_path)}
+    )
     assert done.returncode == 3
     assert "valgrind: install it" in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -136,7 +138,7 @@ def test_the_command_writes_json_and_a_run_file(
         return [counts["cartpole"]]
 
     monkeypatch.setattr(InstructionCounter, "count", count)
-    done = mjbench("instructions", "cartpole", "--json", "out.json", cwd=tmp_path)
+    done = mjbench("profile", "--instructions", "cartpole", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     assert row["instructions_per_step"] > 1000
@@ -155,7 +157,16 @@ def test_the_command_writes_json_and_a_run_file(
 @needs_valgrind
 def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "mjbench", "instructions", "pile", "--results", str(tmp_path / "r")],
+        [
+            sys.executable,
+            "-m",
+            "mjbench",
+            "profile",
+            "--instructions",
+            "pile",
+            "--results",
+            str(tmp_path / "r"),
+        ],
         env={**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

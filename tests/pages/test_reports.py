@@ -209,7 +209,7 @@ def test_the_head_says_what_was_measured_when_and_where(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["runs/reference-mujoco-4.0.0", "runs/reference-selfcheck-quiet"],
+    ["runs/reference-mujoco-4.0.0", "runs/reference-story-versions"],
 )
 def test_markdown_shows_little_and_folds_the_rest(name: str) -> None:
     text = "\n".join(as_markdown.render(report(ROOT / f"results/{name}.jsonl")))

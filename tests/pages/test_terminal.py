@@ -154,7 +154,7 @@ def test_a_narrow_terminal_wraps_sentences_at_words() -> None:
 
 
 def test_no_color_means_no_colours() -> None:
-    words = ["show", str(ROOT / "results/runs/reference-selfcheck-quiet.jsonl")]
+    words = ["show", str(ROOT / "results/runs/reference-story-versions.jsonl")]
     assert not re.search(r"\x1b\[3\d", on_a_terminal(words, 80, NO_COLOR="1"))
     assert "\x1b" not in on_a_terminal(words, 80, TERM="dumb")
 

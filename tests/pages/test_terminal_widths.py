@@ -139,25 +139,6 @@ def test_a_comparison_reads_back_as_its_document(
         assert row["95 %"] == ends
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize(
-    ("name", "share", "key"),
-    [
-        ("selfcheck-quiet", "called slower", "detected"),
-        ("inside-step-2", "called slower", "detected"),
-        ("between-builds", "different", "wrong"),
-    ],
-)
-def test_trials_read_back_as_their_document(
-    name: str, share: str, key: str, width: int, results_of: Callable[[str], Any]
-) -> None:
-    text, results = shown(f"reference-{name}", width), results_of(f"reference-{name}")
-    (table,) = tables(text, "model")
-    assert [row["model"] for row in table] == [r["model"] for r in results]
-    assert [row["trials"] for row in table] == [str(r["trials"]) for r in results]
-    assert [row[share] for row in table] == [f"{100 * r[key]:.1f} %" for r in results]
-
-
 @functools.cache
 def committed_tables() -> list[tuple[str, DataTable]]:
     """Return the tables of all committed runs, each with its file."""

@@ -172,6 +172,13 @@ def test_gains_of_one_kind_replace_each_other_and_none_add_up() -> None:
     assert "Look closer at 1 and 3: mjbench compare 'my robot.xml'" in notes
 
 
+def test_a_name_that_begins_with_a_dash_is_no_option_in_what_to_run() -> None:
+    records = [*PATHS, tuned(FREE, LONGER)]
+    dashed = [replace(r, target="-m.xml") if isinstance(r, CheckedPart) else r for r in records]
+    notes = checkup.list_section(run(*dashed)).notes
+    assert "Look closer at 1 and 3: mjbench compare ./-m.xml" in notes
+
+
 def combined(verdict: Any) -> CheckedPart:
     combination = Combination(ROLLOUT, [JACOBIAN], has_timer=False)
     return part(CheckupPart.TOGETHER, combination=combination, verdict=verdict)

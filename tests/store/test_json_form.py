@@ -1,14 +1,10 @@
 """What documents and tables have of a result: its fields, or what its class declares."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any
 
-import msgspec
-import pytest
-
-from mjbench.store.json_form import in_json, json_form, json_type
+from mjbench.store.json_form import in_json, json_form
 
 
 @in_json("name", "ns", "count", ns="median_ns")
@@ -37,7 +33,7 @@ class Plain:
 class Document:
     results: Sequence[Timed]
     first: Timed | None = None
-    others: dict[str, Annotated[Plain, "unit"]] = field(default_factory=dict)
+    others: dict[str, Plain] = field(default_factory=dict)
     schema: int = 1
 
 
@@ -54,21 +50,3 @@ def test_results_inside_a_document_have_their_forms() -> None:
         "others": {"a": {"name": "b"}},
         "schema": 1,
     }
-
-
-def test_the_type_of_a_form_has_no_defaults_but_that_of_a_document_keeps_them() -> None:
-    kind: Any = json_type(Document)
-    document = msgspec.convert({"results": [{"name": "a", "ns": None, "count": 0}]}, kind)
-    (result,) = document.results
-    assert (result.ns, document.first, document.others, document.schema) == (None, None, {}, 1)
-    with pytest.raises(msgspec.ValidationError, match="`count`"):
-        msgspec.convert({"results": [{"name": "a", "ns": None}]}, kind)
-
-
-def test_the_form_of_a_dataclass_without_any_declaration_is_itself() -> None:
-    @dataclass(frozen=True)
-    class Facts:
-        name: str
-
-    assert json_type(Facts) is Facts
-    assert [each.name for each in fields(json_type(Timed))] == ["name", "ns", "count"]

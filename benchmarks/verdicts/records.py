@@ -1,21 +1,31 @@
-"""The records and rows of `mjbench doctor --verdicts`, in run files and in its document.
+"""Trials of verdicts whose truth is known: what is compared, what came of it, and its summary."""
 
-Field names are the keys of the JSON format (docs/formats.md).
-"""
-
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from enum import StrEnum
 from typing import ClassVar
 
 from mjbench.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from mjbench.host.neighbours import Disturbance
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.outcomes import Arm, Cause, Verdict
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect
+
+
+class Arm(StrEnum):
+    """How the two targets of a trial differ; the truth follows from it."""
+
+    SLOWDOWN = "slowdown"
+    """Each block of the candidate lasts longer by a known share; 0 compares identical targets."""
+    INSIDE_STEP = "inside_step"
+    """Every step of the candidate calls one more function of the engine: it is slower."""
+    BETWEEN_BUILDS = "between_builds"
+    """Two releases whose steps execute equally many instructions: they should be the same."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseRow:
-    """What a trial of `mjbench doctor --verdicts` compares; the truth about it is known.
+    """What a trial compares; the truth about it is known.
 
     Attributes:
       slowdown: of the candidate, as a share of the baseline's time: 0 where the two are the same;
@@ -38,7 +48,7 @@ class CaseRow:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRecord(CaseRow):
-    """One comparison of `mjbench doctor --verdicts`.
+    """One comparison of which the truth is known.
 
     Attributes:
       cause: why the times differ; None where they do not, or where more differs than the build.
@@ -81,13 +91,8 @@ class TrialRecord(CaseRow):
         return CaseRow(**{f.name: getattr(self, f.name) for f in fields(CaseRow)})
 
 
-def trial_records(records: Sequence[object]) -> list[TrialRecord]:
-    """Return the trials among the records of a run file; each one is finished."""
-    return [record for record in records if isinstance(record, TrialRecord)]
-
-
 @dataclass(frozen=True, kw_only=True)
-class SelfcheckRow(CaseRow):
+class CaseSummary(CaseRow):
     """What the trials of one case say.
 
     Attributes:
@@ -123,3 +128,9 @@ class SelfcheckRow(CaseRow):
     seconds: float
     launches: float
     launch_sd: float | None
+
+
+# The records of a run file by their `type`.
+RECORD_TYPES: Mapping[str, type] = {
+    record.record_type: record for record in (TrialRecord, Disturbance)
+}

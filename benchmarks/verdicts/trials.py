@@ -9,15 +9,18 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from benchmarks.verdicts import records
+from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
+from benchmarks.verdicts.section import describe_case
+from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.host import child, platforms
 from mjbench.paired import verdict
-from mjbench.paired.outcomes import MIN_EFFECT, Arm, Cause, Verdict
-from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow, TrialRecord
+from mjbench.paired.outcomes import MIN_EFFECT, Cause, Verdict
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
@@ -26,6 +29,10 @@ from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
+from mjbench.store.runs import Record
+
+# The arm of known slowdowns, unless other arms are asked for.
+_SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 
 
 @dataclass(frozen=True)
@@ -153,7 +160,7 @@ def record_of(case: Case, result: PairedResult) -> TrialRecord:
     )
 
 
-def summary(trials: Sequence[TrialRecord], min_effect: float = MIN_EFFECT) -> list[SelfcheckRow]:
+def summary(trials: Sequence[TrialRecord], min_effect: float = MIN_EFFECT) -> list[CaseSummary]:
     """Return what the trials say, a row for each case, by arm, model and slowdown."""
     groups: dict[tuple[CaseRow, bool], list[TrialRecord]] = {}
     for record in trials:
@@ -165,7 +172,7 @@ def summary(trials: Sequence[TrialRecord], min_effect: float = MIN_EFFECT) -> li
 
 def _row(
     case: CaseRow, averaged: bool, trials: Sequence[TrialRecord], min_effect: float
-) -> SelfcheckRow:
+) -> CaseSummary:
     def share(test: Callable[[TrialRecord], bool]) -> float:
         return sum(map(test, trials)) / len(trials)
 
@@ -175,7 +182,7 @@ def _row(
     measured = float(np.median([t.estimate for t in trials])) - 1
     is_to_find = (measured if case.slowdown is None else case.slowdown) >= min_effect
     variances = [np.var(t.launches, ddof=1) for t in trials if len(t.launches) > 1]
-    return SelfcheckRow(
+    return CaseSummary(
         **vars(case),
         averaged=averaged,
         problem=next(filter(None, (t.problem for t in trials)), ""),
@@ -211,3 +218,59 @@ def busy_neighbour_core() -> Iterator[None]:
         yield
     finally:
         spinner.end()
+
+
+def measurement(
+    names: Sequence[str],
+    count: int,
+    slowdowns: Sequence[float],
+    functions: Sequence[str],
+    builds: bool,
+    is_busy: bool,
+    plan: VerdictPlan,
+) -> Measurement:
+    """Return the measurement of `count` verdicts on each pair of targets that differ as is known.
+
+    Args:
+      slowdowns: by how much longer blocks of a candidate last, as shares; without any, functions
+        and builds, the usual ones.
+      functions: of the engine; another candidate each calls one of them once more in each step.
+      between_builds: whether releases of equally many instructions are compared, too.
+      is_busy: whether the last core is kept busy meanwhile.
+    """
+    if not (slowdowns or functions or builds):
+        slowdowns = _SLOWDOWNS
+    all_cases = cases(names, slowdowns, functions, builds)
+    sources = list(dict.fromkeys(case.candidate.model for case in all_cases))
+
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
+        done = [record for record in earlier if isinstance(record, TrialRecord)]
+        missing = remaining(all_cases, count, done)
+        with (
+            busy_neighbour_core() if is_busy else contextlib.nullcontext(),
+            WorkerPool() as pool,
+        ):
+            for number, (case, ended) in enumerate(run(pool, missing, plan), len(done)):
+                name = f"{case.model}, {describe_case(case)}"
+                if isinstance(ended, Failure):
+                    yield Item(failure=Failure(ended.status, f"{name}: {ended.detail}"))
+                    continue
+                observer(name, (number + 1) / (count * len(all_cases)))
+                yield Item([ended])
+
+    return Measurement(
+        "verdicts",
+        {
+            **asdict(plan),
+            "trials": count,
+            "busy": is_busy,
+            "slowdowns": list(slowdowns),
+            "models": [source.name for source in sources],
+            "inside_step": list(functions),
+            "between_builds": builds,
+        },
+        input_files(sources, [], plan.sizes.starts),
+        items,
+        notes=pinning_notes(),
+        record_types=records.RECORD_TYPES,
+    )

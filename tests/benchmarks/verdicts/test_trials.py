@@ -1,4 +1,4 @@
-"""Selfcheck: what a trial stores, and what its trials say."""
+"""What a trial stores, and what trials say."""
 
 import os
 from collections.abc import Sequence
@@ -10,14 +10,14 @@ import process_tree
 import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
+from benchmarks.verdicts import trials
+from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
+from benchmarks.verdicts.trials import Case
 from mjbench.errors import Failure, InputError, MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import selfcheck
 from mjbench.paired.moved_check import Averaging
-from mjbench.paired.outcomes import Arm, Cause, Verdict
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import LaunchRow, PlacementEffect
-from mjbench.paired.selfcheck import Case
-from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow, TrialRecord
 from mjbench.paired.verdict import Judgement, PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
@@ -72,12 +72,10 @@ def result(
 
 
 def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> None:
-    case = selfcheck.between_builds(CARTPOLE.model, NoChangePair("3.2.1", "3.2.2"))
+    case = trials.between_builds(CARTPOLE.model, NoChangePair("3.2.1", "3.2.2"))
     launches = [launch(0.001, MOVED), launch(0.03, AS_SHIPPED), launch(-0.001, MOVED)]
     as_shipped = Judgement(Verdict.SLOWER, Ratio(1.03, 1.02, 1.04), 1, True)
-    record = selfcheck.record_of(
-        case, result(case, Averaging(True), launches, as_shipped=as_shipped)
-    )
+    record = trials.record_of(case, result(case, Averaging(True), launches, as_shipped=as_shipped))
     assert record.case() == case.row()
     assert record.launches == pytest.approx([0.001, -0.001], abs=1e-6)
     assert record.residues == [48, 48]
@@ -87,9 +85,9 @@ def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> Non
 
 
 def test_a_trial_of_what_cannot_be_moved_rests_on_its_launches_as_shipped() -> None:
-    case = selfcheck.slowed(CARTPOLE.model, 0.0)
+    case = trials.slowed(CARTPOLE.model, 0.0)
     launches = [launch(0.001, AS_SHIPPED), launch(-0.001, AS_SHIPPED)]
-    record = selfcheck.record_of(case, result(case, Averaging(False, "no libmujoco"), launches))
+    record = trials.record_of(case, result(case, Averaging(False, "no libmujoco"), launches))
     assert record.launches == pytest.approx([0.001, -0.001], abs=1e-6)
     assert (record.residues, record.as_shipped) == ([], [])
     assert (record.averaged, record.problem) == (False, "no libmujoco")
@@ -107,13 +105,13 @@ def test_a_trial_of_what_cannot_be_moved_rests_on_its_launches_as_shipped() -> N
 def test_a_comparison_that_did_not_end_well_is_no_trial(
     others: dict[str, Any], error: type[BaseException]
 ) -> None:
-    case = selfcheck.slowed(CARTPOLE.model, 0.0)
+    case = trials.slowed(CARTPOLE.model, 0.0)
     with pytest.raises(error):
-        selfcheck.record_of(case, result(case, Averaging(True), [], **others))
+        trials.record_of(case, result(case, Averaging(True), [], **others))
 
 
 def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:
-    trials = [
+    all_trials = [
         trial(Verdict.SAME, 1.0, 0.002),
         trial(Verdict.SLOWER, 1.004, 0.002),
         trial(Verdict.SLOWER, 1.02, slowdown=0.02),
@@ -121,10 +119,15 @@ def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:
         trial(Verdict.SAME, 1.0, slowdown=0.02),
         trial(Verdict.INCONCLUSIVE, 1.024, slowdown=0.02),
     ]
-    none, slowed = selfcheck.summary(trials)
+    none, slowed = trials.summary(all_trials)
     assert (none.slowdown, none.trials, none.detected, none.wrong) == (0.0, 2, 0.5, 0.5)
     assert (none.missed, none.covered) == (None, 0.5)
-    assert (slowed.slowdown, slowed.trials, slowed.detected, slowed.wrong) == (0.02, 4, 0.25, 0.25)
+    assert (slowed.slowdown, slowed.trials, slowed.detected, slowed.wrong) == (
+        0.02,
+        4,
+        0.25,
+        0.25,
+    )
     assert (slowed.missed, slowed.inconclusive, slowed.covered) == (0.25, 0.25, 0.5)
     assert slowed.error == pytest.approx(np.mean([0.0, -0.04, -0.02, 0.004]))
     assert (slowed.seconds, slowed.launches) == (2.0, 2.0)
@@ -133,7 +136,7 @@ def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:
 
 def test_where_only_the_sign_is_known_there_is_no_error_and_no_coverage() -> None:
     verdicts = (Verdict.SLOWER, Verdict.SLOWER, Verdict.SAME, Verdict.FASTER)
-    (row,) = selfcheck.summary([trial(verdict, 1.03, **INSIDE_STEP) for verdict in verdicts])
+    (row,) = trials.summary([trial(verdict, 1.03, **INSIDE_STEP) for verdict in verdicts])
     assert (row.arm, row.slowdown, row.callback) == (Arm.INSIDE_STEP, None, "mj_factorM")
     assert (row.detected, row.missed, row.wrong) == (0.5, 0.25, 0.25)
     assert row.measured == pytest.approx(0.03)
@@ -142,15 +145,15 @@ def test_where_only_the_sign_is_known_there_is_no_error_and_no_coverage() -> Non
 
 def test_a_slowdown_that_measures_less_than_the_smallest_effect_is_not_missed() -> None:
     small = [trial(Verdict.SAME, 1.002, **INSIDE_STEP) for _ in range(3)]
-    (row,) = selfcheck.summary(small)
+    (row,) = trials.summary(small)
     assert (row.measured, row.missed) == (pytest.approx(0.002), None)
-    (row,) = selfcheck.summary(small, min_effect=0.001)
+    (row,) = trials.summary(small, min_effect=0.001)
     assert row.missed == 1.0
 
 
 def test_differences_between_builds_are_counted_by_their_cause() -> None:
     averaged = {**BUILDS, "placement": PlacementEffect(True)}
-    (row,) = selfcheck.summary(
+    (row,) = trials.summary(
         [
             trial(Verdict.SLOWER, 1.02, cause=Cause.CODE, **averaged),
             trial(Verdict.SAME, 1.0, cause=Cause.PLACEMENT, **averaged),
@@ -165,7 +168,7 @@ def test_differences_between_builds_are_counted_by_their_cause() -> None:
 
 def test_trials_as_shipped_have_a_row_of_their_own_without_a_cause() -> None:
     problem = "MuJoCo 3.2.1: its package holds no libmujoco"
-    moved, shipped = selfcheck.summary(
+    moved, shipped = trials.summary(
         [
             trial(Verdict.SAME, 1.0, placement=PlacementEffect(True), **BUILDS),
             trial(Verdict.SLOWER, 1.02, placement=PlacementEffect(False, problem), **BUILDS),
@@ -177,7 +180,7 @@ def test_trials_as_shipped_have_a_row_of_their_own_without_a_cause() -> None:
 
 
 def test_rows_are_sorted_by_arm_model_and_slowdown() -> None:
-    trials = [
+    all_trials = [
         trial(Verdict.SAME, 1.0, **BUILDS),
         trial(Verdict.SAME, 1.0, **{**BUILDS, "old": "3.1.2"}),
         trial(Verdict.SAME, 1.0, **INSIDE_STEP),
@@ -186,10 +189,10 @@ def test_rows_are_sorted_by_arm_model_and_slowdown() -> None:
         trial(Verdict.SAME, 1.0, slowdown=0.05, model="a"),
     ]
 
-    def key(row: SelfcheckRow) -> tuple[Any, ...]:
+    def key(row: CaseSummary) -> tuple[Any, ...]:
         return row.arm, row.model, row.slowdown, row.old
 
-    assert [key(row) for row in selfcheck.summary(trials)] == [
+    assert [key(row) for row in trials.summary(all_trials)] == [
         (Arm.SLOWDOWN, "a", 0.05, "4.0.0"),
         (Arm.SLOWDOWN, "m", 0.0, "4.0.0"),
         (Arm.SLOWDOWN, "m", 0.02, "4.0.0"),
@@ -200,11 +203,11 @@ def test_rows_are_sorted_by_arm_model_and_slowdown() -> None:
 
 
 def test_what_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = selfcheck.inside_step(CUBES.model, "mj_factorM")
+    broken = trials.inside_step(CUBES.model, "mj_factorM")
     broken_too = replace(broken)
     sound = [
-        selfcheck.inside_step(CUBES.model, "mj_energyPos"),
-        selfcheck.inside_step(CARTPOLE.model, "mj_factorM"),
+        trials.inside_step(CUBES.model, "mj_energyPos"),
+        trials.inside_step(CARTPOLE.model, "mj_factorM"),
     ]
     tried = []
 
@@ -214,9 +217,9 @@ def test_what_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -
             raise InputError("it has no such function")
         return trial(Verdict.SAME, 1.0)
 
-    monkeypatch.setattr(selfcheck, "trial", try_once)
+    monkeypatch.setattr(trials, "trial", try_once)
     with WorkerPool() as pool:
-        ended = list(selfcheck.run(pool, [broken, broken_too, *sound] * 2, VerdictPlan()))
+        ended = list(trials.run(pool, [broken, broken_too, *sound] * 2, VerdictPlan()))
     assert tried == [broken, *sound, *sound]
     assert ended[0] == (broken.row(), Failure(Status.INPUT, "it has no such function"))
     assert all(isinstance(each, TrialRecord) for _, each in ended[1:])
@@ -226,22 +229,22 @@ def test_what_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -
 def test_a_model_that_fails_is_not_tried_again_with_another_slowdown(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    cases = [selfcheck.slowed(CARTPOLE.model, slowdown) for slowdown in (0.0, 0.01)]
+    cases = [trials.slowed(CARTPOLE.model, slowdown) for slowdown in (0.0, 0.01)]
     tried = []
 
     def fail(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
         tried.append(case)
         raise InputError("its timestep is 0 s")
 
-    monkeypatch.setattr(selfcheck, "trial", fail)
+    monkeypatch.setattr(trials, "trial", fail)
     with WorkerPool() as pool:
-        assert len(list(selfcheck.run(pool, cases, VerdictPlan()))) == 1
+        assert len(list(trials.run(pool, cases, VerdictPlan()))) == 1
     assert tried == cases[:1]
 
 
 def test_a_trial_with_too_few_launches_has_no_interval_and_covers_the_truth() -> None:
     record = trial(Verdict.INCONCLUSIVE, 1.5, low=None, high=None, launches=[0.4])
-    (row,) = selfcheck.summary([record])
+    (row,) = trials.summary([record])
     assert row.covered == 1.0
     assert row.launch_sd is None
 
@@ -249,7 +252,7 @@ def test_a_trial_with_too_few_launches_has_no_interval_and_covers_the_truth() ->
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="no affinity on this system")
 def test_the_process_that_keeps_a_core_busy_is_out_of_reach_of_ctrl_c_and_ends() -> None:
     before = process_tree.descendants()
-    with selfcheck.busy_neighbour_core():
+    with trials.busy_neighbour_core():
         (pid,) = process_tree.descendants() - before
         assert os.getsid(pid) == pid  # a terminal sends Ctrl-C to its own session
     assert process_tree.descendants() <= before
@@ -274,13 +277,13 @@ def done(case: Case) -> TrialRecord:
 
 @pytest.mark.parametrize("slowdown", [0.0, 0.003, 0.01])
 def test_only_the_candidate_is_slowed_down(slowdown: float) -> None:
-    case = selfcheck.slowed(MODEL, slowdown)
+    case = trials.slowed(MODEL, slowdown)
     assert (case.baseline.slowdown, case.candidate.slowdown) == (0.0, slowdown)
     assert case.row().is_slower == (slowdown > 0)
 
 
 def test_the_size_of_a_slowdown_inside_a_step_is_unknown_and_its_sign_is_known() -> None:
-    case = selfcheck.inside_step(MODEL, "mj_factorM")
+    case = trials.inside_step(MODEL, "mj_factorM")
     assert (case.baseline.callback, case.candidate.callback) == ("", "mj_factorM")
     row = case.row()
     assert row == CaseRow(
@@ -295,20 +298,20 @@ def test_the_size_of_a_slowdown_inside_a_step_is_unknown_and_its_sign_is_known()
 
 
 def test_builds_between_which_nothing_changed_are_the_same() -> None:
-    row = selfcheck.between_builds(MODEL, PAIR).row()
+    row = trials.between_builds(MODEL, PAIR).row()
     assert (row.arm, row.old, row.new) == (Arm.BETWEEN_BUILDS, "3.2.1", "3.2.2")
     assert (row.slowdown, row.is_slower) == (0.0, False)
 
 
 def test_only_the_trials_that_are_missing_are_run_in_turns() -> None:
     cases = [
-        selfcheck.slowed(MODEL, 0.0),
-        selfcheck.slowed(MODEL, 0.01),
-        selfcheck.inside_step(MODEL, "mj_factorM"),
-        selfcheck.inside_step(MODEL, "mj_energyPos"),
-        selfcheck.between_builds(MODEL, PAIR),
-        selfcheck.between_builds(MODEL, NoChangePair("3.1.2", "3.1.3")),
+        trials.slowed(MODEL, 0.0),
+        trials.slowed(MODEL, 0.01),
+        trials.inside_step(MODEL, "mj_factorM"),
+        trials.inside_step(MODEL, "mj_energyPos"),
+        trials.between_builds(MODEL, PAIR),
+        trials.between_builds(MODEL, NoChangePair("3.1.2", "3.1.3")),
     ]
     finished = [0, 0, 2, 4, 4]
-    remaining = selfcheck.remaining(cases, 2, [done(cases[i]) for i in finished])
+    remaining = trials.remaining(cases, 2, [done(cases[i]) for i in finished])
     assert [cases.index(case) for case in remaining] == [1, 3, 5, 1, 2, 3, 5]

@@ -1,10 +1,10 @@
-"""What `mjbench doctor --verdicts` comes to: how often verdicts on known truths are wrong."""
+"""What trials come to: how often verdicts on known truths are wrong."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import assert_never
 
-from mjbench.paired.outcomes import MIN_EFFECT, Arm
-from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow
+from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary
+from mjbench.paired.outcomes import MIN_EFFECT
 from mjbench.report import formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
@@ -13,7 +13,7 @@ _MANY = 0.2
 
 
 def section(
-    rows: Sequence[SelfcheckRow], confidence: float, min_effect: float = MIN_EFFECT
+    rows: Sequence[CaseSummary], confidence: float, min_effect: float = MIN_EFFECT
 ) -> Section:
     """Return what trials come to: a table of slowdowns and one of builds, each if there is any."""
     between = [row for row in rows if row.arm == Arm.BETWEEN_BUILDS]
@@ -30,7 +30,7 @@ def section(
     )
 
 
-def _notes(rows: Sequence[SelfcheckRow], min_effect: float) -> Iterator[str]:
+def _notes(rows: Sequence[CaseSummary], min_effect: float) -> Iterator[str]:
     slowdowns = (row for row in rows if row.arm != Arm.BETWEEN_BUILDS)
     if any(row.missed is None and row.is_slower for row in slowdowns):
         yield (
@@ -46,7 +46,7 @@ def _notes(rows: Sequence[SelfcheckRow], min_effect: float) -> Iterator[str]:
         )
 
 
-def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
+def _conclusion(rows: Sequence[CaseSummary], confidence: float) -> Conclusion:
     wrong = sum(round(row.wrong * row.trials) for row in rows)
     count = sum(row.trials for row in rows)
     if not count:
@@ -61,7 +61,7 @@ def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
     return Conclusion(f"{sentence}{trust}", Tone.GOOD)
 
 
-def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
+def _slowdown_table(rows: Sequence[CaseSummary]) -> DataTable:
     return _table(
         "Known slowdowns",
         Column("slowdown", has_figures=True),
@@ -76,7 +76,7 @@ def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     )
 
 
-def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
+def _build_table(rows: Sequence[CaseSummary]) -> DataTable:
     """Return the table of trials between builds that execute the same instructions."""
     return _table(
         "Builds of the same code",
@@ -91,8 +91,8 @@ def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
 def _table(
     title: str,
     case: Column,
-    rows: Sequence[SelfcheckRow],
-    *shares: tuple[Column, Callable[[SelfcheckRow], Cell]],
+    rows: Sequence[CaseSummary],
+    *shares: tuple[Column, Callable[[CaseSummary], Cell]],
 ) -> DataTable:
     return DataTable.of(
         title,

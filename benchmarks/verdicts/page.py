@@ -1,6 +1,6 @@
-"""The table of docs/method/errors.md: verdicts of the committed selfchecks, by what was tried.
+"""The table of docs/method/errors.md: verdicts of the committed trials, by what was tried.
 
-`python -m benchmarks.studies.selfcheck_page` writes it again from results/runs.
+`python -m benchmarks.verdicts.page` writes it again from results/verdicts.
 """
 
 import statistics
@@ -8,23 +8,20 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.studies.page_part import PagePart
+from benchmarks.verdicts.records import RECORD_TYPES, Arm, TrialRecord
 from mjbench.pages import markdown
-from mjbench.paired.outcomes import Arm, Verdict
-from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.paired.outcomes import Verdict
+from mjbench.store import runs
 
-RUNS = Path(__file__).resolve().parents[2] / "results" / "runs"
-PART = PagePart("method/errors.md", "selfchecks", "benchmarks.studies.selfcheck_page")
+TRIALS = Path(__file__).resolve().parents[2] / "results/verdicts"
+PART = PagePart("method/errors.md", "trials", "benchmarks.verdicts.page")
 _COLUMNS = ("comparisons", "slower", "faster", "same", "inconclusive", "median s")
 _VERDICTS = (Verdict.SLOWER, Verdict.FASTER, Verdict.SAME, Verdict.INCONCLUSIVE)
 
 
 def committed_trials() -> list[TrialRecord]:
-    """Return the trials of all committed selfchecks."""
-    # late: asv imports this module where few packages are
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import runs
-
-    files = sorted(RUNS.glob("reference-*.jsonl"))
+    """Return the trials of all committed run files."""
+    files = sorted(TRIALS.glob("reference-*.jsonl"))
     return [t for file in files for t in runs.load(file, RECORD_TYPES).of_type(TrialRecord)]
 
 

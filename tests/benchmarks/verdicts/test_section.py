@@ -1,15 +1,14 @@
-"""The tables of `mjbench doctor --verdicts`: nothing is cut off, and what is unknown is empty."""
+"""The tables of trials: nothing is cut off, and what is unknown is empty."""
 
 from dataclasses import replace
 
 import pytest
 
+from benchmarks.verdicts import section
+from benchmarks.verdicts.records import Arm, CaseSummary
 from mjbench.pages import terminal
-from mjbench.paired.outcomes import Arm
-from mjbench.paired.selfcheck_records import SelfcheckRow
-from mjbench.report import selfcheck
 
-KNOWN = SelfcheckRow(
+KNOWN = CaseSummary(
     old="4.0.0",
     new="4.0.0",
     model="quadruped_terrain",
@@ -50,8 +49,8 @@ BUILDS = replace(
 )
 
 
-def printed(*rows: SelfcheckRow) -> list[str]:
-    return terminal.text_of([selfcheck.section(rows, 0.99)]).splitlines()
+def printed(*rows: CaseSummary) -> list[str]:
+    return terminal.text_of([section.section(rows, 0.99)]).splitlines()
 
 
 @pytest.mark.parametrize(
@@ -69,7 +68,7 @@ def printed(*rows: SelfcheckRow) -> list[str]:
         ),
     ],
 )
-def test_a_row_says_what_differed_and_what_was_found(row: SelfcheckRow, cells: str) -> None:
+def test_a_row_says_what_differed_and_what_was_found(row: CaseSummary, cells: str) -> None:
     lines = printed(row)
     assert " ".join(lines[-1].split()) == f"quadruped_terrain {cells}"
 
