@@ -20,7 +20,6 @@ from mjbench.host import machine
 from mjbench.status import Status
 from mjbench.sweep import Cell, CellResult
 
-MANY = [*range(101)]
 QUICK = ("latency", "cartpole", "--nstep", "20")
 
 

@@ -63,11 +63,6 @@ def test_a_run_is_a_flat_table() -> None:
     assert all(isinstance(speed, float) for speed in speeds)
 
 
-def test_a_table_is_a_frame_in_one_line() -> None:
-    frame = pytest.importorskip("pandas").DataFrame(mjbench.load(COMPARISON))
-    assert frame.shape[0] == len(mjbench.load(COMPARISON))
-
-
 @pytest.mark.parametrize("file", sorted((ROOT / "results/runs").glob("*.jsonl")))
 def test_every_committed_run_is_a_table(file: Path) -> None:
     table = mjbench.load(file)

@@ -1,6 +1,7 @@
 """Texts of run files that would do harm if they were markup, code or a formula; they stay texts."""
 
 import csv
+import html
 import html.parser
 import io
 import itertools
@@ -151,6 +152,7 @@ def test_a_report_has_no_tags_of_theirs(
 ) -> None:
     page = report_of(files)
     assert_printable(page.replace("\t", ""))
+    assert HOSTILE[0] in html.unescape(page)
     tags = _Tags(page).tags
     assert set(tags) <= set(known)
     assert tags.count(("script",)) == known.count(("script",))

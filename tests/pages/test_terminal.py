@@ -85,24 +85,16 @@ def test_full_memory_is_said_apart_from_other_warnings() -> None:
     full, other = engine_warnings.warning_lines({"CNSTRFULL": 64, "INERTIA": 1})
     assert full.startswith("The model's memory was full (CNSTRFULL in 64 simulations)")
     assert other == "MuJoCo warned (INERTIA in 1 simulation) but the simulations did not diverge"
-
-
-def test_no_warning_is_no_line() -> None:
     assert engine_warnings.warning_lines({}) == engine_warnings.warning_lines(None) == []
-
-
-def lines_of(*rows: tuple[str, float, str]) -> list[str]:
-    columns = [Column("name", wraps=True), Column("ns", formats.count), Column("verdict")]
-    out = terminal.console()
-    out.file, out.width = io.StringIO(), 40
-    section = Section("s", tables=[DataTable("t", columns, rows)])
-    terminal.print_sections(out, [section])
-    return out.file.getvalue().splitlines()
 
 
 def test_no_number_of_a_table_is_cut_however_narrow_the_console() -> None:
     row = ("a name that is longer than the console " * 2, 123_456_789.0, "slower by its code" * 2)
-    text = "\n".join(lines_of(row))
+    columns = [Column("name", wraps=True), Column("ns", formats.count), Column("verdict")]
+    out = terminal.console()
+    out.file, out.width = io.StringIO(), 40
+    terminal.print_sections(out, [Section("s", tables=[DataTable("t", columns, [row])])])
+    text = out.file.getvalue()
     assert "123,456,789" in text
     assert {"codeslower", "its", "code"} <= set(text.split())
 

@@ -66,7 +66,7 @@ def test_a_program_that_does_not_step_is_ended_when_its_time_is_over(tmp_path):
     assert all(times.nstep == 0 for times in seen.steps)
 
 
-def test_a_program_of_mjx_is_ended_though_it_never_calls_the_engine(tmp_path):
+def test_a_program_of_mjx_is_ended_though_it_never_calls_the_engine(tmp_path, without_warp):
     pytest.importorskip("mujoco.mjx")
     file = tmp_path / "mjx_steps.py"
     file.write_text(MJX_STEPS)
