@@ -22,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
-	@echo "make test      run lint (see below) and the tests (10 minutes on two cores)"
+	@echo "make test      run lint (see below) and the tests (7 minutes on two cores)"
 	@echo "make site      write all reports and the documents as a static site to $(SITE)"
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs npm)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
@@ -42,8 +42,10 @@ help:
 bench: $(BASE)
 	$(BIN)/mjbench compare --budget 22s
 
+# The types of both systems beside each other, one process each; then the tests, on both cores.
 test: style
-	$(MAKE) --jobs types types-darwin tests
+	$(MAKE) --jobs types types-darwin
+	$(MAKE) tests
 
 tests: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal

@@ -31,6 +31,15 @@ settings.load_profile("mjbench")
 
 # With --benchmark-only, no other file is collected.
 BENCHMARKS = TESTS / "benchmarks/test_classes.py"
+# Modules with the longest tests, which run first: none of them is left for one worker at the end.
+SLOWEST = (
+    "benchmarks/studies/test_same_behaviour.py",
+    "comparison/test_accelerated_measurement.py",
+    "counts/test_instructions.py",
+    "pages/test_hostile_text.py",
+    "paths/test_accelerated.py",
+    "tuning/test_reference.py",
+)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -52,9 +61,11 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what times nothing where only benchmarks run."""
+    """Leave out what times nothing where only benchmarks run; begin with the longest tests."""
     if config.getoption("benchmark_only"):
         items[:] = [item for item in items if "benchmark" in getattr(item, "fixturenames", ())]
+    slowest = {TESTS / name for name in SLOWEST}
+    items.sort(key=lambda item: item.path not in slowest)
 
 
 def pytest_terminal_summary(
