@@ -2,11 +2,13 @@
 
 import contextlib
 import functools
+import importlib.util
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import ModuleType
 from unittest import mock
 
 from click.testing import CliRunner
@@ -59,3 +61,12 @@ def mjbench_process(
 def _without_traceback(done: Completed) -> Completed:
     assert "Traceback" not in done.stdout + done.stderr
     return done
+
+
+def load_example(name: str) -> ModuleType:
+    """Return a program of docs/examples as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/examples/{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

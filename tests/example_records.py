@@ -29,6 +29,19 @@ FACTS = ModelFacts(
     can_fall=False,
     has_clock=True,
 )
+PAIR = PairContacts(
+    types=("plane", "sphere"),
+    states=8,
+    other_counts=0,
+    count=4.0,
+    count_in_c=4.0,
+    distance_m=1e-9,
+    position_m=1e-9,
+    normal_degrees=0.0,
+    effect=1e-6,
+    largest_effect=1e-5,
+    answer=EngineAnswer.YES,
+)
 JUDGED = EngineJudgement.of(
     Precision.FLOAT32,
     [
@@ -38,21 +51,7 @@ JUDGED = EngineJudgement.of(
             PartName.CONSTRAINTS, Measure("forces of the solution", 1e-5, 1e-4, in_c=1e-9)
         ),
     ],
-    [
-        PairContacts(
-            types=("plane", "sphere"),
-            states=8,
-            other_counts=0,
-            count=4.0,
-            count_in_c=4.0,
-            distance_m=1e-9,
-            position_m=1e-9,
-            normal_degrees=0.0,
-            effect=1e-6,
-            largest_effect=1e-5,
-            answer=EngineAnswer.YES,
-        )
-    ],
+    [PAIR],
     states=9,
     contact_states=8,
 )

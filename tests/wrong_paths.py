@@ -53,6 +53,18 @@ class _Wrong(paths.SteppingPath):
 class Right(_Wrong):
     name = "wrong_paths:Right"
 
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        self.before(workload)
+        return self.changed(super().prepare(workload, options, resources), resources)
+
+    def before(self, workload: Workload) -> None:
+        """Do what else happens before it is prepared."""
+
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
+        return prepared
+
 
 class Elsewhere(Right):
     """Right, and it says that it steps in other processes."""
@@ -107,10 +119,7 @@ class Memo(Right):
 
     name = "wrong_paths:Memo"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        prepared = super().prepare(workload, options, resources)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         outputs = [resources.final_state(), *resources.step_outputs().arrays]
         results: list[np.ndarray] = []
 
@@ -129,10 +138,7 @@ class MemoWhenTimed(Right):
 
     name = "wrong_paths:MemoWhenTimed"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        prepared = super().prepare(workload, options, resources)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         results: list[np.ndarray] = []
 
         def run() -> None:
@@ -211,10 +217,7 @@ class WrongMiddle(Right):
 
     name = "wrong_paths:WrongMiddle"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        prepared = super().prepare(workload, options, resources)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         state = resources.step_outputs().state
 
         def run() -> None:
@@ -230,11 +233,8 @@ class SharedModel(Right):
 
     name = "wrong_paths:SharedModel"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
+    def before(self, workload: Workload) -> None:
         workload.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
-        return super().prepare(workload, options, resources)
 
 
 class SharedModelWhenTimed(Right):
@@ -256,10 +256,7 @@ class ClaimsTrajectories(Right):
 
     name = "wrong_paths:ClaimsTrajectories"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        prepared = super().prepare(workload, options, resources)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         return dataclasses.replace(prepared, step_outputs=None)
 
 
@@ -273,10 +270,7 @@ class WrongWhenTimed(Right):
 
     name = "wrong_paths:WrongWhenTimed"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        prepared = super().prepare(workload, options, resources)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         right, calls = prepared.run, 0
 
         def run() -> None:
@@ -292,29 +286,21 @@ class WrongWhenTimed(Right):
 class Crashes(Right):
     name = "wrong_paths:Crashes"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        os.kill(os.getpid(), signal.SIGSEGV)
-        raise AssertionError
+    def before(self, workload: Workload) -> None:
+        _crash()
 
 
 class Hangs(Right):
     name = "wrong_paths:Hangs"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        while True:
-            time.sleep(600)
+    def before(self, workload: Workload) -> None:
+        _hang()
 
 
 class Raises(Right):
     name = "wrong_paths:Raises"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
+    def before(self, workload: Workload) -> None:
         raise RuntimeError("out of luck")
 
 
@@ -323,10 +309,7 @@ class Tells(Right):
 
     name = "wrong_paths:Tells"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        prepared = super().prepare(workload, options, resources)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         pipe = Path(os.environ["MJBENCH_TEST_PIPE"])
         if pipe.exists():
             pipe.write_text("prepared")
@@ -338,10 +321,8 @@ class CrashesWhenTimed(Right):
 
     name = "wrong_paths:CrashesWhenTimed"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        return _with_late_fault(super().prepare(workload, options, resources), _crash)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
+        return _with_late_fault(prepared, _crash)
 
 
 class HangsWhenTimed(Right):
@@ -349,10 +330,8 @@ class HangsWhenTimed(Right):
 
     name = "wrong_paths:HangsWhenTimed"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        return _with_late_fault(super().prepare(workload, options, resources), _hang)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
+        return _with_late_fault(prepared, _hang)
 
 
 def _crash() -> None:
@@ -383,10 +362,8 @@ class RaisesWhenTimed(Right):
 
     name = "wrong_paths:RaisesWhenTimed"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
-        return _with_late_fault(super().prepare(workload, options, resources), _exit)
+    def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
+        return _with_late_fault(prepared, _exit)
 
 
 def _exit() -> None:
@@ -396,9 +373,7 @@ def _exit() -> None:
 class Exits(Right):
     name = "wrong_paths:Exits"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
+    def before(self, workload: Workload) -> None:
         os._exit(0)
 
 
@@ -419,9 +394,7 @@ class UnsuitedIsNoText(Right):
 class PrepareInterrupts(Right):
     name = "wrong_paths:PrepareInterrupts"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
+    def before(self, workload: Workload) -> None:
         raise KeyboardInterrupt
 
 
@@ -437,9 +410,7 @@ class MessageRaises(Right):
 
     name = "wrong_paths:MessageRaises"
 
-    def prepare(
-        self, workload: Workload, options: paths.Options, resources: paths.Resources
-    ) -> paths.Prepared:
+    def before(self, workload: Workload) -> None:
         raise UnprintableError
 
 

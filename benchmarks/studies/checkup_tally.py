@@ -69,7 +69,8 @@ class CheckupTrial:
             return f"| `{self.name}` | – | {_cell(self.detail)} | – | – | – |"
         seconds = "–" if self.seconds is None else f"{self.seconds:.0f}"
         again = "–" if self.again is None else formats.factor(self.again)
-        texts = [_cell(self.first), again, _cell(self.best), formats.factor(self.best_gain)]
+        best = "the same" if self.best and self.best == self.first else _cell(self.best)
+        texts = [_cell(self.first), again, best, formats.factor(self.best_gain)]
         return f"| `{self.name}` | {seconds} | {' | '.join(texts)} |"
 
 

@@ -108,11 +108,6 @@ def _no_models(packages: Sequence[PackageTally]) -> Iterator[str]:
         if names:
             listing = ", ".join(f"{name} {n}" for name, n in names.items())
             yield f"| {meaning} | {names.total()} | {listing} |"
-    rejected = [x for x in results if x[1].outcome == Outcome.REJECTED]
-    if rejected:
-        yield from ("", "MuJoCo's other reasons:", "")
-        for package, result in rejected:
-            yield f"- {package.name}, `{result.file}`: {_cell(result.detail)}"
 
 
 def _cell(text: str) -> str:

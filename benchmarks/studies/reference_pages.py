@@ -6,8 +6,11 @@ writes parts of docs/commands.md, docs/lint.md, docs/method/tune.md and docs/for
 again when a command's options, a rule, a setting or a record changed; a test compares.
 """
 
+import copy
 import json
 import re
+import textwrap
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -26,6 +29,8 @@ SETTINGS = PagePart("method/tune.md", "settings", WRITER)
 RECORDS = PagePart("formats.md", "records", WRITER)
 # Characters of a line of help, or of an example.
 WIDTH = 96
+# Commands that have an option before the page describes it once.
+SHARED_BY = 3
 RUNS = Path(__file__).resolve().parents[2] / "results" / "runs"
 
 
@@ -38,10 +43,22 @@ def main() -> None:
 
 
 def command_lines() -> Iterator[str]:
-    """Yield a section for each command, with its help, in the order of `mjbench --help`."""
+    """Yield the shared options, and each command's help without these, as `mjbench --help` orders.
+
+    An option is shared if several commands describe it by the same text.
+    """
     from mjbench.cli import cli  # late, as below: asv imports this module without click
     from mjbench.command_names import LISTED
 
+    shared = _shared_options()
+    yield "## Shared options"
+    yield ""
+    yield "A command lists these after `Also:`. All commands have `-h, --help`."
+    yield ""
+    yield "```text"
+    yield from _definitions(list(shared))
+    yield "```"
+    yield ""
     for group, names in LISTED.items():
         yield f"## {group}"
         yield ""
@@ -49,7 +66,7 @@ def command_lines() -> Iterator[str]:
             yield f"### mjbench {name}"
             yield ""
             yield "```text"
-            yield from _help(cli.commands[name], name)
+            yield from _help(cli.commands[name], name, shared)
             yield "```"
             yield ""
 
@@ -61,20 +78,55 @@ def _with_modes(name: str) -> list[str]:
     return [name, *sorted(each for each in cli.commands if each.startswith(f"{name} "))]
 
 
-def _help(command: "click.Command", name: str) -> Iterator[str]:
-    import click
-
+def _shared_options() -> dict[tuple[str, str], int]:
+    """Return options, as help shows them, that at least SHARED_BY commands have."""
     from mjbench.cli import cli
 
-    names = cli.context_settings["help_option_names"]
-    context = click.Context(
-        command, info_name=f"mjbench {name}", terminal_width=WIDTH, help_option_names=names
+    counts = Counter(
+        record for name, command in cli.commands.items() for record in _options(command, name)
     )
-    yield from (line.rstrip() for line in command.get_help(context).splitlines())
+    return {record: count for record, count in counts.items() if count >= SHARED_BY}
+
+
+def _options(command: "click.Command", name: str) -> list[tuple[str, str]]:
+    context = _context(command, name)
+    options = (each for each in command.params if each.param_type_name == "option")
+    return [record for each in options if (record := each.get_help_record(context))]
+
+
+def _context(command: "click.Command", name: str) -> "click.Context":
+    import click
+
+    return click.Context(command, info_name=f"mjbench {name}", terminal_width=WIDTH)
+
+
+def _definitions(records: list[tuple[str, str]]) -> list[str]:
+    import click
+
+    formatter = click.HelpFormatter(width=WIDTH)
+    formatter.write_dl(records)
+    return [line.rstrip() for line in formatter.getvalue().splitlines()]
+
+
+def _help(command: "click.Command", name: str, shared: dict[tuple[str, str], int]) -> Iterator[str]:
+    """Yield a command's help, with only the names of its shared options."""
+    import click
+
+    context = _context(command, name)
+    own = copy.copy(command)
+    own.add_help_option = False
+    own.params = [each for each in command.params if each.get_help_record(context) not in shared]
+    yield from (line.rstrip() for line in own.get_help(_context(own, name)).splitlines())
+    also = [
+        record[0].split(",")[0].split()[0] for record in _options(command, name) if record in shared
+    ]
+    if also:
+        yield ""
+        yield from textwrap.wrap(f"Also: {', '.join(also)}", WIDTH, break_on_hyphens=False)
     if isinstance(command, click.Group):
         for inner in sorted(command.commands):
             yield ""
-            yield from _help(command.commands[inner], f"{name} {inner}")
+            yield from _help(command.commands[inner], f"{name} {inner}", shared)
 
 
 def rule_lines() -> Iterator[str]:

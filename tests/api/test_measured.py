@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from example_races import compared, raced
 from step_profiles import step_profile
+from verdict_records import SLOWER, of_model
 
 import mjbench
 from mjbench.api.compare import Comparison
@@ -18,14 +19,11 @@ from mjbench.api.profile import Profile
 from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.api.versions import ReleaseComparison
 from mjbench.host import machine
-from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.timing import Progress
 from mjbench.pages import fragment
-from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import TargetRow, VerdictRecord
+from mjbench.paired.records import VerdictRecord
 from mjbench.report.content import Tone
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.status import Status
 from mjbench.store import runs
 from mjbench.store.runs import Record, Run, RunHeader
 
@@ -38,23 +36,7 @@ def run(command: str, *records: Any, **arguments: Any) -> Run:
 
 
 def verdict(model: str = "humanoid") -> VerdictRecord:
-    target = TargetRow("3.3.0", model, "python_loop", {}, {})
-    return VerdictRecord(
-        model=model,
-        path="python_loop",
-        old="3.3.0",
-        new="4.0.0",
-        sides=(target, target),
-        status=Status.OK,
-        verdict=Verdict.SLOWER,
-        ratio=Ratio(1.05, 1.04, 1.06),
-        e_slower=1e6,
-        e_faster=0.0,
-        changed_work=False,
-        launches=8,
-        pairs=80,
-        seconds=3.0,
-    )
+    return of_model(SLOWER, model)
 
 
 class Cell:
@@ -144,7 +126,7 @@ def test_a_value_is_frozen_and_its_repr_is_one_line_with_the_conclusion(command:
 
 def test_the_verdict_comes_first_in_a_notebook_then_a_table() -> None:
     html = release_comparison()._repr_html_()
-    assert html.index("slower by 5 %") < html.index("<table") < html.index("<td")
+    assert html.index("slower by 3 %") < html.index("<table") < html.index("<td")
     assert "✗" in html
 
 

@@ -7,6 +7,7 @@ import itertools
 import mujoco
 import numpy as np
 import pytest
+from example_records import PAIR
 from pretender import Pretender32, make_workload
 
 from mjbench.comparison.accelerated_agreement import (
@@ -27,7 +28,6 @@ from mjbench.simulation import compat, reference_trajectory
 from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     JudgedPart,
-    PairContacts,
     PartName,
     Precision,
 )
@@ -155,18 +155,9 @@ def test_without_a_state_whose_rounding_is_finite_nothing_is_judged() -> None:
 def test_a_run_is_held_to_that_of_c_only_where_contacts_are_the_same(
     answer: EngineAnswer, effect: float, expected: bool
 ) -> None:
-    pair = PairContacts(
-        types=("box", "cylinder"),
-        states=60,
-        other_counts=0,
-        count=4.0,
-        count_in_c=4.0,
-        distance_m=1e-5,
-        position_m=0.01,
-        normal_degrees=0.0,
-        effect=effect,
-        largest_effect=effect,
-        answer=answer,
+    distances = {"distance_m": 1e-5, "position_m": 0.01}
+    pair = dataclasses.replace(
+        PAIR, **distances, effect=effect, largest_effect=effect, answer=answer
     )
     part = JudgedPart(PartName.CONTACTS, answer)
     judged = JudgedConstraints(Precision.FLOAT32, part, part, (pair,), 60, 60)

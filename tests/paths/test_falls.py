@@ -1,21 +1,16 @@
 """docs/examples/falls.py: the cart-pole's falls, the same in every way of stepping."""
 
-import importlib.util
 import re
 from types import ModuleType
 
 import numpy as np
 import pytest
-from commands import ROOT
+from commands import load_example
 
 
 @pytest.fixture(scope="module")
 def falls() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("falls", ROOT / "docs/examples/falls.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_example("falls")
 
 
 def test_every_way_counts_the_same_falls(

@@ -1,20 +1,15 @@
 """docs/examples/plan.py: a sampling planner that swings up the cart-pole."""
 
-import importlib.util
 from types import ModuleType
 
 import numpy as np
 import pytest
-from commands import ROOT
+from commands import load_example
 
 
 @pytest.fixture(scope="module")
 def plan() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("plan", ROOT / "docs/examples/plan.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_example("plan")
 
 
 def test_the_pole_stands_at_the_end(plan: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:

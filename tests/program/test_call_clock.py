@@ -12,6 +12,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from hook_clock import Clock
 
 from mjbench.program import call_times, recorded_models, step_times
 from mjbench.program.activities import Activity
@@ -19,17 +20,6 @@ from mjbench.program.hook import bursts, call_clock, slow_functions, step_file, 
 from mjbench.program.step_times import Header
 
 HOOK = Path(call_clock.__file__).parent
-
-
-class Clock:
-    """A clock that moves by a microsecond each time it is read."""
-
-    def __init__(self):
-        self.now_ns = 0
-
-    def __call__(self):
-        self.now_ns += 1000
-        return self.now_ns
 
 
 @pytest.fixture

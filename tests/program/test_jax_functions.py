@@ -7,22 +7,12 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from hook_clock import Clock
 
 from mjbench.program import call_times, step_times
 from mjbench.program.hook import bursts, call_clock, jax_functions, step_clock, watch
 
 HOOK = Path(call_clock.__file__).parent
-
-
-class Clock:
-    """A clock that moves by a microsecond each time it is read."""
-
-    def __init__(self):
-        self.now_ns = 0
-
-    def __call__(self):
-        self.now_ns += 1000
-        return self.now_ns
 
 
 @pytest.fixture

@@ -1,13 +1,15 @@
 """What parts of a judgement come to together."""
 
+from dataclasses import replace
+
 import pytest
+from example_records import PAIR
 
 from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     EngineJudgement,
     JudgedPart,
     Measure,
-    PairContacts,
     PartName,
     Precision,
 )
@@ -61,19 +63,9 @@ def test_timed_blocks_that_end_elsewhere_make_the_run_fail() -> None:
 
 
 def test_a_pair_says_how_its_contacts_differ() -> None:
-    pair = PairContacts(
-        types=("box", "box"),
-        states=60,
-        other_counts=12,
-        count=4.0,
-        count_in_c=8.0,
-        distance_m=1e-6,
-        position_m=2e-3,
-        normal_degrees=0.0,
-        effect=0.03,
-        largest_effect=0.2,
-        answer=EngineAnswer.CLOSE,
-    )
+    differing = {"states": 60, "other_counts": 12, "count_in_c": 8.0}
+    effects = {"effect": 0.03, "largest_effect": 0.2}
+    pair = replace(PAIR, types=("box", "box"), **differing, **effects)
     assert str(pair) == (
         "box–box: 4 contacts instead of 8 (other numbers in 12 of 60 states),"
         " which changes accelerations by 3 %, in one state by 20 %"

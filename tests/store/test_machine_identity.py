@@ -3,24 +3,11 @@
 from dataclasses import replace
 
 import pytest
+from set_files import MACHINE as EPYC
 
 from mjbench.host.machine import Machine
 from mjbench.store.machine_identity import identify, short_cpu_name
 
-EPYC = Machine(
-    cpu="AMD EPYC 7763 64-Core Processor",
-    architecture="x86_64",
-    system="Linux",
-    cores=4,
-    usable_cores=4,
-    cgroup_quota_cores=None,
-    memory_bytes=1,
-    load_1min=0.0,
-    governor="",
-    hypervisor=True,
-    python="3.11.7",
-    versions={"mujoco": "4.0.0"},
-)
 XEON = replace(EPYC, cpu="Intel(R) Xeon(R) Platinum 8370C CPU @ 2.80GHz")
 
 
