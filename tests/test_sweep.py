@@ -1,5 +1,6 @@
 """A sweep: which cells a plan has, and what a local Ray makes of them."""
 
+import contextlib
 import json
 import os
 import signal
@@ -208,10 +209,12 @@ def test_stopped_it_ends_the_command_on_the_node(ray_address: str, tmp_path: Pat
 
 def measuring() -> list[psutil.Process]:
     """Return what runs below this process that is the command of the cell above."""
-    below = psutil.Process().children(recursive=True)
-    return [
-        one for one in below if one.is_running() and "--nstep 1000000000" in " ".join(one.cmdline())
-    ]
+    running = []
+    for one in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.Error):  # it has ended meanwhile
+            if "--nstep 1000000000" in " ".join(one.cmdline()):
+                running.append(one)
+    return running
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere"])

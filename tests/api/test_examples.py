@@ -63,7 +63,7 @@ def test_the_examples_of_a_program_run(
 
 
 def test_the_examples_of_tests_run(tmp_path: Path) -> None:
-    assert len(TESTS) == 3
+    assert len(TESTS) == 2
     for block in TESTS:
         done = run_pytest(tmp_path, block, "--benchmark-save=main")
         assert done.returncode == 0, done.stdout

@@ -258,7 +258,14 @@ def test_a_full_disk_behind_standard_output_is_one_line(words: list[str]) -> Non
 
 
 def test_mujoco_that_cannot_be_imported_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "mujoco.py").write_text("raise ImportError('libGL.so.1: no such file')\n")
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n"
+        "class Finder:\n"
+        "    def find_spec(name, path=None, target=None):\n"
+        "        if name == 'mujoco':\n"
+        "            raise ImportError('libGL.so.1: no such file')\n"
+        "sys.meta_path.insert(0, Finder)\n"
+    )
     (tmp_path / "m.xml").write_text(CONTACT_XML)
     environment = {"PYTHONPATH": f"{tmp_path}:{PYTHONPATH}", "TMPDIR": str(tmp_path)}
     for words in (["compare", "m.xml"], ["models", "m.xml"], ["profile", "m.xml"]):
