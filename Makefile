@@ -43,8 +43,8 @@ bench: $(BASE)
 	$(BIN)/mjbench compare --budget 22s
 
 # The types of both systems beside each other, one process each; then the tests, on both cores.
-test: style
-	$(MAKE) --jobs types types-darwin
+test: $(STAMP)
+	$(MAKE) --jobs style types types-darwin
 	$(MAKE) tests
 
 tests: $(STAMP)
