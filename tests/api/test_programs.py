@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from commands import PYTHONPATH, ROOT
 
-ENVIRONMENT = {**os.environ, "PYTHONPATH": PYTHONPATH}
 # No `if __name__ == "__main__"`: child processes must not import the script.
 SCRIPT = """
 import mjbench
@@ -48,7 +47,7 @@ def python(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
         [sys.executable, *arguments],
         cwd=cwd,
-        env=ENVIRONMENT,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
         capture_output=True,
         text=True,
         check=False,
@@ -89,7 +88,7 @@ def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", LONG],
         cwd=tmp_path,
-        env=ENVIRONMENT,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
