@@ -22,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
-	@echo "make test      run lint (see below) and the tests (7 minutes on two cores)"
+	@echo "make test      run lint (see below) and the tests (8 minutes on two cores)"
 	@echo "make site      write all reports and the documents as a static site to $(SITE)"
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs npm)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
