@@ -20,6 +20,7 @@ from hypothesis import settings
 
 from mjbench.comparison import step_costs
 from mjbench.host import isolate, neighbours
+from mjbench.host.machine import ProcessorTime
 from mjbench.pages import terminal
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import workload
@@ -118,6 +119,12 @@ def _take_signals() -> None:
 def _hook_of_dropped_exceptions(monkeypatch: pytest.MonkeyPatch) -> None:
     """Restore what a command sets when its signals are handled."""
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+
+
+@pytest.fixture
+def quiet_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take no processor time from the runs: that would be a record of theirs, too."""
+    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda *_: 0.0)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -18,7 +18,6 @@ from verdict_records import SAME, SLOWER
 from mjbench.cli import cli
 from mjbench.counts import instructions
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.host.machine import ProcessorTime
 from mjbench.paired import verdict
 from mjbench.paired.targets import Target
 from mjbench.releases import catalogue
@@ -30,10 +29,7 @@ from mjbench.status import Status
 COMPARE = ("compare", "cartpole", "linkage", "--paths", "rollout", "--threads", "2")
 
 
-@pytest.fixture(autouse=True)
-def quiet_host(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Take no processor time from the runs: that would be a record of theirs, too."""
-    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda *_: 0.0)
+pytestmark = pytest.mark.usefixtures("quiet_host")
 
 
 def invoke(*words: str) -> "click.testing.Result":

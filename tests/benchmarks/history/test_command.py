@@ -35,6 +35,9 @@ LAUNCHES = [
 ]
 
 
+pytestmark = pytest.mark.usefixtures("quiet_host")
+
+
 @pytest.fixture(autouse=True)
 def in_its_own_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
