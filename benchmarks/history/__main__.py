@@ -19,19 +19,16 @@ from benchmarks.history import files, known_causes, measurements, page, plots, r
 from benchmarks.history.release_ratios import REFERENCE, RatioRecord
 from benchmarks.history.tasks import Selection
 from benchmarks.studies import tally_command
-from mjbench.api import interrupts
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.shared import RESUME, WAIT, as_one, results_option, with_options
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError
-from mjbench.host import child
 from mjbench.pages import markdown
 from mjbench.paired.operations import registry
 from mjbench.releases import bundle, installs, release_names
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.report.counts import change_sections
 from mjbench.simulation.models import resolve, shipped
-from mjbench.status import ExitCode
 
 RESULTS = Path("results/history")
 PAGE, PLOTS = files.ROOT / "docs/history.md", files.ROOT / "docs/history"
@@ -123,14 +120,5 @@ def write_page() -> None:
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _main() -> ExitCode:
-    try:
-        history(prog_name="python -m benchmarks.history")
-    finally:
-        interrupts.disable()
-        child.end_descendants()
-    return ExitCode.OK
-
-
 if __name__ == "__main__":
-    sys.exit(tally_command.run("history", _main, "what was measured is saved"))
+    sys.exit(tally_command.run_measuring("history", history))

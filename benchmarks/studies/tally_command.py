@@ -29,3 +29,19 @@ def run(name: str, action: Callable[[], ExitCode], stored: str = "nothing was st
     except KeyboardInterrupt:
         print(f"{name}: interrupted; {stored}", file=sys.stderr)
         return ExitCode.INTERRUPTED
+
+
+def run_measuring(name: str, command: Callable[..., object]) -> ExitCode:
+    """Run a click command that measures; end what it has started, and return its exit code."""
+    from mjbench.api import interrupts
+    from mjbench.host import child
+
+    def action() -> ExitCode:
+        try:
+            command(prog_name=f"python -m benchmarks.{name}")
+        finally:
+            interrupts.disable()
+            child.end_descendants()
+        return ExitCode.OK
+
+    return run(name, action, "what was measured is saved")

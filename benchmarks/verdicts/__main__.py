@@ -18,7 +18,6 @@ import click
 from benchmarks.studies import tally_command
 from benchmarks.verdicts import section, trials
 from benchmarks.verdicts.records import TrialRecord
-from mjbench.api import interrupts
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.shared import (
     COUNT,
@@ -29,11 +28,9 @@ from mjbench.cli.shared import (
     results_option,
     with_options,
 )
-from mjbench.host import child
 from mjbench.paired import family
 from mjbench.report.content import Section, after_disturbances
 from mjbench.simulation import engine_library
-from mjbench.status import ExitCode
 from mjbench.store.runs import Run
 
 RESULTS = Path("results/verdicts")
@@ -91,14 +88,5 @@ def _summary(run: Run) -> Iterator[Section]:
     yield from after_disturbances(run, [section.section(rows, confidence, min_effect)])
 
 
-def _main() -> ExitCode:
-    try:
-        verdicts(prog_name="python -m benchmarks.verdicts")
-    finally:
-        interrupts.disable()
-        child.end_descendants()
-    return ExitCode.OK
-
-
 if __name__ == "__main__":
-    sys.exit(tally_command.run("verdicts", _main, "what was measured is saved"))
+    sys.exit(tally_command.run_measuring("verdicts", verdicts))
