@@ -1,0 +1,1 @@
+"""One folder a command: its options, what it measures, what it means, what it shows."""

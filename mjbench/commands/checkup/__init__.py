@@ -1,0 +1,1 @@
+"""What to change first in a model, a program or an environment."""

@@ -1,0 +1,1 @@
+"""Which way of stepping is fastest, and whether all reach the same states."""

@@ -1,0 +1,1 @@
+"""How far this machine can be trusted."""

@@ -1,0 +1,1 @@
+"""How long single steps take, and which are late."""

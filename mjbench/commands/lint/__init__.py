@@ -1,0 +1,1 @@
+"""What in the source of a program costs time or gives wrong results."""

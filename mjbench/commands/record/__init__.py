@@ -1,0 +1,1 @@
+"""Start states, controls and steps recorded in a program of the user."""

@@ -1,0 +1,1 @@
+"""Which settings make a model faster, and what they cost in accuracy."""
