@@ -1,1 +1,1 @@
-"""Whether a release, a revision or a function is slower or does other work: `versions`, `ab`, `bisect`."""
+"""Which release, revision or function is slower or does other work: `versions`, `ab`, `bisect`."""
