@@ -2,7 +2,7 @@
 
 A launch is a fresh process, or one for each of two sides, which measures some of the targets once.
 `race` launches ways of stepping,
-`environment.vectors` vectorised forms, and `tuning.measurements` settings. `verdict` launches a
+`env.vectors` vectorised forms, and `tune.measurements` settings. `verdict` launches a
 baseline and a candidate by itself, until it is certain (see `pair_launches`).
 """
 
