@@ -39,7 +39,7 @@ def measured(
         yield from items()
 
     measurement = Measurement("overhead", {}, [], yielded)
-    return measure_and_print(measurement, OutputOptions(folder, None, False, resume), each=names)
+    return measure_and_print(measurement, OutputOptions(results=folder, resume=resume), each=names)
 
 
 def nothing(earlier: Sequence[Record], observer: Observer) -> Items:
@@ -105,7 +105,7 @@ def test_an_interrupt_while_results_are_printed_names_where_they_are(
 
     measurement = Measurement("overhead", {}, [], lambda *_: (Item([each]) for each in [row("a")]))
     with pytest.raises(SystemExit, match="130"):
-        measure_and_print(measurement, OutputOptions(tmp_path, None, False), summary=interrupted)
+        measure_and_print(measurement, OutputOptions(results=tmp_path), summary=interrupted)
     assert capsys.readouterr().err == "mjbench: interrupted; what was measured is saved\n"
     assert stored(tmp_path) == ["a"]
 
@@ -227,5 +227,5 @@ def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:
 
     measurement = Measurement("overhead", {}, [], lambda *_: items())
     with pytest.raises(BrokenPipeError):
-        measure_and_print(measurement, OutputOptions(tmp_path, None, False), each=fail)
+        measure_and_print(measurement, OutputOptions(results=tmp_path), each=fail)
     assert ended
