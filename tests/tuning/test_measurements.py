@@ -18,8 +18,8 @@ from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import measurements, reference, setting_launch, solver_convergence, trajectories
-from mjbench.tuning.measurements import CMeasurements, SettingRule
-from mjbench.tuning.records import Attempt, Effect
+from mjbench.tuning.measurements import CMeasurements
+from mjbench.tuning.records import Effect
 from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
@@ -220,35 +220,3 @@ def test_a_baseline_of_fewer_runs_has_the_same_facts(cartpole):
     assert some.trials.nrun == len(some.present.qpos) == len(some.reference.qpos) == 5
     assert some.facts == baseline.facts
     assert dataclasses.replace(some.facts, nrun=1) != baseline.facts
-
-
-def rule(least, most, clock, end_s=10.0, stays=lambda attempts: True):
-    return SettingRule(3, least, most, end_s, clock, stays)
-
-
-def launched(rule, now, statuses=(Status.OK,) * 3, seconds=1.0):
-    """Launch what a rule asks for; return it."""
-    positions = list(rule.next_targets())
-    now[0] += seconds
-    setting = (option("jacobian", "dense"),)
-    rule.add({i: Attempt(setting, statuses[i]) for i in positions})
-    return positions
-
-
-def test_a_rule_launches_until_time_is_up_and_at_least_some_times():
-    now = [0.0]
-    until_late = rule(1, 100, lambda: now[0], end_s=4.5)
-    assert [launched(until_late, now) for _ in range(4)] == [[0, 1, 2]] * 4
-    assert not until_late.next_targets()  # it would end late
-    late = rule(2, 100, lambda: now[0], end_s=0.0)
-    assert [launched(late, now) for _ in range(2)] == [[0, 1, 2]] * 2
-    assert not late.next_targets()
-
-
-def test_a_setting_that_fails_or_is_refused_leaves():
-    now = [0.0]
-    some = rule(3, 3, lambda: now[0], stays=lambda attempts: len(attempts) < 2)
-    assert launched(some, now, (Status.OK, Status.CRASHED, Status.OK)) == [0, 1, 2]
-    assert launched(some, now) == [0, 2]
-    assert not some.next_targets()
-    assert [len(some.attempts[i]) for i in range(3)] == [2, 1, 2]
