@@ -1,10 +1,10 @@
 """Compare the paths of a model: verify all, race those that run C, measure those that compile.
 
-The parent never loads a model. A child verifies all paths (see `comparison.verification`): its
+The parent never loads a model. A child verifies all paths (`verification.path_verification`): its
 messages are gathered, and the model's records are known when it ends, however it ends. A path that
 kills the child loses its own row; the child is started again without it. The launches of the race
 do the verified work (see `paired.race`). Accelerated paths, which compile first, are measured alone
-(see `comparison.accelerated_measurement`).
+(see `compare.accelerated_measurement`).
 """
 
 import itertools

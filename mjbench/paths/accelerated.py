@@ -1,6 +1,6 @@
 """What every path promises that compiles the step first, for an accelerator or for this CPU.
 
-Such a path runs in a process of its own (`comparison.accelerated_measurement`): its engine
+Such a path runs in a process of its own (`compare.accelerated_measurement`): its engine
 uses all cores, may never return, and must not run while another path is timed. It computes in its
 own precision and order, so its results are judged part by part, not to the last bit
 (`simulation.accelerated_judgement`).
