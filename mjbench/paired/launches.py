@@ -1,8 +1,7 @@
 """Launch targets until a stop rule has enough: the loop for several that are timed in turn.
 
 A launch is a fresh process, or one for each of two sides, which measures some of the targets once.
-`race` launches ways of stepping,
-`env.vectors` vectorised forms, and `tune.measurements` settings. `verdict` launches a
+`race` launches ways of stepping, and `env.vectors` vectorised forms. `verdict` launches a
 baseline and a candidate by itself, until it is certain (see `pair_launches`).
 """
 
