@@ -1,11 +1,11 @@
-"""What a Python loop adds to `mj_step`: each habit inside a stepping loop (mjbench.loop.habits)."""
+"""What a Python loop adds to `mj_step`: each habit inside a stepping loop (mjbench.commands.profile.habits)."""
 
 import functools
 from collections.abc import Callable
 
 from benchmarks import stored
 from benchmarks.settings import Timed, for_asv
-from mjbench.loop import habits
+from mjbench.commands.profile import habits
 from mjbench.simulation import models
 
 NSTEP = 1000

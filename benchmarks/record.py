@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Tracked, for_asv
-from mjbench.loop.recording import Ragged, record
+from mjbench.commands.record.recording import Ragged, record
 from mjbench.measuring import timing
 from mjbench.simulation import workload
 

@@ -25,9 +25,9 @@ from sphinx.errors import SphinxError
 from sphinx.util.console import nocolor
 from sphinx.util.docutils import docutils_namespace, patch_docutils
 
+from mjbench.commands.show import reports
 from mjbench.errors import MjbenchError, printable
-from mjbench.pages import html as report_page
-from mjbench.pages import reports
+from mjbench.results import html as report_page
 
 # Documents, run files, and pages that others wrote: their files, and the first page.
 DOCUMENTS = ("*.md", "LICENSE", "docs/**/*", "models/README.md", "results/README.md")

@@ -14,23 +14,23 @@ if TYPE_CHECKING:
     from mjbench.api.profile import profile as profile
     from mjbench.api.timer import timer as timer
     from mjbench.api.versions import versions as versions
-    from mjbench.loop.capture import Capture as capture  # noqa: F401, N813 - it is called
-    from mjbench.loop.recording import record as record
-    from mjbench.report.rows import load as load
+    from mjbench.commands.record.capture import Capture as capture  # noqa: F401, N813 - it is called
+    from mjbench.commands.record.recording import record as record
+    from mjbench.commands.show.rows import load as load
     from mjbench.simulation.engine_clock import engine_clock as engine_clock
 
 __version__ = "0.1.0"
 
 # Where each is in this package.
 _HOMES = {
-    "capture": "loop.capture:Capture",
+    "capture": "commands.record.capture:Capture",
     "checkup": "api.checkup:checkup",
     "compare": "api.compare:compare",
     "engine_clock": "simulation.engine_clock:engine_clock",
     "latency": "api.latency:latency",
-    "load": "report.rows:load",
+    "load": "commands.show.rows:load",
     "profile": "api.profile:profile",
-    "record": "loop.recording:record",
+    "record": "commands.record.recording:record",
     "timer": "api.timer:timer",
     "versions": "api.versions:versions",
 }

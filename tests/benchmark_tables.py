@@ -6,8 +6,8 @@ Times are of one thing, such as a step, and not of a call that does many of them
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.report import formats
-from mjbench.report.content import Column, DataTable
+from mjbench.results import formats
+from mjbench.results.content import Column, DataTable
 from mjbench.units import duration, listed
 
 WIDTH = 100

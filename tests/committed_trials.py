@@ -11,7 +11,7 @@ from commands import ROOT
 
 from benchmarks.verdicts.records import RECORD_TYPES, TrialRecord
 from mjbench.paired.outcomes import Verdict
-from mjbench.store import runs
+from mjbench.results import runs
 
 RUNS = ROOT / "results/runs"
 TRIALS = ROOT / "results/verdicts"

@@ -18,12 +18,12 @@ from example_models import CONTACT_XML
 from headless_browser import session
 from hypothesis import settings
 
-from mjbench.comparison import step_costs
 from mjbench.host import isolate, neighbours
 from mjbench.host.machine import ProcessorTime
-from mjbench.pages import terminal
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.results import terminal
 from mjbench.simulation import workload
+from mjbench.verification import step_costs
 
 # The same examples in every run: a test that passed does not fail by chance.
 settings.register_profile("mjbench", derandomize=True, deadline=None)

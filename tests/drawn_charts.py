@@ -2,8 +2,8 @@
 
 import pytest
 
-from mjbench.report import charts
-from mjbench.report.content import Section
+from mjbench.results import charts
+from mjbench.results.content import Section
 
 
 def drawn(section: Section) -> list[str]:

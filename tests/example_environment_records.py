@@ -4,9 +4,9 @@ from typing import Any
 
 from example_records import FACTS
 
-from mjbench.environment.layer_shares import LayerSamples
-from mjbench.environment.layers import Layer
-from mjbench.environment.records import (
+from mjbench.commands.env.layer_shares import LayerSamples
+from mjbench.commands.env.layers import Layer
+from mjbench.commands.env.result import (
     EnvironmentFacts,
     EnvironmentRecord,
     PathSamples,
@@ -14,7 +14,7 @@ from mjbench.environment.records import (
     VectorForm,
     VectorSamples,
 )
-from mjbench.environment.timer import TimerCost
+from mjbench.commands.env.timer import TimerCost
 from mjbench.status import Status
 
 ROUNDS = 8

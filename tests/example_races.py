@@ -11,13 +11,13 @@ from example_records import measurement, model_record
 from mjbench import paths
 from mjbench.api import model_comparison
 from mjbench.api.model_comparison import ModelComparison
-from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
-from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.commands.compare import results as path_speedups
+from mjbench.commands.compare.results import ModelResults
 from mjbench.paired.launches import Targets, launch
 from mjbench.paired.race import RaceBudget, RaceRule
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
-from mjbench.report import path_speedups
-from mjbench.report.path_speedups import ModelResults
+from mjbench.verification.plan import WITHOUT_TIMER, ComparisonPlan, Variant
+from mjbench.verification.records import MeasurementRecord, ModelRecord
 
 # A variant and its speed-up over the plain loop.
 Entrant = tuple[Variant, float]

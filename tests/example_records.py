@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.simulation.accelerated_judgement import (
     EngineAnswer,
     EngineJudgement,
@@ -14,6 +13,7 @@ from mjbench.simulation.accelerated_judgement import (
 )
 from mjbench.simulation.reference_run import ModelFacts, Work
 from mjbench.status import Status
+from mjbench.verification.records import MeasurementRecord, ModelRecord
 
 FACTS = ModelFacts(
     nq=2,

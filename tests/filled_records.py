@@ -5,10 +5,10 @@ from typing import Any
 
 from msgspec import inspect
 
+from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.paired.records import LaunchRow
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store import runs
-from mjbench.store.runs import RunHeader
+from mjbench.results import runs
+from mjbench.results.runs import RunHeader
 
 # Returns the text of a field by its key.
 Text = Callable[[str], str]

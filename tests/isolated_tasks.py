@@ -208,7 +208,7 @@ def step_with_processes(request: Any, channel: Channel) -> None:
 
 def hang_at_a_timestep(*arguments: Any) -> None:
     """Answer as `setting_launch.run_launch`, but never finish one of the settings."""
-    from mjbench.tuning.records import Attempt  # late: other tasks start without MuJoCo
+    from mjbench.commands.tune.result import Attempt  # late: other tasks start without MuJoCo
 
     *_, request, channel = arguments
     for number, settings in enumerate(request.settings):

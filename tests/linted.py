@@ -3,7 +3,7 @@
 import textwrap
 from pathlib import Path
 
-from mjbench.loop import lint
+from mjbench.commands.lint import check as lint
 
 HEAD = "import copy, functools, threading\nimport mujoco\nimport numpy as np\n"
 

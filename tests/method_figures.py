@@ -13,33 +13,30 @@ from benchmarks.history import change_points, release_ratios, tables
 from benchmarks.studies import gpu, tally_file
 from benchmarks.studies.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
-from mjbench.comparison import (
-    accelerated_agreement,
-    accelerated_single_steps,
-    plan,
-)
-from mjbench.comparison import (
-    accelerated_tolerances as tolerances,
-)
+from mjbench.commands.compare import accelerated_agreement, accelerated_single_steps, advice
+from mjbench.commands.compare.results import PathResult, derive_all
+from mjbench.commands.env import show as environment
+from mjbench.commands.latency import measure as latency
+from mjbench.commands.latency import show as latency_section
+from mjbench.commands.profile import habit_timing
+from mjbench.commands.run import loop_time, py_spy
+from mjbench.commands.run.hook import bursts, step_clock
+from mjbench.commands.run.remedies import remedy
+from mjbench.commands.show.kinds import RECORD_TYPES
+from mjbench.commands.tune import reference, solver_convergence, trajectories
+from mjbench.commands.tune import result as records
 from mjbench.counts import explain
 from mjbench.host import conditions
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.loop import habit_timing, latency
 from mjbench.measuring import calls, stats
 from mjbench.paired import outcomes, race, race_record
-from mjbench.program import loop_time, py_spy
-from mjbench.program.hook import bursts, step_clock
-from mjbench.program.remedies import remedy
 from mjbench.releases import placement
-from mjbench.report import advice, environment
-from mjbench.report import latency as latency_section
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.report.path_speedups import PathResult, derive_all
+from mjbench.results import runs
 from mjbench.simulation import changed_work, engine_clock, starts, workload, workload_sampling
 from mjbench.simulation.accelerated_judgement import Precision
-from mjbench.store import runs
 from mjbench.testing import callables, fixture
-from mjbench.tuning import records, reference, solver_convergence, trajectories
+from mjbench.verification import accelerated_tolerances as tolerances
+from mjbench.verification import plan
 
 
 def percent(share: float, digits: int = 0) -> str:

@@ -3,9 +3,9 @@
 import inline_tasks
 import pytest
 
+from mjbench.commands.profile import step_parts
+from mjbench.commands.run.remedies import trials
 from mjbench.host import isolate
-from mjbench.loop import step_parts
-from mjbench.program.remedies import trials
 
 
 def measure_briefly(patch: pytest.MonkeyPatch) -> None:

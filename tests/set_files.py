@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.host.machine import Machine
-from mjbench.store import runs
-from mjbench.store.run_writer import RunFile
-from mjbench.store.runs import Record, RunHeader
+from mjbench.results import runs
+from mjbench.results.run_writer import RunFile
+from mjbench.results.runs import Record, RunHeader
 
 MACHINE = Machine(
     cpu="AMD EPYC 7763 64-Core Processor",

@@ -10,9 +10,9 @@ from benchmarks.history.release_ratios import LaunchRatio, StepRatioRecord
 from benchmarks.history.speed_series import SpeedSeries
 from mjbench.counts.records import ExplainRecord, FunctionDifference, Pair
 from mjbench.releases.placement import Placement
+from mjbench.results.runs import SCHEMA, Run, RunHeader
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
-from mjbench.store.runs import SCHEMA, Run, RunHeader
 
 VERSIONS = [f"1.{i}" for i in range(12)]
 SPREAD = 0.002

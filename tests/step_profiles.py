@@ -1,8 +1,8 @@
 """A step's profile with round numbers."""
 
-from mjbench.loop import profile
-from mjbench.loop.profile import ProfiledSteps, ProfileRow
-from mjbench.loop.rendering import FrameTime
+from mjbench.commands.profile import measure as profile
+from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
+from mjbench.commands.profile.rendering import FrameTime
 from mjbench.simulation.reference_run import Work
 
 

@@ -7,7 +7,7 @@ import pytest
 from benchmark_tables import BenchmarkTime
 from rich.console import Console
 
-from mjbench.pages import terminal
+from mjbench.results import terminal
 
 ONE = BenchmarkTime(
     "rollout, by threads: humanoid", "threads=1", "step", 2000, 1990, 2020, 10, True

@@ -11,15 +11,14 @@ import filled_records
 import pytest
 from msgspec import inspect
 
+from mjbench.commands.show import kinds, reports
+from mjbench.commands.show.kinds import RECORD_TYPES
+from mjbench.commands.show.reports import NamedRun
 from mjbench.errors import InputError
-from mjbench.pages import html as html_page
-from mjbench.pages import markdown as markdown_page
-from mjbench.pages import reports, terminal
-from mjbench.pages.reports import NamedRun
-from mjbench.report import kinds
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store import runs
-from mjbench.store.runs import Run, RunHeader
+from mjbench.results import html as html_page
+from mjbench.results import markdown as markdown_page
+from mjbench.results import runs, terminal
+from mjbench.results.runs import Run, RunHeader
 
 FILE = Path("x.jsonl")
 # What no field may have, as it stands in the file.

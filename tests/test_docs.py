@@ -14,11 +14,11 @@ import yaml
 from commands import ROOT, mjbench
 
 from mjbench.cli import cli
-from mjbench.loop import habit_timing
+from mjbench.commands.profile import habit_timing
+from mjbench.commands.tune import result as records
 from mjbench.paired import outcomes, race_record
 from mjbench.status import ExitCode
 from mjbench.testing import fixture
-from mjbench.tuning import records
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("[!.]*/README.md")])
 PACKAGES = sorted(p.parent.name for p in (ROOT / "mjbench").glob("*/__init__.py"))

@@ -23,13 +23,17 @@ from benchmarks.studies import races
 from benchmarks.studies.tally_file import load
 from mjbench.api import checkup
 from mjbench.cli import cli
+from mjbench.commands.checkup import checkup_items
+from mjbench.commands.compare import advice
+from mjbench.commands.record import capture
+from mjbench.commands.run import show as program
+from mjbench.commands.show import run_differences
+from mjbench.commands.show.kinds import RECORD_TYPES
+from mjbench.commands.tune import reference
+from mjbench.commands.versions import bisect
 from mjbench.counts import explain
-from mjbench.loop import capture
-from mjbench.paired import bisect, call_results, outcomes, race_record
-from mjbench.report import advice, checkup_items, program, run_differences
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store import runs
-from mjbench.tuning import reference
+from mjbench.paired import call_results, outcomes, race_record
+from mjbench.results import runs
 
 FIGURE = re.compile(
     r"(?<![\w.,])\d[\d.,]*\s?"

@@ -1,10 +1,10 @@
 """Values that tests of tuning share: distances, and what present settings do."""
 
+from mjbench.commands.tune.accuracy import Distance, Units
+from mjbench.commands.tune.contact_and_energy import Physics
+from mjbench.commands.tune.reference import Present
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.starts import Starts, Window
-from mjbench.tuning.accuracy import Distance, Units
-from mjbench.tuning.contact_and_energy import Physics
-from mjbench.tuning.reference import Present
 
 NOTHING = Physics(0.0, 0.0, 0.0, 0.0)
 PRESENT_ERROR = 0.02

@@ -22,12 +22,12 @@ from benchmarks.studies import tally_command
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.shared import RESUME, WAIT, as_one, results_option, with_options
 from mjbench.counts.records import ExplainRecord
+from mjbench.counts.show import change_sections
 from mjbench.errors import InputError
-from mjbench.pages import markdown
 from mjbench.paired.operations import registry
 from mjbench.releases import bundle, installs, release_names
 from mjbench.releases.release import OLDEST, version_key
-from mjbench.report.counts import change_sections
+from mjbench.results import markdown
 from mjbench.simulation.models import resolve, shipped
 
 RESULTS = Path("results/history")

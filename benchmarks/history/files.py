@@ -10,9 +10,9 @@ from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord,
 from benchmarks.history.speed_history import SpeedHistory
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError
-from mjbench.store import runs
-from mjbench.store.machine_identity import MachineIdentity, identify
-from mjbench.store.runs import Run
+from mjbench.results import runs
+from mjbench.results.machine_identity import MachineIdentity, identify
+from mjbench.results.runs import Run
 
 ROOT = Path(__file__).resolve().parents[2]
 

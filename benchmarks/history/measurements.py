@@ -10,8 +10,8 @@ from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError
 from mjbench.host.neighbours import Disturbance
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.results.runs import Record
 from mjbench.simulation.starts import DEFAULT_STARTS
-from mjbench.store.runs import Record
 
 # The records of a run file by their `type`.
 RECORD_TYPES: Mapping[str, type] = {

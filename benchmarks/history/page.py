@@ -16,8 +16,8 @@ from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
 from mjbench.host.machine import Machine
 from mjbench.measuring.ratio import LogEstimate
 from mjbench.releases.release import NO_CHANGE_PAIRS
-from mjbench.report import formats
-from mjbench.report.content import Conclusion, Section
+from mjbench.results import formats
+from mjbench.results.content import Conclusion, Section
 from mjbench.simulation import models
 from mjbench.units import count_of
 

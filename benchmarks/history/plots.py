@@ -13,9 +13,9 @@ from benchmarks.history.change_points import MIN_DEVIATIONS
 from benchmarks.history.speed_history import SpeedHistory
 from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
 from mjbench.errors import writing
-from mjbench.report import charts, formats
-from mjbench.report.charts import BLUE, GREEN, GREY, ORANGE, Spec
-from mjbench.report.content import Column, DataTable, Figure
+from mjbench.results import charts, formats
+from mjbench.results.charts import BLUE, GREEN, GREY, ORANGE, Spec
+from mjbench.results.content import Column, DataTable, Figure
 
 _WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
 # No labels of an axis overlap, also in a wide font.

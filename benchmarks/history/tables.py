@@ -7,8 +7,8 @@ from benchmarks.history.speed_history import Listed, SpeedHistory, listed_change
 from mjbench.counts.function_differences import largest_differences
 from mjbench.counts.records import ExplainRecord
 from mjbench.measuring.ratio import LogEstimate
-from mjbench.report import formats
-from mjbench.report.content import Column, DataTable
+from mjbench.results import formats
+from mjbench.results.content import Column, DataTable
 
 # The smallest change that has a row: a run beside other work had changes that differ by as much
 # (docs/method/history.md). Plots mark the smaller ones, too.

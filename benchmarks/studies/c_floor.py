@@ -35,7 +35,6 @@ import numpy as np
 from benchmarks.studies import c_floor_page, tally_command, tally_file
 from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, LaunchTimes
 from mjbench import paths
-from mjbench.comparison.plan import choose_sizes
 from mjbench.errors import MachineError, one_line
 from mjbench.host import isolate, machine
 from mjbench.paired import cores
@@ -43,6 +42,7 @@ from mjbench.simulation import agreement, compat, models, workload
 from mjbench.simulation.engine_clock import engine_clock
 from mjbench.simulation.reference_run import step_s
 from mjbench.status import ExitCode
+from mjbench.verification.plan import choose_sizes
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results/c_floor.json"

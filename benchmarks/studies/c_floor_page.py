@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, Spread
 from benchmarks.studies.page_part import PagePart
-from mjbench.pages import markdown
+from mjbench.results import markdown
 
 PART = PagePart("method/c.md", "c-floor", "benchmarks.studies.c_floor_page")
 

@@ -4,17 +4,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from mjbench.checkups.targets import TargetKind
-from mjbench.comparison.plan import Variant
+from mjbench.commands.checkup.checkup_item import CheckupItem, ResultChange
+from mjbench.commands.checkup.targets import TargetKind
+from mjbench.commands.tune.result import Effect, TuneRecord
+from mjbench.commands.tune.search_plan import LEAST_GAIN
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
-from mjbench.report import formats
-from mjbench.report.checkup_item import CheckupItem, ResultChange
-from mjbench.tuning.records import Effect, TuneRecord
-from mjbench.tuning.search_plan import LEAST_GAIN
+from mjbench.results import formats
+from mjbench.verification.plan import Variant
 
 if TYPE_CHECKING:
-    from mjbench.store.runs import Run
+    from mjbench.results.runs import Run
 
 # The first advice has at least this share of the best gain, and a check-up takes no longer.
 LEAST_SHARE, MOST_S = 0.95, 60.0
@@ -76,7 +76,9 @@ class CheckupTrial:
 
 def trial(begun: CheckupTrial, short: "Run", longer: "Run") -> CheckupTrial:
     """Return what a check-up lists, judged by a run that has the records of longer commands."""
-    from mjbench.report import checkup_items  # late: asv imports this module without its packages
+    from mjbench.commands.checkup import (
+        checkup_items,  # late: asv imports this module without its packages
+    )
 
     listed, closer = checkup_items.items(short), checkup_items.items(longer)
     if begun.kind == TargetKind.MODEL:
@@ -135,8 +137,8 @@ def _measured(item: CheckupItem, longer: "Run") -> Ratio | None:
     Settings that it did not try together have the gain of the best of them alone.
     """
     # late: asv imports this module without their packages
-    from mjbench.environment.records import EnvironmentRecord
-    from mjbench.report import checkup_items
+    from mjbench.commands.checkup import checkup_items
+    from mjbench.commands.env.result import EnvironmentRecord
 
     if item.variant is not None:
         gains = [race.speedup(item.variant) for race in longer.of_type(RaceRecord)]

@@ -31,13 +31,13 @@ from benchmarks.studies import (
 )
 from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial
 from benchmarks.studies.page_part import PagePart
-from mjbench.checkups.targets import TargetKind
+from mjbench.commands.checkup.targets import TargetKind
 from mjbench.errors import InputError, MjbenchError
 from mjbench.host import machine
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
-    from mjbench.store.runs import Run
+    from mjbench.results.runs import Run
 
 ROOT = Path(__file__).resolve().parents[2]
 TALLY = ROOT / "results" / "checkups.json"
@@ -151,8 +151,8 @@ def measure(target: Target) -> CheckupTrial:
 def as_checkup(target: Target, longer: "Sequence[tuple[str, Run]]") -> "Run":
     """Return runs of commands as the run of a check-up that consists of them."""
     # late, as elsewhere: asv imports this module where few packages are
-    from mjbench.checkups.records import CheckedPart, CheckupPart
-    from mjbench.store.runs import Run
+    from mjbench.commands.checkup.result import CheckedPart, CheckupPart
+    from mjbench.results.runs import Run
 
     parts = [
         CheckedPart(target=target.name, kind=target.kind, part=CheckupPart(command))

@@ -41,7 +41,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
-    from mjbench.comparison.plan import ComparisonPlan
+    from mjbench.verification.plan import ComparisonPlan
 
 ROOT = Path(__file__).resolve().parents[2]
 TALLY: Path = ROOT / "results" / "foreign.json"
@@ -65,9 +65,9 @@ class Files:
 
 def plan(limit_s: float = LIMIT_S) -> "ComparisonPlan":
     """Return what is compared on each model: the C paths, with one thread and with two."""
-    from mjbench.comparison import selection
-    from mjbench.comparison.plan import ComparisonPlan
     from mjbench.simulation.starts import KEYFRAME_STARTS
+    from mjbench.verification import selection
+    from mjbench.verification.plan import ComparisonPlan
 
     # one Python thread or process is the plain loop with overhead
     variants = tuple(
@@ -95,8 +95,8 @@ def conditions() -> str:
 def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
     """Compare all variants on one model file."""
     from mjbench.api.model_comparison import ModelChildren, ModelComparison
-    from mjbench.comparison.verification import ModelFiles
     from mjbench.host.files import temporary_folder
+    from mjbench.verification.path_verification import ModelFiles
 
     source = ModelSource(file, files.root / file)
     with temporary_folder() as folder:

@@ -60,6 +60,6 @@ def _read(file: Path) -> list[ProgressRecord]:
 
 
 def _line(record: ProgressRecord) -> str:
-    from mjbench.store.runs import to_json
+    from mjbench.results.runs import to_json
 
     return json.dumps(to_json(record)) + "\n"

@@ -16,7 +16,7 @@ from mjbench.status import Status
 
 if TYPE_CHECKING:
     from mjbench.api.model_comparison import ModelComparison
-    from mjbench.comparison.records import ModelRecord
+    from mjbench.verification.records import ModelRecord
 
 
 class Outcome(StrEnum):
@@ -199,7 +199,7 @@ def _stopping_warning(model: "ModelRecord") -> str:
 
 
 def _variant(path: str, options: Mapping[str, object]) -> str:
-    from mjbench.comparison.plan import Variant
+    from mjbench.verification.plan import Variant
 
     return str(Variant(path, options))
 

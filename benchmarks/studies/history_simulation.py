@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.studies import simulated_histories, tally_command
 from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan, Score
-from mjbench.pages.markdown import table_lines
+from mjbench.results.markdown import table_lines
 from mjbench.status import ExitCode
 
 PART = PagePart("method/history.md", "history-errors", "benchmarks.studies.history_simulation")

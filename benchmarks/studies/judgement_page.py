@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally
-from mjbench.pages import markdown
+from mjbench.results import markdown
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import Status
 

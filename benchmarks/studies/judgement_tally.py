@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.studies import tally_file
-from mjbench.comparison.records import MeasurementRecord
 from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import models, reference_run, workload
 from mjbench.simulation.accelerated_judgement import EngineJudgement
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
+from mjbench.verification.records import MeasurementRecord
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,15 +17,15 @@ from pathlib import Path
 
 from benchmarks.studies import foreign_packages, judgement_page, tally_command, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load, save_states
-from mjbench.comparison import accelerated_measurement
-from mjbench.comparison.accelerated_measurement import AcceleratedRequest
-from mjbench.comparison.plan import Variant
-from mjbench.comparison.records import MeasurementRecord
+from mjbench.commands.compare import accelerated_measurement
+from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
 from mjbench.errors import failure_of
 from mjbench.host import isolate
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode, Status
+from mjbench.verification.plan import Variant
+from mjbench.verification.records import MeasurementRecord
 
 ROOT = Path(__file__).resolve().parents[2]
 TALLY, PAGE = ROOT / "results" / "judgements.json", ROOT / "docs" / "judgements.md"

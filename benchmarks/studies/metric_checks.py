@@ -20,9 +20,10 @@ from importlib import metadata
 from pathlib import Path
 
 from benchmarks.studies import tally_command, tally_file
-from mjbench.paired import accelerated_environments, function_verdict, verdict
-from mjbench.paired.accelerated_environments import AcceleratedComparison
-from mjbench.paired.function_sides import FunctionTargets
+from mjbench.commands.versions import accelerated_environments, function_verdict
+from mjbench.commands.versions.accelerated_environments import AcceleratedComparison
+from mjbench.commands.versions.function_sides import FunctionTargets
+from mjbench.paired import verdict
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRow
@@ -182,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser.add_argument("--json", type=Path, help="file for what was measured")
     options = parser.parse_args(arguments)
     # late: asv imports this module where few packages are
-    from mjbench.report.verdicts import describe_verdict
+    from mjbench.commands.versions.show import describe_verdict
 
     metrics = [Metric(name) for name in options.metric or PAIRED]
     earlier = list[Result]()

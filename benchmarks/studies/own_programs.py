@@ -124,7 +124,7 @@ def advice(program: OwnProgram, count: int, mjbench: Command | None = None) -> A
     Args:
       mjbench: runs mjbench with arguments; None for a process of its own.
     """
-    from mjbench.program.remedies.remedy import Basis
+    from mjbench.commands.run.remedies.remedy import Basis
 
     def mjbench_process(*arguments: str) -> object:
         return _run([sys.executable, "-m", "mjbench", *arguments], program)

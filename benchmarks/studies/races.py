@@ -128,13 +128,13 @@ class RaceTally:
 def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCode:
     """Store launches of all C paths of models in a file."""
     from mjbench.api.model_comparison import ModelChildren
-    from mjbench.comparison import selection
-    from mjbench.comparison.plan import ComparisonPlan, Variant
-    from mjbench.comparison.verification import ModelFiles
     from mjbench.host import machine
     from mjbench.paired.race import RaceLaunches, enter
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.store.runs import to_json
+    from mjbench.results.runs import to_json
+    from mjbench.verification import selection
+    from mjbench.verification.path_verification import ModelFiles
+    from mjbench.verification.plan import ComparisonPlan, Variant
 
     (plan,) = selection.plans(ComparisonPlan(variants=()), [])
     described = machine.describe()
@@ -372,10 +372,10 @@ def _true_speedups(stored: "RaceRecord") -> list[float]:
 
 def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceRecord, float]":
     """Return a race on launches drawn at random, and the seconds that it took."""
-    from mjbench.comparison.plan import BUDGET_S
     from mjbench.paired.launches import Targets, launch
     from mjbench.paired.race import RaceBudget, RaceRule
     from mjbench.paired.race_record import RaceLaunch
+    from mjbench.verification.plan import BUDGET_S
 
     class Drawn(Targets[RaceLaunch]):
         spent_s = 0.0

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.studies.page_part import PagePart
-from mjbench.pages import markdown
+from mjbench.results import markdown
 
 if TYPE_CHECKING:
     import click
@@ -131,7 +131,7 @@ def _help(command: "click.Command", name: str, shared: dict[tuple[str, str], int
 
 def rule_lines() -> Iterator[str]:
     """Yield the table of rules: those about wrong results first."""
-    from mjbench.loop.lint_rules import RULES
+    from mjbench.commands.lint.rules import RULES
 
     ordered = sorted(RULES, key=lambda rule: not rule.is_wrong_result)
     rows = (
@@ -143,7 +143,7 @@ def rule_lines() -> Iterator[str]:
 
 def setting_lines() -> Iterator[str]:
     """Yield the table of what `tune` may change."""
-    from mjbench.tuning.knobs import KNOBS
+    from mjbench.commands.tune.knobs import KNOBS
 
     rows = ((knob.name, _cell(knob.changes), knob.since) for knob in KNOBS)
     yield from markdown.table_lines(["setting", "what it may change", "since MuJoCo"], rows)
@@ -155,9 +155,9 @@ def record_lines() -> Iterator[str]:
     Each is the first good one of the committed reference runs, in today's form. A record that none
     of these has is shown by its keys.
     """
+    from mjbench.commands.show.kinds import KINDS
     from mjbench.host.neighbours import Disturbance
-    from mjbench.report.kinds import KINDS
-    from mjbench.store.runs import RunHeader
+    from mjbench.results.runs import RunHeader
 
     examples = _examples()
     sections: list[tuple[str, tuple[type[Any], ...]]] = [
@@ -178,8 +178,8 @@ def record_lines() -> Iterator[str]:
 
 
 def _examples() -> dict[type[Any], dict[str, Any]]:
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import runs
+    from mjbench.commands.show.kinds import RECORD_TYPES
+    from mjbench.results import runs
 
     examples: dict[type[Any], dict[str, Any]] = {}
     for file in sorted(RUNS.glob("reference-*.jsonl")):

@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.studies.page_part import DOCS, PagePart
-from mjbench.comparison.plan import describe_options
 from mjbench.measuring.ratio import Ratio
-from mjbench.pages import markdown
 from mjbench.paired.outcomes import Cause
 from mjbench.paired.race_record import Loop
+from mjbench.results import markdown
+from mjbench.verification.plan import describe_options
 
 if TYPE_CHECKING:  # else imported late: asv imports this module where few packages are
     from benchmarks.history.speed_history import Listed, SpeedHistory
     from benchmarks.history.speed_series import MeasuredRelease
-    from mjbench.report.advice import Advice
-    from mjbench.report.path_speedups import ModelResults
-    from mjbench.store.runs import Run
+    from mjbench.commands.compare.advice import Advice
+    from mjbench.commands.compare.results import ModelResults
+    from mjbench.results.runs import Run
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
@@ -36,8 +36,8 @@ _LEFT, _ROW, _UNIT, _MOST = 150, 34, 170, 3.0
 
 def committed_run() -> "Run":
     """Return the run of all shipped models."""
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import runs
+    from mjbench.commands.show.kinds import RECORD_TYPES
+    from mjbench.results import runs
 
     return runs.load(RUN, RECORD_TYPES)
 
@@ -64,13 +64,13 @@ def model_lines(run: "Run") -> Iterator[str]:
 
 
 def _models(run: "Run") -> "list[ModelResults]":
-    from mjbench.report.path_speedups import derive_all
+    from mjbench.commands.compare.results import derive_all
 
     return list(derive_all(run.records))
 
 
 def _advised(model: "ModelResults") -> "list[Advice]":
-    from mjbench.report import advice
+    from mjbench.commands.compare import advice
 
     rows = {row.loop: row for row in advice.advise(model)}
     return [rows[loop] for loop in _NAMES]

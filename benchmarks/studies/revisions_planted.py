@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.studies import tally_command, tally_file
-from mjbench.paired import function_sides, function_verdict
-from mjbench.paired.function_sides import RevisionComparison
+from mjbench.commands.versions import function_sides, function_verdict
+from mjbench.commands.versions.function_sides import RevisionComparison
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.verdict import VerdictPlan
@@ -156,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser.add_argument("--json", type=Path, help="file for what was measured")
     options = parser.parse_args(arguments)
     # late: asv imports this module where few packages are
-    from mjbench.report.verdicts import describe_verdict
+    from mjbench.commands.versions.show import describe_verdict
 
     results, wrong = list[Result](), 0
     with tempfile.TemporaryDirectory() as folder:

@@ -9,9 +9,9 @@ Do it when a model changed.
 def main() -> None:
     """Write the table of the shipped models."""
     # asv imports this module where packages of these are missing
-    from mjbench.comparison import step_costs
     from mjbench.simulation import models, workload_sampling
     from mjbench.simulation.model_digest import model_digest
+    from mjbench.verification import step_costs
 
     loaded = [models.load(models.resolve(name)) for name in models.shipped()]
     costs = {model_digest(model): workload_sampling.settled_step_s(model) for model in loaded}

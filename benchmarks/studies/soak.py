@@ -99,12 +99,12 @@ def _median_bytes(usages: Sequence[Usage]) -> float:
 def compare_once() -> None:
     """Compare once, by a child."""
     from mjbench.api.model_comparison import ModelChildren
-    from mjbench.comparison.plan import ComparisonPlan, Variant
-    from mjbench.comparison.verification import ModelFiles
     from mjbench.host import files
     from mjbench.paths import BASE
     from mjbench.simulation import models
     from mjbench.status import Status
+    from mjbench.verification.path_verification import ModelFiles
+    from mjbench.verification.plan import ComparisonPlan, Variant
 
     # the smallest work there is: what is checked is what is left after it
     plan = ComparisonPlan(variants=(Variant(BASE, {}),), nbatch=1, nstep=1)

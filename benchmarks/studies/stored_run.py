@@ -11,7 +11,7 @@ from mjbench.errors import MachineError, one_line
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
-    from mjbench.store.runs import Run
+    from mjbench.results.runs import Run
 
 
 def run_of(arguments: Sequence[str], folder: Path | None = None) -> "Run":
@@ -25,8 +25,8 @@ def run_of(arguments: Sequence[str], folder: Path | None = None) -> "Run":
       KeyboardInterrupt: it was interrupted.
     """
     # late: asv imports this module where few packages are
-    from mjbench.report import kinds
-    from mjbench.store import runs
+    from mjbench.commands.show import kinds
+    from mjbench.results import runs
 
     with tempfile.TemporaryDirectory() as results:
         # right after the name of the command: what follows `--` is of a program

@@ -12,7 +12,7 @@ _Tally = TypeVar("_Tally")
 
 def write(file: Path, tally: Any) -> None:
     """Write a tally; values that are not finite become null."""
-    from mjbench.store.runs import to_json
+    from mjbench.results.runs import to_json
 
     replace(file, json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n")
 

@@ -23,6 +23,12 @@ import mujoco
 
 from benchmarks.studies import foreign_packages, tally_command, tally_file, tuning_page
 from benchmarks.studies.foreign_packages import PACKAGES
+from mjbench.commands.tune.accuracy import SHARE
+from mjbench.commands.tune.measurements import CMeasurements
+from mjbench.commands.tune.result import Accuracy, Effect, Recommendation, TuneRecord
+from mjbench.commands.tune.search_plan import SearchPlan
+from mjbench.commands.tune.setting_launch import SettingLaunchRequest
+from mjbench.commands.tune.settings import label
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.paired.worker_pool import WorkerPool
@@ -31,12 +37,6 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import ExitCode, Status
-from mjbench.tuning.accuracy import SHARE
-from mjbench.tuning.measurements import CMeasurements
-from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
-from mjbench.tuning.search_plan import SearchPlan
-from mjbench.tuning.setting_launch import SettingLaunchRequest
-from mjbench.tuning.settings import label
 
 ROOT = Path(__file__).resolve().parents[2]
 TALLY, PAGE = ROOT / "results" / "tuning.json", ROOT / "docs" / "tuning.md"

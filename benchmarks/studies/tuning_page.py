@@ -4,8 +4,8 @@ import statistics
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from mjbench.commands.tune.result import NO_ERROR, Effect
 from mjbench.status import Status
-from mjbench.tuning.records import NO_ERROR, Effect
 
 if TYPE_CHECKING:
     from benchmarks.studies.tuning import Promise, TunedModel, TuningTally

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.verdict_tally import FAMILY, TOGETHER, FamilyRow, ScenarioRow, VerdictTally
-from mjbench.pages import markdown
+from mjbench.results import markdown
 
 PART = PagePart("method/errors.md", "verdicts", "benchmarks.studies.verdict_page")
 

@@ -28,10 +28,10 @@ from mjbench.cli.shared import (
     results_option,
     with_options,
 )
-from mjbench.paired import family
-from mjbench.report.content import Section, after_disturbances
+from mjbench.commands.versions import family
+from mjbench.results.content import Section, after_disturbances
+from mjbench.results.runs import Run
 from mjbench.simulation import engine_library
-from mjbench.store.runs import Run
 
 RESULTS = Path("results/verdicts")
 _OUTPUT = as_one(

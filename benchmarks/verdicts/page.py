@@ -9,9 +9,8 @@ from pathlib import Path
 
 from benchmarks.studies.page_part import PagePart
 from benchmarks.verdicts.records import RECORD_TYPES, Arm, TrialRecord
-from mjbench.pages import markdown
 from mjbench.paired.outcomes import Verdict
-from mjbench.store import runs
+from mjbench.results import markdown, runs
 
 TRIALS = Path(__file__).resolve().parents[2] / "results/verdicts"
 PART = PagePart("method/errors.md", "trials", "benchmarks.verdicts.page")

@@ -5,8 +5,8 @@ from typing import assert_never
 
 from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary
 from mjbench.paired.outcomes import MIN_EFFECT
-from mjbench.report import formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
+from mjbench.results import formats
+from mjbench.results.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
 # From this share of trials on, undecided ones are too many.
 _MANY = 0.2

@@ -27,10 +27,10 @@ from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_names
 from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
+from mjbench.results.runs import Record
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
-from mjbench.store.runs import Record
 
 # The arm of known slowdowns, unless other arms are asked for.
 _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)

@@ -7,15 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
+from mjbench.commands.versions import bisect
+from mjbench.commands.versions.bisect import (
+    BisectComparison,
+    BisectMeasured,
+    BisectRecord,
+    VersionKind,
+)
+from mjbench.commands.versions.function_sides import RevisionComparison
 from mjbench.errors import InputError
-from mjbench.paired import bisect
-from mjbench.paired.bisect import BisectComparison, BisectMeasured, BisectRecord, VersionKind
-from mjbench.paired.function_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases import bundle, catalogue
 from mjbench.releases.release_names import ReleaseSpec
+from mjbench.results.runs import Record
 from mjbench.simulation.models import ModelSource
-from mjbench.store.runs import Record
 
 # Comparisons beside those that halve: of the ends, and the one that confirms.
 _OTHER_COMPARISONS = 2

@@ -16,15 +16,22 @@ from mjbench.api import argument_values, model_comparison, model_sources, start_
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.api.tune import tune
-from mjbench.checkups import combination, targets
-from mjbench.checkups.records import CheckedPart, CheckupPart
-from mjbench.checkups.targets import CheckedSource, ProgramFile
-from mjbench.comparison import selection
-from mjbench.comparison.plan import ComparisonPlan
-from mjbench.comparison.records import ModelRecord
-from mjbench.environment import measurement as environments
-from mjbench.environment.child_process import EnvironmentPlan
-from mjbench.environment.source import EnvironmentSource
+from mjbench.commands.checkup import combination, targets
+from mjbench.commands.checkup import show as report
+from mjbench.commands.checkup.checkup_item import CheckupItem
+from mjbench.commands.checkup.result import CheckedPart, CheckupPart
+from mjbench.commands.checkup.show import CheckupDocument
+from mjbench.commands.checkup.targets import CheckedSource, ProgramFile
+from mjbench.commands.env import measurement as environments
+from mjbench.commands.env.child_process import EnvironmentPlan
+from mjbench.commands.env.source import EnvironmentSource
+from mjbench.commands.lint import check as lint
+from mjbench.commands.profile import measure as profile
+from mjbench.commands.run import launch
+from mjbench.commands.run.result import ProgramRow
+from mjbench.commands.tune.c_search import LEAST_LAUNCHES
+from mjbench.commands.tune.result import TuneRecord
+from mjbench.commands.tune.search_plan import SearchPlan
 from mjbench.errors import (
     Failure,
     InputError,
@@ -34,23 +41,17 @@ from mjbench.errors import (
 )
 from mjbench.host import isolate, machine
 from mjbench.limits import SECONDS, TIME_LIMIT_S
-from mjbench.loop import lint, profile
 from mjbench.measuring.timing import Progress
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.program import launch
-from mjbench.program.records import ProgramRow
-from mjbench.report import checkup as report
-from mjbench.report.checkup import CheckupDocument
-from mjbench.report.checkup_item import CheckupItem
+from mjbench.results.runs import Record
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.status import Status
-from mjbench.store.runs import Record
-from mjbench.tuning.c_search import LEAST_LAUNCHES
-from mjbench.tuning.records import TuneRecord
-from mjbench.tuning.search_plan import SearchPlan
+from mjbench.verification import selection
+from mjbench.verification.plan import ComparisonPlan
+from mjbench.verification.records import ModelRecord
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model

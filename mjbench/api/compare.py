@@ -10,17 +10,17 @@ from mjbench import paths as stepping_paths
 from mjbench.api import argument_values, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.model_comparison import measurement
-from mjbench.comparison import selection
-from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
+from mjbench.commands.compare.advice import Advice, ClockAdvice
+from mjbench.commands.compare.crossovers import Crossover
+from mjbench.commands.compare.results import ModelResults, PathResult, derive_all
+from mjbench.commands.show.documents import CompareDocument
 from mjbench.errors import InputError, wrong_argument
 from mjbench.limits import LARGE_COUNT, SECONDS, SEED, THREADS, TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
-from mjbench.report.advice import Advice, ClockAdvice
-from mjbench.report.crossovers import Crossover
-from mjbench.report.documents import CompareDocument
-from mjbench.report.path_speedups import ModelResults, PathResult, derive_all
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.workload import Product
+from mjbench.verification import selection
+from mjbench.verification.plan import BUDGET_S, ComparisonPlan
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 
+from mjbench.commands.doctor import detectable_change
+from mjbench.commands.doctor.show import NoiseRow
+from mjbench.commands.profile import rendering
 from mjbench.counts import instructions
 from mjbench.errors import MjbenchError
 from mjbench.host import conditions
 from mjbench.host.conditions import Condition, Grade
 from mjbench.host.neighbours import Neighbour
-from mjbench.loop import rendering
-from mjbench.paired import detectable_change
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.report.doctor import NoiseRow
 from mjbench.simulation import engine_clock, models
 
 # Seconds after which a backend that renders nothing does not work.

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mjbench.api.session import Item, Measurement, finished, in_turn
-from mjbench.environment import measurement as environments
-from mjbench.environment.child_process import EnvironmentPlan
-from mjbench.environment.records import EnvironmentRecord
-from mjbench.environment.source import EnvironmentSource, resolve
+from mjbench.commands.env import measurement as environments
+from mjbench.commands.env.child_process import EnvironmentPlan
+from mjbench.commands.env.result import EnvironmentRecord
+from mjbench.commands.env.source import EnvironmentSource, resolve
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.host import machine
 from mjbench.measuring.timing import Progress

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from mjbench.api import argument_values, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Measurement, of_each_model
+from mjbench.commands.latency import measure as loop_latency
+from mjbench.commands.latency.measure import BUDGET_S, LatencyRequest, LatencyRow, Pace
 from mjbench.limits import HERTZ, SECONDS, SEED, TIME_LIMIT_S
-from mjbench.loop import latency as loop_latency
-from mjbench.loop.latency import BUDGET_S, LatencyRequest, LatencyRow, Pace
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 

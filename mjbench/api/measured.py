@@ -9,19 +9,19 @@ from typing import Any, Self
 
 from mjbench.api.interrupts import one_interrupt
 from mjbench.api.session import Item, Measurement, Observer, Session
+from mjbench.commands.show import kinds, reports, rows
+from mjbench.commands.show.reports import NamedRun
+from mjbench.commands.show.rows import Cell
 from mjbench.errors import REFUSALS, InputError, MachineError, one_line
 from mjbench.host import child, platforms
 from mjbench.host.machine import Machine
 from mjbench.measuring.timing import Progress
-from mjbench.pages import fragment, reports, terminal
-from mjbench.pages.reports import NamedRun
-from mjbench.report import kinds, rows
-from mjbench.report.content import Report
-from mjbench.report.rows import Cell
+from mjbench.results import fragment, terminal
+from mjbench.results.content import Report
+from mjbench.results.json_form import json_form
+from mjbench.results.run_writer import RunFile
+from mjbench.results.runs import Run
 from mjbench.status import Status
-from mjbench.store.json_form import json_form
-from mjbench.store.run_writer import RunFile
-from mjbench.store.runs import Run
 
 # The longest conclusion in the one line of `repr`.
 _REPR_CHARACTERS = 200

@@ -14,11 +14,10 @@ from dataclasses import dataclass, field, replace
 
 from mjbench import paths
 from mjbench.api.session import Item, Items, Measurement, Observer
-from mjbench.comparison import accelerated_measurement
-from mjbench.comparison.accelerated_measurement import AcceleratedRequest
-from mjbench.comparison.plan import ComparisonPlan
-from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
-from mjbench.comparison.verification import AgreementReport, ModelFiles, verify_in_child
+from mjbench.commands.compare import accelerated_measurement
+from mjbench.commands.compare import show as report
+from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
+from mjbench.commands.compare.results import derive_all
 from mjbench.errors import Failure, failure_of
 from mjbench.host import isolate, machine, neighbours
 from mjbench.host.machine import CoreChange, ProcessorTime
@@ -26,11 +25,12 @@ from mjbench.paired import launches
 from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.report import comparison as report
-from mjbench.report.path_speedups import derive_all
+from mjbench.results.runs import Record, to_json
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
-from mjbench.store.runs import Record, to_json
+from mjbench.verification.path_verification import AgreementReport, ModelFiles, verify_in_child
+from mjbench.verification.plan import ComparisonPlan
+from mjbench.verification.records import MeasurementRecord, ModelRecord, of_model
 
 # Share of a model's progress that verification stands for; the race is the rest.
 _VERIFICATION_SHARE = 0.2

@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING
 from mjbench.api import argument_values, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Items, Measurement, Observer, input_files, of_each_model
+from mjbench.commands.profile import habit_timing
+from mjbench.commands.profile import measure as loop_profile
+from mjbench.commands.profile.habit_timing import OverheadRow
+from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
+from mjbench.commands.profile.rendering import FrameTime
 from mjbench.counts import instructions
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.counts.records import counted
 from mjbench.errors import MachineError
 from mjbench.limits import SECONDS, TIME_LIMIT_S
-from mjbench.loop import habit_timing
-from mjbench.loop import profile as loop_profile
-from mjbench.loop.habit_timing import OverheadRow
-from mjbench.loop.profile import ProfiledSteps, ProfileRow
-from mjbench.loop.rendering import FrameTime
 from mjbench.paired.run_sizes import Sizes
 from mjbench.releases import installs, release_names
+from mjbench.results.runs import Record
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
-from mjbench.store.runs import Record
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mjbench.api.session import Item, Items, Measurement, Observer
+from mjbench.commands.run import launch
+from mjbench.commands.run.launch import Program
+from mjbench.commands.run.result import ProgramRow
 from mjbench.errors import InputError
-from mjbench.program import launch
-from mjbench.program.launch import Program
-from mjbench.program.records import ProgramRow
-from mjbench.store.runs import Record, Run
+from mjbench.results.runs import Record, Run
 
 
 def measurement(

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable, wrong_argument
 from mjbench.host import conditions, machine, neighbours, platforms
 from mjbench.host.machine import CoreChange, ProcessorTime
@@ -20,15 +21,14 @@ from mjbench.host.neighbours import Disturbance, Neighbour
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Progress
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.report.content import Section
-from mjbench.report.kinds import RECORD_TYPES
+from mjbench.results import runs
+from mjbench.results.content import Section
+from mjbench.results.resume import check_continues
+from mjbench.results.run_writer import RunFile
+from mjbench.results.runs import Record, Run, RunHeader
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import FINISHED
-from mjbench.store import runs
-from mjbench.store.resume import check_continues
-from mjbench.store.run_writer import RunFile
-from mjbench.store.runs import Record, Run, RunHeader
 
 
 class Observer:

@@ -11,26 +11,21 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
+from mjbench.commands.versions import accelerated_environments, function_sides, function_verdict
+from mjbench.commands.versions.accelerated_environments import AcceleratedComparison
+from mjbench.commands.versions.function_sides import (
+    EnvironmentComparison,
+    FunctionTarget,
+    FunctionTargets,
+    RevisionComparison,
+)
 from mjbench.counts import explain
 from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
-from mjbench.paired import (
-    accelerated_environments,
-    function_sides,
-    function_verdict,
-    targets,
-    verdict,
-)
-from mjbench.paired.accelerated_environments import AcceleratedComparison
-from mjbench.paired.function_sides import (
-    EnvironmentComparison,
-    FunctionTarget,
-    FunctionTargets,
-    RevisionComparison,
-)
+from mjbench.paired import targets, verdict
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.records import Judgement, TargetRow, VerdictRecord, finished
 from mjbench.paired.run_sizes import Sizes
@@ -40,10 +35,10 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE, find
 from mjbench.releases import packages
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.report import formats
+from mjbench.results import formats
+from mjbench.results.runs import Record
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
-from mjbench.store.runs import Record
 from mjbench.units import listed
 
 # Seconds without an answer after which a process that compiles is killed.

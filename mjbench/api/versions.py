@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 from mjbench.api import argument_values, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.verdict_measurements import between_releases
+from mjbench.commands.versions import family
+from mjbench.commands.versions.family import Family
 from mjbench.errors import InputError
 from mjbench.limits import SECONDS, SEED, SHARE
 from mjbench.measuring.timing import Progress
-from mjbench.paired import family, outcomes
-from mjbench.paired.family import Family
+from mjbench.paired import outcomes
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.run_sizes import Sizes

@@ -16,7 +16,7 @@ from mjbench.paired.metrics import METRICS, Metric
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
-    from mjbench.paired.function_sides import RevisionComparison
+    from mjbench.commands.versions.function_sides import RevisionComparison
     from mjbench.paired.verdict import VerdictPlan
 
 # What a side begins with that is a revision of the user's code.
@@ -62,7 +62,7 @@ def ab(
       mjbench ab rev=main rev=HEAD bench:step --metric memory
       mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
-    from mjbench.report import verdicts
+    from mjbench.commands.versions import show as verdicts
 
     plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
     if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
@@ -115,8 +115,8 @@ def revision_comparison(
       InputError: there are none, or the plan says what is of models alone.
     """
     from mjbench.api.verdict_measurements import check_function_plan
-    from mjbench.paired import function_sides
-    from mjbench.paired.function_sides import RevisionComparison
+    from mjbench.commands.versions import function_sides
+    from mjbench.commands.versions.function_sides import RevisionComparison
     from mjbench.releases.revisions import Repository
 
     sides = _as_revisions((baseline, candidate), functions)

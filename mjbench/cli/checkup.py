@@ -61,9 +61,9 @@ def checkup(
     """
     from mjbench.api.checkup import CheckupPlan, measurement
     from mjbench.api.run import exit_code_of
-    from mjbench.checkups import targets
-    from mjbench.pages.reports import NamedRun
-    from mjbench.report import checkup as report
+    from mjbench.commands.checkup import show as report
+    from mjbench.commands.checkup import targets
+    from mjbench.commands.show.reports import NamedRun
 
     source = targets.recognized(target, arguments, Path.cwd())
     work = measurement(source, CheckupPlan(quick, starts, limit_s, budget_s))

@@ -125,10 +125,10 @@ def compare(
     """
     from mjbench.api.model_comparison import measurement
     from mjbench.api.model_sources import each_once
-    from mjbench.comparison import selection
-    from mjbench.comparison.plan import ComparisonPlan
-    from mjbench.report import comparison as report
+    from mjbench.commands.compare import show as report
     from mjbench.simulation.workload import Product
+    from mjbench.verification import selection
+    from mjbench.verification.plan import ComparisonPlan
 
     check_sizes(nstep, hold)
     plan = ComparisonPlan(
@@ -159,7 +159,7 @@ def compare(
 
 
 def _budget_s(budget_s: float | None, is_quick: bool) -> float:
-    from mjbench.comparison.plan import BUDGET_S, QUICK_BUDGET_S
+    from mjbench.verification.plan import BUDGET_S, QUICK_BUDGET_S
 
     if is_quick and budget_s is not None:
         raise InputError("--quick is a budget of 5 s: give it, or --budget")

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from mjbench.api.session import Item, Measurement, Observer, Session
-    from mjbench.report.content import DataTable, Section
-    from mjbench.store.runs import Record, Run
+    from mjbench.results.content import DataTable, Section
+    from mjbench.results.runs import Record, Run
 
     Sections = Callable[[Run], Iterable[Section]]
 
@@ -68,7 +68,7 @@ class RunContext:
         Raises:
           InputError: the JSON document would replace an input.
         """
-        from mjbench.pages import terminal
+        from mjbench.results import terminal
 
         self.out: Console = terminal.console(stderr=to_stderr or json_file == "-")
         self.interrupted = self.is_stopped = False
@@ -154,7 +154,7 @@ class RunContext:
 
     def show(self, sections: Iterable["Section"], code: bool = False) -> None:
         """Print sections; `code`: with their snippets."""
-        from mjbench.pages import terminal
+        from mjbench.results import terminal
 
         for section in sections:
             terminal.print_sections(self.out, [section], code)
@@ -167,13 +167,13 @@ class RunContext:
         self._hides_code = False
 
     def table(self, table: "DataTable") -> None:
-        from mjbench.pages import terminal
+        from mjbench.results import terminal
 
         terminal.print_lines(self.out, terminal.table_parts(table, self.out.width))
 
     def write(self, document: Any) -> None:
         """Write the command's JSON document, where one was asked for."""
-        from mjbench.store.json_form import json_form
+        from mjbench.results.json_form import json_form
 
         if self._json.is_wanted:
             self._json.write(json.dumps(json_form(document), indent=1) + "\n")
@@ -226,7 +226,7 @@ def measure_and_print(
     """
     from mjbench.api.session import Session
     from mjbench.cli.progress import progress
-    from mjbench.report import kinds
+    from mjbench.commands.show import kinds
 
     if each is None and summary is None:
         each, summary = (None, _sections) if at_end else (_sections, None)
@@ -256,7 +256,7 @@ def measure_and_print(
 
 
 def _sections(run: "Run") -> "Iterable[Section]":
-    from mjbench.report import kinds
+    from mjbench.commands.show import kinds
 
     return kinds.kind_of(run).sections(run)
 

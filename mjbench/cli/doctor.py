@@ -21,11 +21,11 @@ def doctor(budget_s: float, json_file: str | None) -> None:
       mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
     """
     from mjbench.api.doctor import all_conditions, compare_with_itself
+    from mjbench.commands.doctor.show import condition_lines, noise_section
+    from mjbench.commands.show.documents import DoctorDocument
     from mjbench.host import machine, neighbours
     from mjbench.host.conditions import Grade
-    from mjbench.pages.terminal import print_lines
-    from mjbench.report.doctor import condition_lines, noise_section
-    from mjbench.report.documents import DoctorDocument
+    from mjbench.results.terminal import print_lines
 
     with RunContext(json_file) as run:
         rows = all_conditions(neighbours.measuring_now())

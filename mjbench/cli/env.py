@@ -72,7 +72,7 @@ def env(
       mjbench env my_env:make --no-vector
     """
     from mjbench.api.env import measurement
-    from mjbench.environment.records import EnvironmentRecord
+    from mjbench.commands.env.result import EnvironmentRecord
 
     if no_vector and nenv:
         raise click.UsageError("give --nbatch or --no-vector, not both")

@@ -12,9 +12,9 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
+    from mjbench.commands.show.run_differences import RunDifference
     from mjbench.paired.records import VerdictRow
-    from mjbench.report.run_differences import RunDifference
-    from mjbench.store.runs import Run
+    from mjbench.results.runs import Run
 
 
 class GateFinding(StrEnum):
@@ -55,7 +55,7 @@ class FailOn:
 
     def exit_code(self, rows: Sequence["VerdictRow"], confidence: float) -> ExitCode:
         """Return the exit code that verdicts stand for; a failure outweighs a finding."""
-        from mjbench.paired import family
+        from mjbench.commands.versions import family
 
         code = exit_code(row.status for row in rows)
         if code != ExitCode.OK:

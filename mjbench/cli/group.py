@@ -9,9 +9,9 @@ from typing import Any, NoReturn
 import click
 
 import mjbench
-from mjbench.checkups.targets import may_be_target
 from mjbench.cli import standard_streams
 from mjbench.command_names import LISTED, with_mode
+from mjbench.commands.checkup.targets import may_be_target
 from mjbench.errors import (
     MachineError,
     MjbenchError,

@@ -13,7 +13,7 @@ from mjbench.status import ExitCode, Status, exit_code
 
 def _explain(context: click.Context, _: click.Parameter, code: str | None) -> None:
     if code is not None:
-        from mjbench.loop.lint_rules import explained
+        from mjbench.commands.lint.rules import explained
 
         click.echo(explained(code), nl=False)
         context.exit()
@@ -77,10 +77,10 @@ def lint(
       mjbench lint src --output-format sarif
       mjbench lint --explain MJB007
     """
-    from mjbench.loop.lint import Finding, check_all
-    from mjbench.loop.lint_settings import RuleChoice
-    from mjbench.loop.script_files import UncheckedFile, regular_files, script_files
-    from mjbench.report import lint as report
+    from mjbench.commands.lint import show as report
+    from mjbench.commands.lint.check import Finding, check_all
+    from mjbench.commands.lint.script_files import UncheckedFile, regular_files, script_files
+    from mjbench.commands.lint.settings import RuleChoice
 
     if not names:
         raise InputError("no file or folder is given; for this folder: mjbench lint .")

@@ -19,9 +19,9 @@ def models(sources: list[ModelSource], limit_s: float, json_file: str | None) ->
       mjbench models
       mjbench models gymnasium:ant
     """
-    from mjbench.comparison.model_facts import list_models
-    from mjbench.report import listings
-    from mjbench.report.listings import ModelRow, ModelsDocument
+    from mjbench.commands.show import listings
+    from mjbench.commands.show.listings import ModelRow, ModelsDocument
+    from mjbench.commands.show.model_facts import list_models
 
     with RunContext(json_file, [source.path for source in sources]) as run:
         listed = list_models(sources, limit_s)
@@ -41,9 +41,9 @@ def paths(json_file: str | None) -> None:
     Example:
       mjbench paths
     """
+    from mjbench.commands.show import listings
+    from mjbench.commands.show.listings import PathRow, PathsDocument
     from mjbench.paths import registry
-    from mjbench.report import listings
-    from mjbench.report.listings import PathRow, PathsDocument
 
     rows = [PathRow.of(path) for path in registry().values()]
     with RunContext(json_file) as run:

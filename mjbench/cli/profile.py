@@ -98,8 +98,8 @@ def profile_instructions(top: int, output: OutputOptions, **options: Any) -> Non
       mjbench profile --instructions humanoid --release 3.3.0 --release 4.0.0
     """
     from mjbench.api.profile import of_instructions
+    from mjbench.counts import show as counts
     from mjbench.counts.records import InstructionsRecord
-    from mjbench.report import counts
 
     measure_and_print(
         of_instructions(**options),

@@ -13,8 +13,8 @@ from rich.table import Column
 from mjbench.api.session import Observer
 from mjbench.cli.group import report_line
 from mjbench.errors import printable
-from mjbench.pages import terminal
-from mjbench.report.content import Section
+from mjbench.results import terminal
+from mjbench.results.content import Section
 
 
 class PhaseLines(Observer):

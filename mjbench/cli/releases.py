@@ -47,8 +47,8 @@ def releases(ctx: click.Context) -> None:
 @JSON
 def list_releases(history: Path, json_file: str | None) -> None:
     """List releases: on the package index, in the git history, installed here."""
+    from mjbench.commands.show.listings import ReleasesDocument, releases_table
     from mjbench.releases import catalogue
-    from mjbench.report.listings import ReleasesDocument, releases_table
 
     with RunContext(json_file, [history]) as run:
         known = catalogue.list_releases(history)
@@ -114,8 +114,8 @@ def install_releases(names: tuple[str, ...]) -> None:
 @JSON
 def list_installs(json_file: str | None) -> None:
     """List the installs in the cache folder, with their size and when they were last used."""
+    from mjbench.commands.show.listings import InstallsDocument, install_lines
     from mjbench.releases import installs
-    from mjbench.report.listings import InstallsDocument, install_lines
 
     with RunContext(json_file) as run:
         folder, sizes = installs.cache_folder(), installs.install_sizes()

@@ -15,7 +15,7 @@ from mjbench.errors import InputError
 from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
-    from mjbench.store.runs import Run
+    from mjbench.results.runs import Run
 
 # Runs that are printed; of more there is a list.
 _MOST_RUNS = 20
@@ -89,7 +89,7 @@ def show(
       mjbench show --format junit -o junit.xml
       mjbench show new.jsonl --against old.jsonl --fail-on slower
     """
-    from mjbench.store import runs
+    from mjbench.results import runs
 
     if against is not None and (form or code):
         raise InputError("--against prints a table: leave out --code and formats")
@@ -116,8 +116,8 @@ def show(
 
 def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: FailOn) -> None:
     """Print runs, and write their JSON document; end with the exit code of their verdicts."""
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import runs
+    from mjbench.commands.show.kinds import RECORD_TYPES
+    from mjbench.results import runs
 
     with RunContext(json_file, files) as run:
         stored = [runs.load(file, RECORD_TYPES) for file in dict.fromkeys(files)]
@@ -131,7 +131,7 @@ def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: Fa
 
 def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
     """Return the exit code that the verdicts of runs stand for, the worst one."""
-    from mjbench.paired import family
+    from mjbench.commands.versions import family
     from mjbench.paired.records import VerdictRecord
 
     judged = [run for run in stored if run.of_type(VerdictRecord)]
@@ -150,8 +150,8 @@ def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
 
 def _print_several(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
     """Print what machines answer side by side, and each run after it; of many runs, a list."""
-    from mjbench.report import machines
-    from mjbench.report.documents import MachinesDocument
+    from mjbench.commands.show import machines
+    from mjbench.commands.show.documents import MachinesDocument
 
     compared = machines.of_runs(stored)
     if compared.has_several:
@@ -172,7 +172,7 @@ def _print_several(run: RunContext, stored: "Sequence[Run]", code: bool) -> None
 
 
 def _shown(run: RunContext, stored: "Run", code: bool) -> object:
-    from mjbench.report import kinds
+    from mjbench.commands.show import kinds
 
     if not stored.records:
         report_line("the run ended before anything was measured")
@@ -185,10 +185,10 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
 def _show_differences(
     old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None
 ) -> None:
-    from mjbench.report.documents import ResultsDocument
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.report.run_differences import differences, differences_section
-    from mjbench.store import runs
+    from mjbench.commands.show.documents import ResultsDocument
+    from mjbench.commands.show.kinds import RECORD_TYPES
+    from mjbench.commands.show.run_differences import differences, differences_section
+    from mjbench.results import runs
 
     with RunContext(json_file, [old, new]) as run:
         rows = differences(runs.load(old, RECORD_TYPES), runs.load(new, RECORD_TYPES), across)

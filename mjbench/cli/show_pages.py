@@ -11,8 +11,8 @@ from mjbench.cli.output_file import OutputFile
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
-    from mjbench.pages.reports import NamedRun
-    from mjbench.store.runs import Run
+    from mjbench.commands.show.reports import NamedRun
+    from mjbench.results.runs import Run
 
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
@@ -39,9 +39,9 @@ def write(files: Sequence[Path], form: str, output: str | None) -> None:
 
 def _stored(file: Path) -> "Run":
     """Return a run for another tool; say what to know before its numbers."""
-    from mjbench.pages import exports
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import runs
+    from mjbench.commands.show import exports
+    from mjbench.commands.show.kinds import RECORD_TYPES
+    from mjbench.results import runs
 
     stored = runs.load(file, RECORD_TYPES)
     for caution in exports.cautions(stored):
@@ -50,7 +50,7 @@ def _stored(file: Path) -> "Run":
 
 
 def _content(form: str, files: Sequence[Path]) -> str:
-    from mjbench.pages import comment, exports, reports
+    from mjbench.commands.show import comment, exports, reports
 
     if form == _COMMENT:
         (named,) = reports.read(files)
@@ -61,7 +61,8 @@ def _content(form: str, files: Sequence[Path]) -> str:
 
 
 def page(form: str, named_runs: "Sequence[NamedRun]") -> str:
-    from mjbench.pages import html, markdown, reports
+    from mjbench.commands.show import reports
+    from mjbench.results import html, markdown
 
     content = reports.build(named_runs)
     return html.render(content) if form == "html" else "\n".join(markdown.render(content)) + "\n"

@@ -13,9 +13,9 @@ from mjbench.cli.shared import FILE, JSON
 from mjbench.errors import InputError, MjbenchError, writing
 
 if TYPE_CHECKING:
-    from mjbench.report.content import Section
-    from mjbench.report.documents import SweepRow
-    from mjbench.sweep import Cell, CellResult, Plan
+    from mjbench.commands.show.documents import SweepRow
+    from mjbench.commands.sweep.measure import Cell, CellResult, Plan
+    from mjbench.results.content import Section
 
 # In which folder each plan has one for its run files, unless -o says otherwise.
 SWEEPS_FOLDER = Path("results/sweeps")
@@ -63,8 +63,8 @@ def sweep(
       mjbench sweep plan.toml
       mjbench sweep plan.toml --address auto
     """
-    from mjbench import sweep as sweeps
-    from mjbench.report.documents import ResultsDocument, SweepRow
+    from mjbench.commands.show.documents import ResultsDocument, SweepRow
+    from mjbench.commands.sweep import measure as sweeps
 
     target = output or SWEEPS_FOLDER / plan.stem
     with RunContext(json_file, [plan]) as run:
@@ -91,8 +91,8 @@ def _measure(
     run: RunContext, cells: "Sequence[Cell]", plan: "Plan", folder: Path, address: str | None
 ) -> "Generator[tuple[Cell, CellResult], None, None]":
     """Yield the result of each cell as it ends; nothing starts where none is missing."""
-    from mjbench import sweep as sweeps
     from mjbench.cli.progress import progress
+    from mjbench.commands.sweep import measure as sweeps
 
     here = folder / plan.folder
     if cells:
@@ -117,7 +117,7 @@ def _store(file: Path, content: bytes) -> None:
 
 def _section(rows: "Sequence[SweepRow]") -> "Section":
     """Return a table with a row for each cell: what its run file comes to, or why there is none."""
-    from mjbench.report.content import Column, Conclusion, DataTable, Section
+    from mjbench.results.content import Column, Conclusion, DataTable, Section
     from mjbench.units import count_of
 
     table = DataTable.of(
@@ -133,9 +133,9 @@ def _section(rows: "Sequence[SweepRow]") -> "Section":
 
 
 def _result(row: "SweepRow") -> str:
-    from mjbench.report import kinds
-    from mjbench.report.content import Tone
-    from mjbench.store import runs
+    from mjbench.commands.show import kinds
+    from mjbench.results import runs
+    from mjbench.results.content import Tone
 
     if row.file is None:
         return f"{row.status}: {row.detail}" if row.status else "missing"

@@ -97,7 +97,7 @@ def versions(
     contacts, the verdict names it.
     """
     from mjbench.api.verdict_measurements import between_releases
-    from mjbench.report import verdicts
+    from mjbench.commands.versions import show as verdicts
 
     releases, sources = (
         (list(names), list[ModelSource]()) if functions else releases_and_models(names)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from mjbench.paired.targets import Target
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.content import Section
-    from mjbench.store.runs import Record, Run
+    from mjbench.results.content import Section
+    from mjbench.results.runs import Record, Run
 
 
 @cli.command("versions --explain")
@@ -47,13 +47,13 @@ def versions_explain(
     """
     from mjbench.api.session import Item, Measurement, input_files
     from mjbench.counts import records
+    from mjbench.counts import show as report
     from mjbench.counts.explain import explain_change
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.counts.records import ExplainRecord
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
-    from mjbench.report import counts as report
 
     releases, sources = releases_and_models(names)
     if len(releases) != 2:

@@ -22,7 +22,6 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.plan import check_memory
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.paired import operations
 from mjbench.releases import install_check
@@ -32,6 +31,7 @@ from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.state_drift import Followed
 from mjbench.simulation.workload_sampling import SampleRequest
+from mjbench.verification.plan import check_memory
 
 # A function of the engine that nothing else calls, and how often it is called for each task.
 MARKER = "mj_version"

@@ -18,9 +18,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench import paths
-from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
-from mjbench.comparison.records import ModelRecord
-from mjbench.comparison.verification import ModelFiles
 from mjbench.errors import Failure, InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, memory_layout, race_blocks
@@ -36,6 +33,9 @@ from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.paths.base import nthread
 from mjbench.releases import release_names
 from mjbench.status import Status
+from mjbench.verification.path_verification import ModelFiles
+from mjbench.verification.plan import WITHOUT_TIMER, ComparisonPlan, Variant
+from mjbench.verification.records import ModelRecord
 
 # Launches after the race at most.
 FINAL_LAUNCHES = 8

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.reference_case import ReferenceCase
 from mjbench.errors import InputError
 from mjbench.paired import memory_layout
 from mjbench.paired.worker import Worker, activity, collect_garbage
 from mjbench.simulation import models
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.workload import Product
+from mjbench.verification.reference_case import ReferenceCase
 
 # A block this long shows nothing of what the first run after the check still sets up.
 _LONG_BLOCK_S = 1.0

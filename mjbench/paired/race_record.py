@@ -15,13 +15,13 @@ from typing import ClassVar
 import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.host.machine import CoreChange
 from mjbench.measuring import launch_stats, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paths.base import nthread
 from mjbench.simulation import engine_clock
 from mjbench.status import Status
+from mjbench.verification.plan import WITHOUT_TIMER, Variant
 
 # A path may be this much slower than the fastest and still be as good: the race does not go on to
 # tell the two apart.

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import memory_blocks, operations
 from mjbench.paired.call_results import Leaf, compare
@@ -31,6 +30,7 @@ from mjbench.simulation import starts, state_drift
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product, whole_holds
 from mjbench.simulation.workload_sampling import LEAD_IN, SampleRequest
+from mjbench.verification import step_costs
 
 # Simulations that start from a file of states, so that they are wherever it was; fewer where a run
 # of all would take more seconds than this.

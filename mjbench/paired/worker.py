@@ -181,8 +181,8 @@ class Worker:
     @activity("making the workload")
     def make_workload(self, request: "SampleRequest") -> DrawnWorkload:
         """Draw a workload for the loaded model (see `workload_sampling.draw`)."""
-        from mjbench.comparison.plan import check_memory
         from mjbench.simulation import state_drift, workload_sampling
+        from mjbench.verification.plan import check_memory
 
         check_memory(self.model, request.nbatch, request.nstep)
         sample = workload_sampling.draw(self.model, request)

@@ -15,19 +15,19 @@ import mjbench
 from mjbench.api import checkup
 from mjbench.api.checkup import CheckupPlan
 from mjbench.api.session import Item, Observer
-from mjbench.checkups.records import CheckedPart, CheckupPart
-from mjbench.checkups.targets import ProgramFile
-from mjbench.comparison.plan import WITHOUT_TIMER
+from mjbench.commands.checkup.result import CheckedPart, CheckupPart
+from mjbench.commands.checkup.targets import ProgramFile
+from mjbench.commands.run.launch import ProgramObservation
+from mjbench.commands.run.recorded_models import RecordedModel
+from mjbench.commands.run.remedies import trials
+from mjbench.commands.run.remedies.trials import MeasuredRatios
+from mjbench.commands.tune.c_search import LEAST_LAUNCHES
+from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import InputError, MachineError
-from mjbench.program.launch import ProgramObservation
-from mjbench.program.recorded_models import RecordedModel
-from mjbench.program.remedies import trials
-from mjbench.program.remedies.trials import MeasuredRatios
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning.c_search import LEAST_LAUNCHES
-from mjbench.tuning.records import TuneRecord
+from mjbench.verification.plan import WITHOUT_TIMER
 
 CARTPOLE = models.resolve("cartpole")
 GAINS = ((WITHOUT_TIMER, 1.3), (ROLLOUT, 3.0))

@@ -10,7 +10,7 @@ import mjbench
 from mjbench.api.measured import Measured
 from mjbench.cli import cli
 from mjbench.cli.shared import RESULTS_FOLDER
-from mjbench.comparison.plan import BUDGET_S
+from mjbench.verification.plan import BUDGET_S
 
 # Parameters of commands by those of functions, where the names differ.
 RENAMED = {

@@ -10,8 +10,8 @@ from commands import ROOT
 from pytest_runs import run_pytest
 
 import mjbench
-from mjbench.loop import rendering
-from mjbench.store import runs
+from mjbench.commands.profile import rendering
+from mjbench.results import runs
 
 
 def blocks(page: str) -> list[str]:

@@ -10,9 +10,9 @@ import process_tree
 import pytest
 
 import mjbench
+from mjbench.commands.profile import rendering
 from mjbench.errors import InputError, MachineError
 from mjbench.host import child
-from mjbench.loop import rendering
 from mjbench.paired.metrics import Metric
 from mjbench.simulation import models
 from mjbench.status import Status

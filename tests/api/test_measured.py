@@ -18,14 +18,13 @@ from mjbench.api.compare import Comparison
 from mjbench.api.profile import Profile
 from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.api.versions import ReleaseComparison
+from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.host import machine
 from mjbench.measuring.timing import Progress
-from mjbench.pages import fragment
 from mjbench.paired.records import VerdictRecord
-from mjbench.report.content import Tone
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store import runs
-from mjbench.store.runs import Record, Run, RunHeader
+from mjbench.results import fragment, runs
+from mjbench.results.content import Tone
+from mjbench.results.runs import Record, Run, RunHeader
 
 HOSTILE = "<img src=x onerror=alert(1)>&\x1b[31m"
 

@@ -17,22 +17,22 @@ from pretender import Pretender
 from mjbench.api import model_comparison
 from mjbench.api.model_comparison import ComparedModel, ModelChildren, ModelComparison
 from mjbench.api.session import Observer
-from mjbench.comparison import accelerated_measurement
-from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
-from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.comparison.verification import ModelFiles
+from mjbench.commands.compare import accelerated_measurement
+from mjbench.commands.compare.results import PathResult, derive
 from mjbench.host import isolate, machine, neighbours
 from mjbench.host.machine import CoreChange
 from mjbench.host.neighbours import Neighbour
 from mjbench.paired.race import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.report.content import Section
-from mjbench.report.path_speedups import PathResult, derive
+from mjbench.results.content import Section
 from mjbench.simulation import models
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
+from mjbench.verification.path_verification import ModelFiles
+from mjbench.verification.plan import WITHOUT_TIMER, ComparisonPlan, Variant
+from mjbench.verification.records import MeasurementRecord, ModelRecord
 
 
 class Recorded(ComparedModel):

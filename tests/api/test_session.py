@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from mjbench.api.session import Observer, input_files, of_each_model
-from mjbench.loop.habit_timing import OverheadRow
+from mjbench.commands.profile.habit_timing import OverheadRow
 from mjbench.paired.targets import Target
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import models

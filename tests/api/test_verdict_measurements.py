@@ -11,9 +11,10 @@ from set_files import MACHINE, run_file
 from mjbench.api import verdict_measurements
 from mjbench.api.session import Observer
 from mjbench.api.verdict_measurements import between_releases, completed_share
+from mjbench.commands.show.kinds import RECORD_TYPES
+from mjbench.commands.versions.function_sides import FunctionName, FunctionTarget, FunctionTargets
 from mjbench.errors import InputError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.function_sides import FunctionName, FunctionTarget, FunctionTargets
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
@@ -23,10 +24,9 @@ from mjbench.paired.verdict import Judgement, VerdictPlan
 from mjbench.releases import release_names
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Revision
-from mjbench.report.kinds import RECORD_TYPES
+from mjbench.results import runs
 from mjbench.simulation import models
 from mjbench.status import Status
-from mjbench.store import runs
 
 SOURCES = [models.resolve("cartpole")]
 MAIN, HEAD = Revision("main", "a" * 40), Revision("HEAD", "b" * 40)

@@ -8,7 +8,8 @@ import pytest
 from commands import PYTHONPATH, mjbench
 from git_checkout import commit, new_repository
 
-from mjbench.paired import function_verdict, verdict
+from mjbench.commands.versions import function_verdict
+from mjbench.paired import verdict
 
 OLD = """
 def advance(x):

@@ -11,8 +11,8 @@ from commands import ROOT, Completed, mjbench, mjbench_process
 
 import mjbench as package
 from mjbench.api.checkup import CheckupPlan
+from mjbench.commands.profile import measure as profile
 from mjbench.host import isolate
-from mjbench.loop import profile
 
 CARTPOLE = ROOT / "models" / "cartpole.xml"
 

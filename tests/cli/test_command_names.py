@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from mjbench.cli import cli, show_pages
 from mjbench.command_names import LISTED, command_of, with_mode
-from mjbench.report.kinds import KINDS
+from mjbench.commands.show.kinds import KINDS
 
 MODES = sorted(name for name in cli.commands if " --" in name)
 

@@ -12,8 +12,8 @@ from commands import mjbench
 from example_races import BATCH_STEP, ROLLOUT, THREADS, invent_comparisons
 
 from mjbench.cli import cli
-from mjbench.comparison.plan import BUDGET_S, QUICK_BUDGET_S, WITHOUT_TIMER
 from mjbench.status import Status
+from mjbench.verification.plan import BUDGET_S, QUICK_BUDGET_S, WITHOUT_TIMER
 
 # Small enough to be quick; what is tested is what the command says, not how fast it is.
 QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0.1", "--results", "runs"]

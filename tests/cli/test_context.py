@@ -7,18 +7,18 @@ import pytest
 
 from mjbench.api.session import Item, Items, Measurement, Observer, Session
 from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
+from mjbench.commands.profile.habit_timing import OverheadRow
+from mjbench.commands.show import kinds
+from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, neighbours
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Disturbance, Neighbour
-from mjbench.loop.habit_timing import OverheadRow
-from mjbench.report import kinds
-from mjbench.report.content import Section, Tone
-from mjbench.report.kinds import RECORD_TYPES
+from mjbench.results import runs
+from mjbench.results.content import Section, Tone
+from mjbench.results.run_writer import RunFile
+from mjbench.results.runs import Record, Run
 from mjbench.status import Status
-from mjbench.store import runs
-from mjbench.store.run_writer import RunFile
-from mjbench.store.runs import Record, Run
 
 
 def row(model: str, status: Status = Status.UNAVAILABLE) -> OverheadRow:

@@ -20,10 +20,10 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
 from mjbench.releases.placement import Placement, PlacementPair
+from mjbench.results import runs
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
-from mjbench.store import runs
 
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 SIDE = TargetRow("3.3.0", "m", "rollout", {"threads": 2}, {"solver": "cg"})

@@ -9,13 +9,13 @@ from click.testing import CliRunner
 from commands import mjbench
 
 from mjbench.cli import cli
+from mjbench.commands.doctor import detectable_change
+from mjbench.commands.doctor.detectable_change import Noise
+from mjbench.commands.profile import rendering
+from mjbench.commands.profile.rendering import FrameTime
 from mjbench.errors import MachineError
 from mjbench.host import conditions
 from mjbench.host.conditions import Condition, Grade
-from mjbench.loop import rendering
-from mjbench.loop.rendering import FrameTime
-from mjbench.paired import detectable_change
-from mjbench.paired.detectable_change import Noise
 from mjbench.paired.worker_pool import WorkerPool
 
 

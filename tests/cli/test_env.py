@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from commands import mjbench
 
-from mjbench.environment import vectors
+from mjbench.commands.env import vectors
 
 QUICK = ["--nstep", "40", "--budget", "0", "--threads", "1", "--no-vector"]
 

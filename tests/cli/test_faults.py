@@ -18,7 +18,7 @@ from example_races import invent_comparisons
 
 from mjbench.cli import cli
 from mjbench.errors import MachineError
-from mjbench.store.run_writer import RunFile
+from mjbench.results.run_writer import RunFile
 
 QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0.1", "--results", "runs"]
 

@@ -9,7 +9,7 @@ from click.testing import CliRunner, Result
 from commands import mjbench
 
 from mjbench.cli import cli
-from mjbench.loop.lint_rules import RULES
+from mjbench.commands.lint.rules import RULES
 
 LOOP = """
 import mujoco

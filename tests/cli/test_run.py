@@ -175,8 +175,8 @@ def test_json_on_standard_output_is_refused():
 
 
 def test_a_missing_profiler_is_named_with_what_installs_it(tmp_path, monkeypatch):
+    from mjbench.commands.run import py_spy
     from mjbench.errors import UnavailableError
-    from mjbench.program import py_spy
 
     monkeypatch.setattr(py_spy.sysconfig, "get_path", lambda name: str(tmp_path))
     monkeypatch.setenv("PATH", str(tmp_path))

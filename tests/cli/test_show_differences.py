@@ -14,8 +14,8 @@ from set_files import labelled, run_file
 
 from mjbench.cli import cli
 from mjbench.host import machine
-from mjbench.store import runs
-from mjbench.store.run_writer import RunFile
+from mjbench.results import runs
+from mjbench.results.run_writer import RunFile
 
 RUNS = ROOT / "results/runs"
 

@@ -14,7 +14,7 @@ from step_profiles import step_profile
 
 import mjbench
 from mjbench.cli import cli
-from mjbench.loop import profile
+from mjbench.commands.profile import measure as profile
 from mjbench.simulation import models
 
 TAKES_STATES = (

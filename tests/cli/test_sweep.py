@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from commands import mjbench
 
-from mjbench import sweep
+from mjbench.commands.sweep import measure as sweep
+from mjbench.commands.sweep.measure import Cell, CellResult
+from mjbench.results import run_writer, runs
+from mjbench.results.runs import RunHeader
 from mjbench.status import Status
-from mjbench.store import run_writer, runs
-from mjbench.store.runs import RunHeader
-from mjbench.sweep import Cell, CellResult
 
 PLAN = 'command = "latency {model}"\n[matrix]\nmodel = ["cartpole", "pile"]\n'
 FOLDER = "results/sweeps/plan"

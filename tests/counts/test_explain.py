@@ -12,6 +12,7 @@ from commands import mjbench
 
 from mjbench.cli import cli
 from mjbench.counts import explain, instructions
+from mjbench.counts import show as counts
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
     ExplainRecord,
@@ -23,7 +24,6 @@ from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.report import counts
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.state_drift import Followed

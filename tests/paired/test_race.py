@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from example_races import race
 
-from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError
 from mjbench.paired import race_record
 from mjbench.paired.launches import Targets, UnableError
@@ -30,6 +29,7 @@ from mjbench.paired.race_record import (
     UnableVariant,
 )
 from mjbench.status import Status
+from mjbench.verification.plan import Variant
 
 BASE_NS = 10_000_000
 

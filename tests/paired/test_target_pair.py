@@ -10,7 +10,6 @@ import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
 import mjbench
-from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import run_sizes, target_pair
 from mjbench.paired.run_sizes import Sizes
@@ -22,6 +21,7 @@ from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_SETTLE_S, KEYFRAME_STARTS, StartPlan, Starts
 from mjbench.simulation.workload import Product
+from mjbench.verification import step_costs
 
 
 def test_models_of_different_size_do_as_many_simulations_each(

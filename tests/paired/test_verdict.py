@@ -11,6 +11,7 @@ import pytest
 from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
+from mjbench.commands.versions import show as verdicts
 from mjbench.errors import Failure, MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import pair_launches, target_pair, verdict
@@ -25,13 +26,12 @@ from mjbench.paired.verdict import judge
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.report import verdicts
+from mjbench.results import runs
 from mjbench.simulation import models
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import KEYFRAME_STARTS, Starts
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
-from mjbench.store import runs
 
 SIDES = CARTPOLE.row(), CARTPOLE.row()
 

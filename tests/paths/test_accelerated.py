@@ -12,11 +12,11 @@ from pretender import MODEL, NBATCH, available, make_workload
 from quick_engines import QUICK_WARP
 
 from mjbench import extras, paths
-from mjbench.comparison import selection
 from mjbench.errors import MachineError
 from mjbench.paths import warp
 from mjbench.paths.warp_buffers import check_overflow
 from mjbench.simulation import reference_trajectory, workload
+from mjbench.verification import selection
 
 BALL_ASLEEP = """
 <mujoco>

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjbench.commands.record.recording import record
 from mjbench.errors import InputError
-from mjbench.loop.recording import record
 from mjbench.simulation import compat, models, state_file, workload_sampling
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.simulation.workload import Workload

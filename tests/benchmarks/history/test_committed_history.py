@@ -12,12 +12,11 @@ from benchmarks.history import page as of_history
 from benchmarks.history.release_ratios import RatioRecord
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
 from benchmarks.studies import history_repeats
-from mjbench.pages import markdown
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import bundle
 from mjbench.releases.release import NO_CHANGE_PAIRS, OLDEST, version_key
+from mjbench.results import markdown, runs
 from mjbench.status import ExitCode
-from mjbench.store import runs
 
 METHOD = ROOT / "docs/method/history.md"
 HISTORY_AGAIN = ROOT / "results/history-checks/reference-history-again.jsonl"

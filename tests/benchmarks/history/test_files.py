@@ -11,7 +11,7 @@ from benchmarks.history import files, known_causes, page
 from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from benchmarks.history.speed_history import SpeedHistory
 from mjbench.errors import InputError
-from mjbench.store.runs import SCHEMA, Run, RunHeader
+from mjbench.results.runs import SCHEMA, Run, RunHeader
 
 FLAT = [1.0] * 8
 STEP = [1.0] * 4 + [1.1] * 4

@@ -6,7 +6,7 @@ from speed_histories import record
 
 from benchmarks.history import ratio_section
 from benchmarks.history.release_ratios import RatioRecord
-from mjbench.pages import terminal
+from mjbench.results import terminal
 from mjbench.status import Status
 
 

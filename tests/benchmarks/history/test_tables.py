@@ -9,7 +9,7 @@ from benchmarks.history.known_causes import KnownCause
 from benchmarks.history.release_ratios import OperationRatioRecord
 from benchmarks.history.speed_history import SpeedHistory
 from mjbench.counts.records import Pair
-from mjbench.report.content import DataTable
+from mjbench.results.content import DataTable
 from mjbench.status import Status
 
 WITH_COUNTS = SpeedHistory([STEP], counts=COUNTED)

@@ -16,9 +16,9 @@ from benchmarks.studies import c_floor, c_floor_page
 from benchmarks.studies.c_floor_tally import FloorRow, LaunchTimes, Spread
 from benchmarks.studies.page_part import of_lines
 from mjbench import paths
-from mjbench.comparison.plan import choose_sizes
 from mjbench.errors import MachineError
 from mjbench.simulation import models, reference_run, workload
+from mjbench.verification.plan import choose_sizes
 
 needs_compiler = pytest.mark.skipif(
     not shutil.which("cc"), reason="no C compiler (cc) on this machine"

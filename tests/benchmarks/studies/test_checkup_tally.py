@@ -10,14 +10,14 @@ from set_files import MACHINE
 from tuning_values import NOTHING, apart, present
 
 from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial, trial
-from mjbench.checkups.records import CheckedPart, CheckupPart
-from mjbench.checkups.targets import TargetKind
-from mjbench.loop.lint import Finding
+from mjbench.commands.checkup.result import CheckedPart, CheckupPart
+from mjbench.commands.checkup.targets import TargetKind
+from mjbench.commands.lint.check import Finding
+from mjbench.commands.tune.result import Accuracy, Attempt, Effect, Recommendation, TuneRecord
+from mjbench.commands.tune.settings import Edit, Part, Setting
 from mjbench.measuring.ratio import Ratio
+from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
 from mjbench.status import Status
-from mjbench.store.runs import SCHEMA, Record, Run, RunHeader
-from mjbench.tuning.records import Accuracy, Attempt, Effect, Recommendation, TuneRecord
-from mjbench.tuning.settings import Edit, Part, Setting
 
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
 CONE = Setting("cone", "cone=pyramidal", (Edit(Part.OPTION, "cone", "pyramidal"),))

@@ -10,12 +10,12 @@ from benchmarks.studies import checkups, tally_file
 from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial
 from benchmarks.studies.checkups import Target
 from benchmarks.studies.page_part import of_lines
-from mjbench.checkups.records import CheckedPart, CheckupPart
-from mjbench.checkups.targets import TargetKind
+from mjbench.commands.checkup.result import CheckedPart, CheckupPart
+from mjbench.commands.checkup.targets import TargetKind
+from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import InputError, MachineError
+from mjbench.results.runs import SCHEMA, Run, RunHeader
 from mjbench.status import ExitCode
-from mjbench.store.runs import SCHEMA, Run, RunHeader
-from mjbench.tuning.records import TuneRecord
 
 HOPPER, ANT = (Target(name, TargetKind.ENVIRONMENT) for name in ("Hopper-v5", "Ant-v5"))
 

@@ -10,8 +10,8 @@ from benchmarks.studies import foreign, foreign_packages, foreign_page, foreign_
 from benchmarks.studies.foreign_packages import Package, PackageFiles
 from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
 from mjbench.api.model_comparison import ModelComparison
-from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.status import ExitCode, Status
+from mjbench.verification.records import MeasurementRecord, ModelRecord
 
 PACKAGE = Package("robots", "1.0")
 

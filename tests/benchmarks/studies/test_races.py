@@ -8,8 +8,8 @@ import pytest
 from benchmarks.studies import foreign, foreign_tally, races
 from benchmarks.studies.page_part import of_lines
 from benchmarks.studies.tally_file import load
-from mjbench.comparison.plan import Variant
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
+from mjbench.verification.plan import Variant
 
 SPEEDS = [1.0, 1.3, 2.0, 1.3]
 

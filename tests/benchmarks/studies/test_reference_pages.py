@@ -6,7 +6,7 @@ import pytest
 from benchmarks.studies import reference_pages
 from benchmarks.studies.page_part import of_lines
 from mjbench.cli import cli
-from mjbench.report.kinds import RECORD_TYPES
+from mjbench.commands.show.kinds import RECORD_TYPES
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from benchmarks.verdicts.records import RECORD_TYPES, TrialRecord
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import judge
 from mjbench.releases.release import NO_CHANGE_PAIRS
+from mjbench.results import runs
 from mjbench.simulation import models
-from mjbench.store import runs
 
 
 def test_every_committed_run_is_tested() -> None:

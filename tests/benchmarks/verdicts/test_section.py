@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.verdicts import section
 from benchmarks.verdicts.records import Arm, CaseSummary
-from mjbench.pages import terminal
+from mjbench.results import terminal
 
 KNOWN = CaseSummary(
     old="4.0.0",

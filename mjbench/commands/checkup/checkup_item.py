@@ -1,0 +1,137 @@
+"""One thing that a check-up advises: what to do, what it gains, and what it changes in results."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mjbench.commands.tune import notes as tuning_notes
+from mjbench.commands.tune.settings import Setting
+from mjbench.measuring.ratio import Ratio
+from mjbench.results import formats
+from mjbench.verification.plan import Variant
+
+
+class ResultChange(StrEnum):
+    """What an item does to results."""
+
+    CORRECTED = "corrected"
+    """They are wrong today."""
+    NONE = "none"
+    """Nothing, to the last bit; what `change_detail` says in runs other than those seen."""
+    TOLERANCE = "tolerance"
+    """No more than the solver's tolerance does."""
+    STATED = "stated"
+    """What `change_detail` says."""
+    ERROR = "error"
+    """An error, of which `error` has the size."""
+
+    @property
+    def keeps(self) -> bool:
+        return self in (ResultChange.NONE, ResultChange.TOLERANCE)
+
+
+class GainUnit(StrEnum):
+    """What a gain is a multiple of; that of a loop is the share of its time that is saved."""
+
+    PLAIN_LOOP = "times the plain loop"
+    SIMULATED_SECOND = "times as fast"
+    LOOP_SHARE = "of the loop's time saved"
+    ENV_STEP = "times env.step"
+    ONE_ENVIRONMENT = "times one environment"
+
+
+class GainGroup(StrEnum):
+    """Items of one group do the same work in another way: of them, use one."""
+
+    PATHS = "ways of stepping"
+    TIMER = "timer"
+    SETTINGS = "settings"
+    LOOP = "loop"
+    PHYSICS = "physics alone"
+    VECTORS = "several environments"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckupItem:
+    """One thing to do.
+
+    Attributes:
+      action: what to do, and where, in a line.
+      variant: the way of stepping that it advises; None of anything else.
+      settings: that it advises.
+      gain: None for a wrong result, and where the gain was not measured.
+      is_bound: whether it is at most that: what comes instead takes time, too.
+      change_detail: what else is given up, or may change in runs other than those seen, in a few
+        words; empty for nothing.
+      error: as a share of the motion; None unless results have one.
+      command: that looks closer.
+      snippet: code that does it; empty where `action` says all.
+      slow_effects: what it prevents that runs of a second are too short to show, in sentences.
+    """
+
+    action: str
+    variant: Variant | None = None
+    settings: Sequence[Setting] = ()
+    gain: Ratio | None = None
+    unit: GainUnit | None = None
+    is_bound: bool = False
+    change: ResultChange
+    change_detail: str = ""
+    error: float | None = None
+    group: GainGroup | None = None
+    command: str
+    snippet: str = ""
+    slow_effects: Sequence[str] = ()
+
+    @property
+    def times(self) -> float:
+        """How many times as fast, by estimate; 1 where that is not known."""
+        if self.gain is None:
+            return 1.0
+        if self.unit == GainUnit.LOOP_SHARE:
+            return 1 / max(1e-9, 1 - self.gain.estimate)
+        return self.gain.estimate
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Where it stands: wrong results first, then what keeps results, then the rest."""
+        if self.change == ResultChange.CORRECTED:
+            return 0, 0.0
+        if self.gain is None:
+            return 3, 0.0
+        if self.group == GainGroup.LOOP:  # `run` has ranked them
+            return 1, 0.0
+        return (1 if self.change.keeps else 2), -self.times
+
+    @property
+    def gain_text(self) -> str:
+        """The gain, as a sentence or a cell has it; empty where it is not known."""
+        if self.gain is None:
+            return ""
+        at_most = "≤ " if self.is_bound else ""
+        if self.unit == GainUnit.LOOP_SHARE:
+            return f"{at_most}{formats.whole_percent(self.gain.estimate)}"
+        return f"{at_most}{formats.factor(self.gain.estimate)}"
+
+    @property
+    def ends_text(self) -> str:
+        """The ends of its interval; empty where they are not known."""
+        form = formats.whole_percent if self.unit == GainUnit.LOOP_SHARE else formats.factor
+        return formats.ends(self.gain, form)
+
+    @property
+    def change_text(self) -> str:
+        match self.change:
+            case ResultChange.CORRECTED:
+                return "corrects them"
+            case ResultChange.NONE:
+                if self.change_detail:
+                    return f"nothing in the runs seen; {self.change_detail}"
+                return "nothing"
+            case ResultChange.TOLERANCE:
+                return "within the solver's tolerance"
+            case ResultChange.ERROR:
+                if self.error is None:
+                    return "an error of unknown size"
+                return f"an error of {tuning_notes.percent(self.error)} of the motion"
+        return self.change_detail

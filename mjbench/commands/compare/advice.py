@@ -1,0 +1,395 @@
+"""Which path to use on a model, for open and for closed loop, and on how many threads."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+from mjbench import paths
+from mjbench.commands.compare.results import ModelResults, PathResult
+from mjbench.measuring.ratio import Ratio
+from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
+from mjbench.paths import BASE
+from mjbench.paths.base import nthread
+from mjbench.results import formats
+from mjbench.simulation import engine_clock
+from mjbench.units import count_of
+from mjbench.verification.plan import Variant, describe_options
+
+# A number of threads is enough where it reaches this share of the best speed-up.
+ENOUGH = 0.95
+# Of two numbers, one and all cores, the table says it all.
+_LEAST_COUNTS = 3
+_PLAIN_LOOP = "the plain loop"
+# Paths that a sentence names as perhaps faster, at most.
+_MOST_RIVALS = 2
+_LOOPS = {
+    Loop.OPEN: "For controls known beforehand (open loop)",
+    Loop.CLOSED: "For RL (closed loop)",
+}
+
+
+class Reason(StrEnum):
+    """Why a path is advised."""
+
+    FASTER = "faster"
+    """It is the fastest, and certainly faster than the plain loop."""
+    SIMPLER = "simpler"
+    """It is as good as the fastest, within 2 %, and simpler."""
+    NO_GAIN = "no gain"
+    """It is the plain loop, and no path is certainly faster."""
+    ALONE = "alone"
+    """It is the plain loop; no other path was timed for this loop."""
+    PAYS = "pays"
+    """It compiles, and what that takes pays within the steps asked for."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The path to use on one model, at one size.
+
+    Attributes:
+      speedup: over the plain loop, the same as in the path's row; None for the plain loop itself.
+      is_certain: whether no other path can be faster by 2 %, and nothing disturbed the race.
+      rivals: paths that may be as fast, each with its options, the fastest by estimate first;
+        `rival_speedup` is how many times as fast as the plain loop the first one was.
+      most_gain: share by which one of them may be faster than the fastest, at most; None where
+        launches are too few to say.
+      unable: paths that left the race because they could not go on, or that are not advised because
+        they take seconds to start, each with the reason.
+      break_even: when compiling pays for an accelerated path that is faster, in one line; empty
+        without one.
+      difference: what the path computes otherwise than C, where it is close; empty otherwise.
+    """
+
+    model: str
+    nbatch: int | None
+    loop: Loop
+    path: str
+    options: Mapping[str, Any]
+    speedup: Ratio | None
+    reason: Reason
+    is_certain: bool
+    rivals: Sequence[Variant]
+    rival_speedup: float | None
+    most_gain: float | None
+    unable: Sequence[str]
+    break_even: str
+    difference: str
+    realtime_factor: float | None
+    snippet: str
+
+    @property
+    def variant(self) -> Variant:
+        """The path with its options."""
+        return Variant(self.path, self.options)
+
+
+@dataclass(frozen=True)
+class ClockAdvice:
+    """What turning MuJoCo's timer off gains on one model, for every path and both loops."""
+
+    model: str
+    nbatch: int | None
+    speedup: Ratio
+    snippet: str = engine_clock.OFF_SNIPPET
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThreadAdvice:
+    """How many threads a path should have on a model.
+
+    Attributes:
+      nthread: the smallest number of threads that has `ENOUGH` of the best speed-up; 1 where no
+        number is certainly faster than one thread.
+      most_tried: the largest number that was tried.
+      over_one: speed-up of `nthread` threads over one; None for one thread.
+      chunk: simulations that a thread takes at a time; None for the path's own number.
+      is_certain: whether the race had the time that it needed, and nothing disturbed it.
+    """
+
+    model: str
+    nbatch: int | None
+    path: str
+    nthread: int
+    most_tried: int
+    over_one: Ratio | None
+    chunk: int | None
+    is_certain: bool
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """A path that follows from what is known, and the fields of `Advice` that say why."""
+
+    result: PathResult
+    reason: Reason
+    is_certain: bool
+    rivals: Sequence[PathResult] = ()
+    most_gain: float | None = None
+    break_even: str = ""
+
+    @property
+    def fastest(self) -> PathResult:
+        """The fastest by estimate of it and its rivals."""
+        return max([self.result, *self.rivals], key=lambda result: result.steps_per_s or 0.0)
+
+
+def advise(model_results: ModelResults) -> list[Advice]:
+    """Return the advice on a model at one size, for open and for closed loop.
+
+    Paths whose steps could not be judged are no candidates. There is no advice without a race.
+    """
+    race, base = model_results.race, model_results.base
+    if race is None or base is None:
+        return []
+    advice = []
+    for loop, standing in race.standings.items():
+        choice = _Choice(base, Reason.ALONE, is_certain=not model_results.disturbances)
+        if _others_timed(model_results, loop):
+            choice = _choose(model_results, race, standing, base)
+        choice = _with_accelerated(choice, loop, model_results)
+        advice.append(_advice(loop, choice, _unable(model_results, race, loop, choice)))
+    return advice
+
+
+def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
+    """Return what turning MuJoCo's timer off gains, where that is certain and worth a line."""
+    gain = model_results.race.timer_gain if model_results.race is not None else None
+    if gain is None:
+        return None
+    return ClockAdvice(model_results.model.model, model_results.model.nbatch, gain)
+
+
+def _choose(
+    model_results: ModelResults, race: RaceRecord, standing: Standing, base: PathResult
+) -> _Choice:
+    winner = race.winner(standing)
+    chosen = model_results.timed(race.variants[winner]) or base
+    has_figures = race.has_final_figures(chosen.variant)
+    is_certain = standing.is_decided and has_figures and not model_results.disturbances
+    is_simpler = winner == standing.chosen != standing.fastest
+    reason = Reason.SIMPLER if is_simpler else Reason.FASTER
+    if race.advised(standing) != winner:
+        gain = chosen.speedup
+        is_certain &= gain is not None and gain.high is not None and gain.high <= 1 + MARGIN
+        chosen, reason = base, Reason.NO_GAIN
+    elif chosen == base and reason == Reason.FASTER:
+        reason = Reason.NO_GAIN
+    contenders = (model_results.timed(race.variants[i]) for i in standing.contenders)
+    # a path is only chosen where it is certainly faster than the plain loop
+    rivals = [each for each in contenders if each is not None and each not in (chosen, base)]
+    rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
+    most_gain = standing.most_gain if math.isfinite(standing.most_gain) else None
+    return _Choice(chosen, reason, is_certain, rivals, most_gain)
+
+
+def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
+    return any(
+        result.serves(loop) and result.is_judged and result.path != BASE
+        for result in model_results.results
+        if result.is_timed
+    )
+
+
+def _unable(
+    model_results: ModelResults, race: RaceRecord, loop: Loop, choice: _Choice
+) -> list[str]:
+    """Return the paths that may be faster and are not advised, each with the reason."""
+    results = {str(result.variant): result for result in model_results.results}
+    unable = [
+        f"{result.variant} left: {each.detail}"
+        for each in race.unable
+        if (result := results.get(str(race.variants[each.variant]))) and result.serves(loop)
+    ]
+    slow = (model_results.timed(race.variants[i]) for i in race.slow)
+    unable += [
+        f"{result.variant} is faster, but takes seconds to start"
+        for result in slow
+        if result is not None and result.serves(loop) and result.rate_over(choice.result) > 1
+    ]
+    return unable
+
+
+def _with_accelerated(choice: _Choice, loop: Loop, model_results: ModelResults) -> _Choice:
+    """Return an accelerated path instead where compiling it pays; otherwise say when it would.
+
+    It pays after so many steps that it would be faster in all than the path that it displaces, and
+    than those that may be faster than that one.
+    """
+    displaced = choice.fastest
+    total_steps, step_ns = model_results.total_steps, displaced.step_ns or 0.0
+    faster = [
+        result
+        for result in model_results.results
+        if result.compile_s is not None and result.is_timed and result.is_judged
+        if result.serves(loop) and result.rate_over(displaced) > 1 + MARGIN
+    ]
+    if not faster or total_steps is None:
+        return choice
+    paying = [each for each in faster if each.pays_after_steps(step_ns) <= total_steps]
+    if paying:
+        best = max(paying, key=lambda result: result.steps_per_s or 0.0)
+        text = f"compiling pays after {best.pays_after_steps(step_ns):,.0f} steps"
+        return _Choice(best, Reason.PAYS, is_certain=False, break_even=text)
+    first = min(faster, key=lambda result: result.pays_after_steps(step_ns))
+    break_even = (
+        f"{first.variant} would pay after {first.pays_after_steps(step_ns):,.0f} steps;"
+        " --total-steps says how many you will take"
+    )
+    return replace(choice, break_even=break_even)
+
+
+def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
+    result, rivals = choice.result, choice.rivals
+    rival_speedup = rivals[0].speedup if rivals else None
+    return Advice(
+        model=result.model,
+        nbatch=result.nbatch,
+        loop=loop,
+        path=result.path,
+        options=result.options,
+        speedup=result.interval,
+        reason=choice.reason,
+        is_certain=choice.is_certain,
+        rivals=[each.variant for each in rivals],
+        rival_speedup=rival_speedup.estimate if rival_speedup else None,
+        most_gain=choice.most_gain,
+        unable=unable,
+        break_even=choice.break_even,
+        difference=result.difference,
+        realtime_factor=result.realtime_factor,
+        snippet=result.snippet,
+    )
+
+
+def advise_threads(model_results: ModelResults) -> list[ThreadAdvice]:
+    """Return the advice on each path of which one thread and two other numbers were timed."""
+    race = model_results.race
+    if race is None:
+        return []
+    timed = [r for r in model_results.results if r.is_timed and not r.is_accelerated]
+    advice = []
+    for name in dict.fromkeys(result.path for result in timed):
+        own = [result for result in timed if result.path == name]
+        counts = {nthread(result.options) for result in own}
+        if len(counts) >= _LEAST_COUNTS and 1 in counts:
+            advice.append(_thread_advice(race, own))
+    return advice
+
+
+def _thread_advice(race: RaceRecord, own: Sequence[PathResult]) -> ThreadAdvice:
+    fastest: dict[int, PathResult] = {}
+    for result in own:
+        count = nthread(result.options)
+        if count not in fastest or result.rate_over(fastest[count]) > 1:
+            fastest[count] = result
+    best = max(fastest.values(), key=lambda result: result.steps_per_s or 0.0)
+    enough = min(n for n, result in fastest.items() if result.rate_over(best) >= ENOUGH)
+    over_one = race.ratio(fastest[enough].variant, fastest[1].variant) if enough > 1 else None
+    if over_one is None or not over_one.is_above(1.0):
+        enough, over_one = 1, None
+    chosen = fastest[enough]
+    return ThreadAdvice(
+        model=chosen.model,
+        nbatch=chosen.nbatch,
+        path=chosen.path,
+        nthread=enough,
+        most_tried=max(fastest),
+        over_one=over_one,
+        chunk=chosen.options.get("chunk"),
+        is_certain=race.is_decided and not (race.is_cut_short or chosen.disturbances),
+    )
+
+
+def conclusion(advice: Advice, names_size: bool = False) -> str:
+    """Return which path to use, and why; `names_size`: for how many simulations."""
+    gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
+    begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
+    path = described(advice.variant)
+    return "; ".join([f"{begin}: {path}{gain}", *_reasons(advice)])
+
+
+def _size(nbatch: int | None, names_size: bool) -> str:
+    return f", {count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
+
+
+def described(variant: Variant) -> str:
+    """Return a path with its options for a sentence, such as `Batch.step on 2 threads`.
+
+    Options that have the path's own value are left out. A path that is not one of mjbench's has
+    its name.
+    """
+    path, options = paths.shipped(variant.path), dict(variant.options)
+    if path is None:
+        return str(variant)
+    text = path.title or path.name
+    for option in path.options:
+        if option.name not in options:
+            continue
+        if option.name == "threads":
+            text += f" on {count_of(options.pop(option.name), 'thread')}"
+        elif option.is_parallel:
+            text = f"{options.pop(option.name)} {text}"
+        elif option.values and options[option.name] == option.values[0]:
+            del options[option.name]
+    rest = describe_options(options)
+    return f"{text} ({rest})" if rest else text
+
+
+def _reasons(advice: Advice) -> list[str]:
+    reasons = []
+    match advice.reason:
+        case Reason.SIMPLER | Reason.NO_GAIN if advice.is_certain:
+            reasons.append("no other path is faster by 2 %")
+        case Reason.ALONE:
+            reasons.append("no other path was timed for it")
+    if not advice.is_certain and advice.reason != Reason.PAYS:
+        reasons.append(f"not certain{_doubt(advice)}")
+    if advice.difference:
+        reasons.append(f"close to C, not the same: {advice.difference}")
+    return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
+
+
+def _doubt(advice: Advice) -> str:
+    """Return which paths may be faster than the one that is advised, and by how much."""
+    if not advice.rivals:
+        return ""
+    rivals = f"{len(advice.rivals)} other paths"
+    if len(advice.rivals) <= _MOST_RIVALS:
+        rivals = " or ".join(map(described, advice.rivals))
+    most = f" by up to {max(1, round(100 * advice.most_gain))} %" if advice.most_gain else ""
+    return f": {rivals} may be faster{most}{_first_rival(advice)}"
+
+
+def _first_rival(advice: Advice) -> str:
+    """Return how fast the first rival of the plain loop was; empty beside another path."""
+    factor = advice.rival_speedup
+    if advice.reason != Reason.NO_GAIN or factor is None or factor < 1 + MARGIN:
+        return ""
+    name = described(advice.rivals[0])
+    verb = "were" if name[0].isdigit() else "was"  # such as "2 worker processes"
+    return f"; {name} {verb} {formats.factor(factor)} times as fast, but not certainly"
+
+
+def _times(speedup: Ratio, baseline: str) -> str:
+    return f"{formats.factor(speedup.estimate)} times {baseline}{formats.in_brackets(speedup)}"
+
+
+def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
+    threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
+    name = paths.title(row.path)
+    begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
+    doubt = "" if row.is_certain else "; not certain"
+    if row.over_one is None:
+        return f"{begin}; no number up to {row.most_tried} is certainly faster{doubt}"
+    is_most = row.nthread == row.most_tried
+    most = "" if is_most else f"; {row.most_tried} threads gain less than 5 % more"
+    chunk = f" (chunk={row.chunk})" if row.chunk else ""
+    return f"{begin}{chunk}, {_times(row.over_one, 'one thread')}{most}{doubt}"
+
+
+def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> str:
+    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {engine_clock.TIMER_NAME}"
+    return f"{begin} ({engine_clock.OFF_CODE}), {_times(clock.speedup, _PLAIN_LOOP)}"

@@ -1,0 +1,299 @@
+"""Results of paths, derived from the records of a comparison: speed-ups, and break-even.
+
+A speed is derived only for a measurement whose final states agree.
+"""
+
+import math
+import statistics
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from mjbench.host import conditions
+from mjbench.measuring.ratio import Ratio
+from mjbench.paired.race_record import Loop, RaceRecord
+from mjbench.paths import BASE
+from mjbench.results.json_form import in_json
+from mjbench.results.runs import Record
+from mjbench.simulation.accelerated_judgement import EngineAnswer
+from mjbench.simulation.starts import Starts
+from mjbench.status import Status
+from mjbench.verification.plan import Variant
+from mjbench.verification.records import MeasurementRecord, ModelRecord, of_model
+
+# A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
+_FALLING_CONTACTS = 0.05
+_FALLING = (
+    "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
+    " settle (--settle 3s), or give states of your own (--states)."
+)
+
+
+@in_json(
+    *("model", "path", "options", "status", "detail", "agrees", "agreement", "closed_loop"),
+    *("nbatch", "nstep", "hold", "returns", "starts", "diverged", "warnings"),
+    *("steps_per_s", "step_ns", "realtime_factor", "speedup", "launches", "work", "snippet"),
+    *("nbatch_asked", "precision", "device", "trace_s", "compile_s", "cached_compile_s"),
+    *("memory_bytes", "gpu_memory_bytes", "judgement", "versions", "buffer_sizes"),
+    *("overtakes_after_steps", "disturbances"),
+)
+@dataclass(frozen=True, kw_only=True)
+class PathResult(MeasurementRecord):
+    """What a comparison says of one variant; None is what cannot be said.
+
+    Attributes:
+      steps_per_s: steps of all simulations per second.
+      step_ns: nanoseconds of one step of one simulation: that of the plain loop over `speedup`; of
+        a path that compiles, the median of its own blocks.
+      realtime_factor: simulated seconds per second, all simulations together.
+      speedup: over the plain Python loop, with its 95 % interval from launch to launch; without
+        ends where it is from one process, or from too few launches.
+      launches: fresh processes in which it was timed.
+      overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
+        running the same number; None where the plain loop is faster.
+      disturbances: what disturbed its race, a clause each; empty where nothing did.
+    """
+
+    starts: Starts | None = None
+    steps_per_s: float | None = None
+    step_ns: float | None = None
+    realtime_factor: float | None = None
+    speedup: Ratio | None = None
+    launches: int = 0
+    overtakes_after_steps: float | None = None
+    disturbances: Sequence[str] = ()
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether what it computes could be compared with C."""
+        return self.judgement is None or self.judgement.answer != EngineAnswer.NOT_JUDGED
+
+    @property
+    def difference(self) -> str:
+        """What differs from C where it is close; empty otherwise."""
+        is_close = self.judgement is not None and self.judgement.answer == EngineAnswer.CLOSE
+        return self.judgement.reason if self.judgement is not None and is_close else ""
+
+    @property
+    def variant(self) -> Variant:
+        return Variant(self.path, self.options)
+
+    @property
+    def is_base(self) -> bool:
+        return self.variant == Variant(BASE, {})
+
+    @property
+    def interval(self) -> Ratio | None:
+        """The speed-up with its interval; None of the plain loop, whose speed-up is 1."""
+        return None if self.is_base else self.speedup
+
+    @property
+    def loop(self) -> Loop:
+        """The loop that it is for: a path for closed loop serves open loop, too."""
+        return Loop.CLOSED if self.closed_loop else Loop.OPEN
+
+    @property
+    def is_timed(self) -> bool:
+        return self.steps_per_s is not None
+
+    def serves(self, loop: Loop) -> bool:
+        return loop == Loop.OPEN or self.closed_loop
+
+    def rate_over(self, other: "PathResult") -> float:
+        """Return this path's steps per second over another's; both must be timed."""
+        assert self.steps_per_s and other.steps_per_s, "only timed results have a rate"
+        return self.steps_per_s / other.steps_per_s
+
+    def pays_after_steps(self, other_ns: float) -> float:
+        """Return how many steps take another path as long as compiling and they take this one.
+
+        It is infinity where the other path is faster, or nothing is compiled.
+        """
+        if self.step_ns is None or self.compile_s is None or self.step_ns >= other_ns:
+            return math.inf
+        return 1e9 * ((self.trace_s or 0.0) + self.compile_s) / (other_ns - self.step_ns)
+
+
+@dataclass(frozen=True)
+class Cores:
+    """How many cores threads had, of those that they can use."""
+
+    had: float
+    wanted: int
+
+    @property
+    def share(self) -> float:
+        return self.had / self.wanted
+
+    def __str__(self) -> str:
+        return f"{self.had:.2f} of {self.wanted} cores"
+
+
+@dataclass(frozen=True)
+class ModelResults:
+    """The records of one model at one size, and what follows from them.
+
+    Attributes:
+      results: one a variant.
+      race: of the paths that run C; None where there was none.
+    """
+
+    model: ModelRecord
+    results: tuple[PathResult, ...]
+    race: RaceRecord | None = None
+
+    @property
+    def statuses(self) -> list[Status]:
+        race = [self.race.status] if self.race else []
+        return [self.model.status, *(result.status for result in self.results), *race]
+
+    @property
+    def cores(self) -> Cores | None:
+        """The cores that threads had: of the launch with the median share; None without threads.
+
+        Each launch is judged by the most threads of the paths that it timed.
+        """
+        if self.race is None:
+            return None
+        cores = [
+            Cores(each.cores, min(self.model.usable_cores, max(self.race.threads(each), default=1)))
+            for each in self.race.launches
+            if each.cores is not None
+        ]
+        cores.sort(key=lambda each: each.share)
+        return cores[(len(cores) - 1) // 2] if cores else None
+
+    @property
+    def disturbances(self) -> list[str]:
+        race, lines = self.race, list[str]()
+        stolen = (race.stolen_share if race else None) or 0.0
+        if stolen >= conditions.NOTABLE_STOLEN:
+            lines.append(f"the host took {100 * stolen:.0f} % of the processor time for others")
+        if race and race.neighbours:
+            others = ", ".join(f"mjbench {name}" for name in race.neighbours)
+            lines.append(f"{others} measured on this machine at the same time")
+        if race and race.core_change:
+            lines.append(str(race.core_change))
+        if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
+            lines.append(f"threads had {self.cores}")
+        return lines
+
+    @property
+    def cautions(self) -> list[str]:
+        sentences = []
+        if self.disturbances:
+            sentences.append(disturbed(self.disturbances))
+        model = self.model
+        if model.facts is None or model.work is None or not model.facts.can_fall:
+            return sentences
+        if not model.start_contacts and model.work.contacts < _FALLING_CONTACTS:
+            sentences.append(_FALLING)
+        return sentences
+
+    @property
+    def base(self) -> PathResult | None:
+        return self.timed(Variant(BASE, {}))
+
+    def timed(self, variant: Variant) -> PathResult | None:
+        """Return the result of a variant; None where it was not timed."""
+        return next((r for r in self.results if r.variant == variant and r.is_timed), None)
+
+    @property
+    def total_steps(self) -> int | None:
+        """The steps that the user will take: those asked for, or one block; None if unknown."""
+        return self.model.total_steps or self.model.block_steps
+
+
+def derive(
+    model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
+) -> ModelResults:
+    base_ns = race.base_step_ns if race is not None else None
+    results = [_result(model, m, base_ns, _speedup(m, race, base_ns)) for m in measurements]
+    derived = ModelResults(model, tuple(results), race)
+    disturbances = derived.disturbances
+    marked = (replace(result, disturbances=disturbances) for result in results)
+    return replace(derived, results=tuple(marked))
+
+
+def derive_all(records: Sequence[Record]) -> list[ModelResults]:
+    """Return the results of a run's records, model by model, in the order they were measured."""
+    return [
+        derive(
+            model,
+            of_model(MeasurementRecord, model, records),
+            next(iter(of_model(RaceRecord, model, records)), None),
+        )
+        for model in records
+        if isinstance(model, ModelRecord)
+    ]
+
+
+def path_results(records: Sequence[Record]) -> Iterator[PathResult]:
+    """Yield the results of a whole run, one a variant; see `derive_all`."""
+    for model_results in derive_all(records):
+        yield from model_results.results
+
+
+def _result(
+    model: ModelRecord,
+    record: MeasurementRecord,
+    base_ns: float | None,
+    speedup: tuple[Ratio, int] | None,
+) -> PathResult:
+    untimed = PathResult(**vars(record), starts=model.starts)
+    ratio, launches = speedup or (None, 1)
+    if not record.agrees or record.status != Status.OK:
+        return untimed
+    if record.is_accelerated and record.samples_s:
+        step_ns = 1e9 * _step_s(record)
+    elif ratio is not None and base_ns is not None:
+        step_ns = base_ns / ratio.estimate
+    else:
+        return untimed
+    timestep = model.facts.timestep if model.facts else 0.0
+    timed = replace(
+        untimed,
+        steps_per_s=1e9 / step_ns,
+        step_ns=step_ns,
+        # a stored timestep may be one by which no time passes
+        realtime_factor=1e9 * timestep / step_ns if 0 < timestep < math.inf else None,
+        speedup=ratio,
+        launches=launches,
+    )
+    if base_ns is None:
+        return timed
+    break_even = timed.pays_after_steps(base_ns)
+    overtakes_after_steps = break_even if math.isfinite(break_even) else None
+    return replace(timed, overtakes_after_steps=overtakes_after_steps)
+
+
+def _speedup(
+    record: MeasurementRecord, race: RaceRecord | None, base_ns: float | None
+) -> tuple[Ratio, int] | None:
+    """Return the speed-up of a variant over the plain loop, and from how many launches it is.
+
+    An accelerated path is timed alone, so its speed-up is a ratio of medians.
+    """
+    if record.is_accelerated:
+        if not record.samples_s or base_ns is None:
+            return None
+        return Ratio(1e-9 * base_ns / _step_s(record), None, None), 1
+    if race is None:
+        return None
+    variant = Variant(record.path, record.options)
+    speedup = race.speedup(variant)
+    return None if speedup is None else (speedup, race.launch_count(variant))
+
+
+def _step_s(record: MeasurementRecord) -> float:
+    return statistics.median(record.samples_s) / steps_per_block(record)
+
+
+def steps_per_block(record: MeasurementRecord) -> int:
+    """Return the steps of one block, all simulations together."""
+    assert record.nbatch is not None and record.nstep is not None, "a timed record has its sizes"
+    return record.nbatch * record.nstep
+
+
+def disturbed(disturbances: Sequence[str]) -> str:
+    """Return what disturbed a measurement, as a sentence, and what to do."""
+    return f"Disturbed: {'; '.join(disturbances)}. Measure again."

@@ -1,0 +1,304 @@
+"""Measure one environment, in a child process (see `isolate`).
+
+The order is: make it, record its steps twice and check its physics, verify the other paths of the
+same physics, and only then time: plain passes, layered passes and the paths, in turns of random
+order.
+"""
+
+import functools
+import random
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mjbench.commands.env import adapters, construction, engine, physics_comparison
+from mjbench.commands.env.adapters import EnvironmentAdapter
+from mjbench.commands.env.passes import EnvironmentPasses, Pass, in_random_order, send_rounds
+from mjbench.commands.env.physics_comparison import PhysicsAlone, PhysicsComparison
+from mjbench.commands.env.recording import EngineWatch, Recording, StepTrace
+from mjbench.commands.env.repetition import FieldDifference, physics_differences
+from mjbench.commands.env.result import EnvironmentFacts, EnvironmentRecord, PhysicsCheck
+from mjbench.commands.env.source import EnvironmentSource
+from mjbench.commands.env.timer import LayerTime, measure_cost
+from mjbench.errors import InputError
+from mjbench.host import machine
+from mjbench.host.isolate import Channel
+from mjbench.measuring import timing
+from mjbench.paths.base import nthread
+from mjbench.simulation import reference_run
+from mjbench.status import Status
+from mjbench.verification.path_verification import AgreementReport
+from mjbench.verification.plan import Variant
+
+# Steps that show how long one takes: a few, then more if these would take less than a second.
+_FIRST_NSTEP, _WARM_UP_NSTEP, _WARM_UP_S = 5, 50, 1.0
+# Steps of a pass unless the user says: as many as take this long, within these bounds.
+PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 50, 1000
+# Seconds between two messages that allow the child further silence.
+_HEARTBEAT_S = 1.0
+
+
+@dataclass(frozen=True)
+class EnvironmentPlan:
+    """What is measured of an environment.
+
+    Attributes:
+      nstep: steps of it in a pass; None to choose them.
+      nenv: numbers of environments in vectorised forms; none for no such forms.
+      budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.
+      limit_s: a child that is silent for longer is killed.
+    """
+
+    nstep: int | None
+    seed: int
+    threads: tuple[int, ...]
+    nenv: tuple[int, ...]
+    budget_s: float
+    limit_s: float
+
+
+@dataclass(frozen=True)
+class EnvironmentRequest:
+    """An environment to measure, and the paths to compare it with, the plain loop first."""
+
+    source: EnvironmentSource
+    plan: EnvironmentPlan
+    variants: tuple[Variant, ...]
+
+    @property
+    def most_threads(self) -> int:
+        return max((nthread(variant.options) for variant in self.variants), default=1)
+
+
+@dataclass(frozen=True)
+class EnvironmentRound:
+    """One round; nanoseconds are per step of the environment, and as in its record.
+
+    Attributes:
+      layers: what each function took in all steps of the layered pass.
+      path_ns: of each path, by the position of its variant.
+    """
+
+    step_ns: float
+    compared_ns: float | None
+    reset_ns: float
+    layered_ns: float
+    timer_ns: float
+    layers: tuple[LayerTime, ...]
+    path_ns: Mapping[int, float]
+    cores: float
+
+
+def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
+    """Measure one environment.
+
+    Messages: an `EnvironmentRecord` without times; where a plain loop does its physics, an
+    `AgreementReport` per variant; an `EnvironmentRound` for each round; another `AgreementReport`
+    for each path of which a timed block did not reach the states of the plain loop.
+    """
+    channel.doing("making the environment")
+    adapter = adapters.adapt(construction.make(request.source))
+    channel.doing("stepping the environment")
+    heartbeat = _heartbeat(channel)
+    seed = request.plan.seed
+    nstep = request.plan.nstep or _affordable_nstep(adapter, seed, heartbeat)
+    passes = EnvironmentPasses(adapter, _actions(adapter, nstep, seed), seed)
+    channel.doing("recording the steps of the environment")
+    times, recording = _recorded(passes, heartbeat)
+    _check_steps_engine(recording, nstep)
+    again, recording_again = _recorded(passes, heartbeat)
+    unrepeated = [
+        *times.returned.differences(again.returned),
+        *physics_differences(recording, recording_again),
+    ]
+    physics = _physics_alone(recording, unrepeated, seed, request.most_threads)
+    record = EnvironmentRecord(
+        environment=request.source.name,
+        facts=_facts(adapter, recording, times, seed, unrepeated),
+        check=_check(recording, physics),
+        changes=recording.changes,
+        timer_cost=measure_cost(),
+    )
+    channel.send(record)
+    comparison = None
+    if isinstance(physics, PhysicsAlone):
+        comparison = physics_comparison.prepare(physics, request.variants, channel)
+    turns = _Turns(passes, comparison, request, channel)
+    send_rounds(turns.round, request.plan.budget_s, channel)
+    if comparison is not None:
+        for position, difference in comparison.differences.items():
+            detail = f"in a timed block: {difference}"
+            channel.send(AgreementReport(position, Status.DISAGREES, detail))
+        comparison.close()
+
+
+def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple[Pass, Recording]:
+    watch = EngineWatch()
+    return passes.recorded(watch, heartbeat), watch.recording()
+
+
+def _heartbeat(channel: Channel) -> Callable[[], None]:
+    """Return a function that allows the child further silence, at most once a second."""
+    last = time.monotonic()
+
+    def beat() -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last > _HEARTBEAT_S:
+            last = now
+            channel.allow_silence(0.0)
+
+    return beat
+
+
+def _actions(adapter: EnvironmentAdapter, count: int, seed: int) -> list[Any]:
+    with construction.as_input_error("its action space"):
+        return adapter.draw_actions(count, seed)
+
+
+def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callable[[], None]) -> int:
+    actions = _actions(adapter, _WARM_UP_NSTEP, seed)
+    few = EnvironmentPasses(adapter, actions[:_FIRST_NSTEP], seed).plain(heartbeat)
+    step_s = float(np.median(few.step_ns)) * 1e-9
+    if step_s * _WARM_UP_NSTEP < _WARM_UP_S:
+        more = EnvironmentPasses(adapter, actions, seed).plain(heartbeat)
+        step_s = float(more.step_ns.mean()) * 1e-9
+    return int(min(MOST_NSTEP, max(LEAST_NSTEP, PASS_S / max(step_s, 1e-9))))
+
+
+def _check_steps_engine(recording: Recording, nstep: int) -> None:
+    if any(trace is not None for trace in recording.steps):
+        return
+    if recording.obstacle:
+        raise InputError(f"the environment {recording.obstacle}; only mj_step is understood")
+    if recording.other_calls:
+        raise InputError(
+            f"the environment uses MuJoCo but none of its {nstep} steps called mj_step, mj_step1 or"
+            " mj_step2 from Python"
+        )
+    raise InputError(f"no MuJoCo physics: none of its {nstep} steps called the engine from Python")
+
+
+def _physics_alone(
+    recording: Recording, unrepeated: Sequence[FieldDifference], seed: int, nthread: int
+) -> PhysicsAlone | str:
+    """Return the physics to compare with; or why there is no comparison, in one line."""
+    if any(difference.is_physics for difference in unrepeated):
+        return "with the same seed and actions, its physics is not the same again"
+    physics = physics_comparison.physics_of(recording, seed, nthread)
+    if isinstance(physics, str):
+        return physics
+    if not np.isfinite(physics.final_state).all():
+        return "its states are not finite"
+    return physics_comparison.difference_from(physics) or physics
+
+
+def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
+    if isinstance(physics, PhysicsAlone):
+        covered, run, holds = len(physics.numbers), physics.run, physics.holds
+        return PhysicsCheck(Status.OK, "", recording.checked, covered, run, holds)
+    if recording.difference is not None:
+        detail = physics_comparison.described(*recording.difference)
+        return PhysicsCheck(Status.DISAGREES, detail, recording.checked)
+    return PhysicsCheck(Status.UNAVAILABLE, physics, recording.checked)
+
+
+def _facts(
+    adapter: EnvironmentAdapter,
+    recording: Recording,
+    times: Pass,
+    seed: int,
+    unrepeated: Sequence[FieldDifference],
+) -> EnvironmentFacts:
+    traces = [trace for trace in recording.steps if trace is not None]
+    counts = {trace.nstep for trace in traces}
+    model = recording.model
+    return EnvironmentFacts(
+        framework=adapter.framework,
+        core=type(adapter.core).__name__,
+        wrappers=adapter.wrapper_names,
+        versions=adapter.versions(),
+        seed=seed,
+        nstep=len(recording.steps),
+        nepisode=len(times.reset_ns),
+        episode_nstep=float(np.mean(times.lengths)) if times.lengths else None,
+        repeats=not unrepeated,
+        unrepeated=unrepeated,
+        dm_control_release=construction.dm_control_mismatch(),
+        frame_skip=counts.pop() if len(counts) == 1 else None,
+        calls=_calls(traces[0]),
+        entered=sorted({name for trace in traces if trace.follows for name in trace.entered}),
+        model=None if model is None else reference_run.describe(model),
+    )
+
+
+def _calls(trace: StepTrace) -> list[str]:
+    calls: list[str] = []
+    for name, nstep in trace.calls:
+        calls.append(f"{name}(nstep={nstep})" if name == "mj_step" and nstep != 1 else name)
+    period = next(
+        (n for n in range(1, len(calls) + 1) if calls == calls[:n] * (len(calls) // n)), 0
+    )
+    repeats = len(calls) // period if period else 1
+    if repeats == 1:
+        return calls
+    unit = calls[0] if period == 1 else f"({', '.join(calls[:period])})"
+    return [f"{repeats} × {unit}"]
+
+
+class _Turns:
+    def __init__(
+        self,
+        passes: EnvironmentPasses,
+        comparison: PhysicsComparison | None,
+        request: EnvironmentRequest,
+        channel: Channel,
+    ):
+        self._passes, self._comparison = passes, comparison
+        self._variants, self._channel = request.variants, channel
+        self._elsewhere = engine.bindings()
+        self._random = random.Random(request.plan.seed)
+        self._rng = np.random.default_rng([request.plan.seed, 6])
+        cores = min(machine.usable_cores(), request.most_threads)
+        self._calibration = machine.Calibration(cores) if cores > 1 and comparison else None
+
+    def round(self) -> EnvironmentRound:
+        """Time both passes and every path once, in random order."""
+        comparison = self._comparison
+        turns: list[Callable[[], Any]] = [self._both_passes, self._cores]
+        if comparison is not None:
+            comparison.reorder(self._rng)
+            turns += [functools.partial(self._path_ns, comparison, i) for i in comparison.prepared]
+        (plain, layered), cores, *path_ns = in_random_order(turns, self._random)
+        return EnvironmentRound(
+            step_ns=float(plain.step_ns.mean()),
+            compared_ns=float(plain.step_ns[comparison.physics.numbers].mean())
+            if comparison
+            else None,
+            reset_ns=float(np.mean(plain.reset_ns)),
+            layered_ns=float(layered.step_ns.mean()),
+            timer_ns=float(np.median(layered.step_ns - plain.step_ns)),
+            layers=tuple(layered.layers),
+            path_ns=dict(zip(comparison.prepared, path_ns, strict=True)) if comparison else {},
+            cores=cores,
+        )
+
+    def _both_passes(self) -> tuple[Pass, Pass]:
+        self._channel.doing("timing the environment")
+        return self._passes.side_by_side(self._elsewhere, self._random)
+
+    def _cores(self) -> float:
+        if self._calibration is None:
+            return 1.0
+        single_s, together_s = (
+            timing.block_s(timing.Contender(run))
+            for run in (self._calibration.single, self._calibration.together)
+        )
+        return self._calibration.cores(single_s, together_s)
+
+    def _path_ns(self, comparison: PhysicsComparison, position: int) -> float:
+        self._channel.doing(f"timing {self._variants[position]}", position)
+        return 1e9 * comparison.block_s(position) / len(comparison.physics.numbers)

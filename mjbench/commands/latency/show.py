@@ -1,0 +1,136 @@
+"""What `mjbench latency` comes to."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mjbench.commands.latency.measure import LatencyRow, Pace, SlowFeature, histogram_quantiles
+from mjbench.results import charts, content, formats
+from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.results.starts import starts_lines
+from mjbench.units import duration, plain
+
+# Slow steps have a feature in common if they have so many times as much of it as all steps, and at
+# least this much in every tenth of them.
+_FACTOR, _LEAST = 1.2, 0.1
+# What helps where slow steps have much of a feature, by its name (see `loop.latency`).
+_SCHEDULER = (
+    "other programs took the core, physics is not slow: end them, or give the program a core of its"
+    " own and a real-time priority (taskset, chrt)"
+)
+_FASTER_STEPS = "`mjbench tune` looks for faster settings"
+_PHYSICS = f"these steps have more to compute: {_FASTER_STEPS}"
+_REMEDIES = {
+    "µs of late start": _SCHEDULER,
+    "preemptions": _SCHEDULER,
+    "page faults": "memory was allocated in the loop: allocate it before, and write into it",
+    "garbage collections": "call gc.freeze() before the loop, or gc.disable() in it",
+    "contacts": _PHYSICS,
+    "solver iterations": _PHYSICS,
+}
+# Latency is drawn at the shares of steps that are one in so many.
+_ONE_IN = np.logspace(0, 4, 41)
+_PACES = {Pace.FREE.value: charts.BLUE, Pace.PACED.value: charts.ORANGE}
+
+
+def sections(rows: Sequence[LatencyRow]) -> Iterator[Section]:
+    for model, group in itertools.groupby(rows, lambda row: row.model):
+        of_model = list(group)
+        work = of_model[0].work
+        if work is None:
+            yield content.failure(model, of_model[0].status, of_model[0].detail)
+            continue
+        yield Section(
+            heading=f"{model}: latency of single steps",
+            conclusions=[_missed(row) for row in of_model],
+            facts=[
+                f"{work.contacts:.1f} contacts and {work.solver_iterations:.1f} solver iterations a"
+                " step",
+                *starts_lines(of_model[0].starts),
+            ],
+            figures=[_figure(model, of_model)],
+            tables=[_table(of_model)],
+            notes=[
+                *(f"Slow steps, {row.pace}: {_common(row.slow)}" for row in of_model),
+                *_remedies(of_model),
+            ],
+        )
+
+
+def _remedies(rows: Sequence[LatencyRow]) -> list[str]:
+    names = dict.fromkeys(feature.name for row in rows for feature in _common_features(row.slow))
+    causes: dict[str, list[str]] = {}
+    for name in names:
+        causes.setdefault(_REMEDIES.get(name, ""), []).append(name)
+    remedies = [f"{', '.join(same)}: {remedy}" for remedy, same in causes.items() if remedy]
+    if not remedies and any((row.missed or 0) > (row.nstep or 0) / 2 for row in rows):
+        return [f"Most steps take longer than the deadline: {_FASTER_STEPS}"]
+    if not remedies and any(row.missed for row in rows):
+        return ["`mjbench doctor` says what delays programs on this machine"]
+    return remedies
+
+
+def _missed(row: LatencyRow) -> Conclusion:
+    assert row.deadline_s is not None, "it was measured"
+    missed = row.missed or 0
+    steps = f"{missed:,} of {row.nstep:,} steps missed {duration(1e9 * row.deadline_s)}"
+    return Conclusion(f"{row.model}, {row.pace}: {steps}", Tone.BAD if missed else Tone.GOOD)
+
+
+def _table(rows: Sequence[LatencyRow]) -> DataTable:
+    return DataTable.of(
+        "Latency",
+        rows,
+        (
+            Column("pace"),
+            lambda row: f"{row.pace} at {plain(row.rate_hz, 3)} Hz" if row.rate_hz else row.pace,
+        ),
+        (Column("steps", formats.count, leaves=1), lambda row: row.nstep),
+        *(
+            (Column(f"p{100 * q.quantile:g}", duration), lambda row, i=i: row.quantiles[i].ns)
+            for i, q in enumerate(rows[0].quantiles)
+        ),
+        (Column("max", duration), lambda row: row.max_ns),
+        (Column("deadline", duration, leaves=2), lambda row: 1e9 * (row.deadline_s or 0.0)),
+        (Column("missed", formats.count), lambda row: row.missed),
+    )
+
+
+def _common(features: Sequence[SlowFeature]) -> str:
+    parts = [
+        f"{plain(feature.slow, 2)} {feature.name} a step instead of {plain(feature.all, 2)}"
+        for feature in _common_features(features)
+    ]
+    return ", ".join(parts) or "nothing in common that was recorded"
+
+
+def _common_features(features: Sequence[SlowFeature]) -> list[SlowFeature]:
+    return [f for f in features if f.slow >= _LEAST and f.slow > _FACTOR * f.all]
+
+
+def _figure(model: str, rows: Sequence[LatencyRow]) -> Figure:
+    four = formats.digits(4)
+    columns = (Column("one step in", four), Column("latency, µs", four), Column("pace"))
+    cells = [
+        (float(one_in), ns / 1e3, str(row.pace))
+        for row in rows
+        for one_in, ns in zip(
+            _ONE_IN, histogram_quantiles(row.histogram, (1 - 1 / _ONE_IN).tolist()), strict=True
+        )
+        if one_in <= (row.nstep or 0)
+    ]
+    data = DataTable("Latency by share of steps", columns, cells)
+    lines = {
+        "x": charts.quantity("one step in", "one step in so many is slower", log=True),
+        "y": charts.quantity("latency, µs", "latency, µs", log=True),
+        "color": charts.colour("pace", _PACES),
+    }
+    longest = max((row.max_ns or 0.0) / 1e3 for row in rows)
+    return charts.figure(
+        f"{model}: latency of single steps",
+        f"Lines that rise from the usual step to the slowest, {longest:,.0f} µs.",
+        data,
+        [charts.layer("line", lines, interpolate="step-after")],
+        height=240,
+    )

@@ -1,0 +1,242 @@
+"""The rules of `mjbench lint`: those about what runs in each step or episode, and all of them.
+
+A new rule is a function with its explanation, here or in a module `lint_…` with its like, and a
+line of `RULES`.
+"""
+
+import ast
+from collections.abc import Iterator, Sequence
+
+from mjbench.commands.lint.forward import forward_after_step
+from mjbench.commands.lint.moments import rows_of_two_moments
+from mjbench.commands.lint.new_objects import (
+    compiled_models,
+    copied_data,
+    new_data_per_episode,
+    new_jitted_functions,
+    new_renderers,
+    new_rollout_pools,
+)
+from mjbench.commands.lint.repeats import Repetition, step_loop_of_helper
+from mjbench.commands.lint.rule import Match, rule
+from mjbench.commands.lint.script_syntax import (
+    dotted_name,
+    is_call,
+    is_numpy_call,
+    is_step,
+    last_name,
+    names_in,
+    nodes_inside,
+)
+from mjbench.commands.lint.stepping_script import SteppingBody, SteppingScript
+from mjbench.commands.lint.stored_views import stored_views
+from mjbench.commands.lint.wrong_results import halves_of_runge_kutta, shared_data, written_views
+from mjbench.errors import InputError
+
+# The codes of the rules on views that outlive their step, on names looked up in every step, and on
+# arrays created in every step.
+STORED_VIEW, NAMED_ACCESS, NEW_ARRAY = "MJB001", "MJB002", "MJB003"
+# About how many ns a habit of mjbench/commands/profile/habits.py adds to a step of the cart-pole, as stored in
+# results/overhead.json; on another machine, only the order of magnitude is the same.
+COSTS_NS = {
+    "named access by name": 1316.000330677059,
+    "allocate zeros": 315.11347004333663,
+    "concatenate": 1209.4139383725874,
+    "hstack": 3636.139767674077,
+}
+# Functions of NumPy that allocate an array, with the habit that costs about as much.
+_CREATE = (
+    *("zeros", "ones", "empty", "full", "zeros_like", "ones_like", "empty_like", "array", "eye"),
+)
+ALLOCATIONS = {
+    **dict.fromkeys(_CREATE, "allocate zeros"),
+    **dict.fromkeys(("concatenate", "append", "tile"), "concatenate"),
+    **dict.fromkeys(("hstack", "vstack", "stack"), "hstack"),
+}
+# Calls that begin an episode.
+_EPISODE_STARTS = ("mj_resetData", "mj_resetDataKeyframe", "mj_setState", "MjData")
+
+
+@rule(
+    STORED_VIEW,
+    "a view is stored: every entry will show the last state; add .copy()",
+    is_wrong_result=True,
+)
+def logged_views(script: SteppingScript) -> Iterator[Match]:
+    """Yield views that outlive the iteration in which they were taken.
+
+    `data.qpos` is a view: an array that shows the memory of the MjData. Storing it stores no
+    values, so every entry shows the state of the last step, and `np.array(log)` has the same row
+    everywhere. This holds for the fields of an MjData, for their slices and reshapes, and for those
+    of named parts; also where a function of the script returns or yields the view.
+
+        mujoco.mj_step(model, data)
+        log.append(data.qpos)           # write: log.append(data.qpos.copy())
+
+    Results: the log holds one row for each step. The simulation stays as it is, unless the program
+    steps from what it reads in the log, be it as text (`str`, `repr`, `format`).
+    """
+    return stored_views(script).matches()
+
+
+@rule(
+    NAMED_ACCESS,
+    "named access inside a stepping loop; hoist it: x = data.joint('x').qpos before the loop",
+)
+def named_access(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls that look a name up in every step.
+
+    `data.joint("hip")` looks the name up each time. MuJoCo keeps one object for each element, whose
+    arrays are views, so the object from before the loop shows the present values in every step.
+
+        for _ in range(1000):
+            mujoco.mj_step(model, data)
+            angle = data.joint("hip").qpos[0]
+
+        hip = data.joint("hip")         # instead
+        for _ in range(1000):
+            mujoco.mj_step(model, data)
+            angle = hip.qpos[0]
+
+    Results: none change. A wrong name raises before the loop.
+    """
+    calls = [c for c in script.calls if script.is_named_access(c) or is_call(c, "mj_name2id")]
+    loops = [*script.loops, *script.environment_loops]
+    for call, loop in _in_steps(script, calls, loops):
+        yield Match(call, COSTS_NS["named access by name"], loop=loop)
+
+
+@rule(
+    NEW_ARRAY,
+    "a new array in every step; create one before the loop and write into its slices (x[:n] =)",
+)
+def allocations(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls that allocate an array; not those under an `if`, which may run only once.
+
+    Each call allocates an array and fills it; in a small model this costs as much as part of a
+    step.
+
+        observation = np.concatenate([data.qpos, data.qvel])
+
+        observation = np.empty(model.nq + model.nv)       # instead, before the loop
+        observation[: model.nq] = data.qpos
+        observation[model.nq :] = data.qvel
+
+    Results: none change, unless the program keeps the arrays: then it needs one for each step.
+    """
+    arrays = [
+        call
+        for call in script.calls
+        if is_call(call, *ALLOCATIONS)
+        and is_numpy_call(call)
+        and not any(keyword.arg == "out" for keyword in call.keywords)
+    ]
+    for call, loop in _in_steps(script, arrays, script.loops):
+        if not script.is_conditional(call):
+            yield Match(call, COSTS_NS[ALLOCATIONS[last_name(call.func)]], loop=loop)
+
+
+def _in_steps(
+    script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingBody]
+) -> Iterator[tuple[ast.Call, Repetition | None]]:
+    """Yield calls that run in every step of a loop; with one in a function, its caller's loop."""
+    inside = {loop.node: {*loop.inner} for loop in loops}
+    for call in calls:
+        loop = script.step_loop_around(call)
+        if loop in inside and call in inside[loop]:
+            yield call, None
+        elif (each := step_loop_of_helper(script, call)) is not None and each.loop in inside:
+            yield call, each.loop
+
+
+@rule(
+    "MJB006",
+    "a loop over simulations around a loop over steps; mujoco.rollout or mujoco.batch does both"
+    " on threads (mjbench compare says which)",
+)
+def serial_simulations(script: SteppingScript) -> Iterator[Match]:
+    """Yield loops that begin a simulation in each iteration, and step it in a loop inside.
+
+    Simulations that do not depend on each other run one after another, on one core, and Python runs
+    between the steps. `mujoco.rollout`, from MuJoCo 3.2.7 on, and `mujoco.batch` step them on
+    threads, and `mjbench compare` says which is fastest for a model.
+
+        for plan in plans:
+            mujoco.mj_resetData(model, data)
+            for ctrl in plan:
+                data.ctrl[:] = ctrl
+                mujoco.mj_step(model, data)
+
+        states, sensors = rollout.rollout(model, datas, starts, plans)    # instead
+
+    Results: none change where the controls are known before the steps.
+    """
+    for loop in script.episode_loops:
+        begins = any(is_call(node, *_EPISODE_STARTS) for node in loop.inner)
+        inner = (node for node in loop.inner if isinstance(node, ast.For))
+        if begins and any(any(map(is_step, nodes_inside(each))) for each in inner):
+            yield Match(loop.node)
+
+
+@rule(
+    "MJB017",
+    "nothing happens between these steps: take them in one call, mj_step(model, data, nstep)",
+)
+def steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls of mj_step that a loop does nothing but repeat, a given number of times.
+
+    Each call of `mj_step` passes from Python to C and back. Where nothing is read or written
+    between steps, as while an action is held, one call takes them all.
+
+        data.ctrl[:] = policy(data)
+        for _ in range(frame_skip):
+            mujoco.mj_step(model, data)
+
+        data.ctrl[:] = policy(data)     # instead
+        mujoco.mj_step(model, data, frame_skip)
+
+    There is no finding where the loop does anything else, such as to ask the policy.
+
+    Results: none change, bit for bit.
+    """
+    for call in script.calls:
+        statement = script.parents[call]
+        loop = script.parents.get(statement)
+        if not isinstance(loop, ast.For) or loop.body != [statement] or loop.orelse:
+            continue
+        is_range = isinstance(loop.iter, ast.Call) and dotted_name(loop.iter.func) == "range"
+        inner = [n for n in ast.walk(statement) if isinstance(n, ast.Call)]
+        is_plain = is_call(call, "mj_step") and len(call.args) == 2 and not call.keywords
+        is_same_step = names_in(loop.target).isdisjoint(names_in(call))
+        if is_range and is_plain and inner == [call] and is_same_step:
+            yield Match(call, callee="mj_step")
+
+
+RULES = (
+    logged_views,
+    named_access,
+    allocations,
+    new_data_per_episode,
+    serial_simulations,
+    forward_after_step,
+    halves_of_runge_kutta,
+    shared_data,
+    copied_data,
+    compiled_models,
+    new_renderers,
+    new_jitted_functions,
+    new_rollout_pools,
+    rows_of_two_moments,
+    written_views,
+    steps_in_a_row,
+)
+
+
+def explained(code: str) -> str:
+    """Return what a rule finds, why, and what to write instead; for `all`, what each finds."""
+    if code.lower() == "all":
+        return "".join(f"{each.title}\n" for each in RULES)
+    for each in RULES:
+        if each.code == code.upper():
+            return f"{each.title}\n\n{each.explanation}"
+    raise InputError(f"no rule {code!r}; there are {', '.join(each.code for each in RULES)}")

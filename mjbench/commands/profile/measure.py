@@ -1,0 +1,283 @@
+"""Where a step's time goes: the engine's stages, Python around it, and the rendering of a frame.
+
+Everything is measured in child processes: one for the steps, one for each rendering backend.
+Stages come from `mjData.timer`, which the engine fills when a timer (`mjcb_time`) is installed, and
+from `step_parts`, which times what no timer is about.
+MuJoCo's Python package installs one from 3.3.1 on. Before, Python's own clock is installed, which
+costs more than what it measures: so only shares of a step come from the timers, and times come from
+runs without them.
+"""
+
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from mjbench.bounds import AnyFloat, Nanoseconds, NonNegativeInt, Share, Timestep, check_measured
+from mjbench.commands.profile import habits, rendering, step_parts
+from mjbench.commands.profile.habits import Habit, compile_loop
+from mjbench.commands.profile.loop_starts import LoopStarts
+from mjbench.commands.profile.rendering import FrameTime
+from mjbench.commands.profile.step_parts import SensorCost, StepPart
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
+from mjbench.limits import TIME_LIMIT_S
+from mjbench.measuring import stats, timing
+from mjbench.simulation import compat, engine_clock, models, reference_run
+from mjbench.simulation.engine_clock import has_clock
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.reference_run import Work
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
+from mjbench.status import Status
+
+# A block, in seconds; the fewest and most rounds of blocks.
+BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS = 0.004, 15, 200
+# Seconds for the steps of a model; the shares of the loop, and of each kind of parts; what the
+# frames of a backend may take on top, as a share.
+BUDGET_S, LOOP_SHARE, PART_SHARE, FRAME_SHARE = 4.0, 0.5, 0.125, 0.5
+# Seconds for the sensors of a stage, where only stages are asked for.
+BRIEF_S = 0.05
+# Frames for each second of simulated time, where physics, Python and rendering are compared.
+FRAMES_PER_S = 60
+
+
+@dataclass(frozen=True)
+class ProfiledSteps:
+    """Where a step's time goes, without rendering; from the child that steps.
+
+    Attributes:
+      loop_ns: a step of the plain Python loop.
+      engine_ns: a step in one call for many steps.
+      clock_ns: what the timer of MuJoCo's Python package adds to a step; None in releases that
+        install none.
+      stages: share of a step by stage; they sum up to 1.
+      is_python_resolved: whether the loop certainly takes longer than one call, round by round.
+      warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
+      starts: where start states came from.
+      run_nstep: steps from each start, which hold its controls.
+    """
+
+    timestep: float
+    loop_ns: float
+    engine_ns: float
+    clock_ns: float | None
+    work: Work
+    stages: Mapping[str, float]
+    warnings: Mapping[str, int]
+    starts: Starts | None = None
+    run_nstep: int | None = None
+    sensors: Sequence[SensorCost] = ()
+    is_python_resolved: bool = True
+
+    @property
+    def python_ns(self) -> float:
+        """What the Python loop adds to a step; negative where that is within the noise."""
+        return self.loop_ns - self.engine_ns
+
+    @property
+    def is_all_engine(self) -> bool:
+        """Whether what Python adds to a step is below what was resolved."""
+        return not self.is_python_resolved or self.python_ns <= 0
+
+
+@dataclass(frozen=True)
+class ProfileRow:
+    """What the run file and `mjbench profile --json` hold for one model.
+
+    The attributes from `timestep` on are None where the measurement failed; `ProfiledSteps`
+    explains most of them.
+
+    Attributes:
+      model: its name.
+      status: `ok`, `input` or `failed`.
+      detail: why it failed, in one line; empty when ok.
+      frames: what rendering a frame costs, by backend.
+      python_ns: what the Python loop adds to a step; negative where that is within the noise.
+      simulated_second: seconds for each second of simulated time, by what takes them; 0 for Python
+        where that is within the noise.
+    """
+
+    record_type: ClassVar[str] = "profile"
+    model: str
+    status: Status = Status.OK
+    detail: str = ""
+    timestep: Timestep | None = None
+    loop_ns: Nanoseconds | None = None
+    engine_ns: Nanoseconds | None = None
+    python_ns: AnyFloat | None = None
+    clock_ns: AnyFloat | None = None
+    work: Work | None = None
+    stages: Mapping[str, Share] | None = None
+    warnings: Mapping[str, NonNegativeInt] | None = None
+    starts: Starts | None = None
+    run_nstep: NonNegativeInt | None = None
+    sensors: Sequence[SensorCost] = ()
+    is_python_resolved: bool = True
+    frames: Sequence[FrameTime] | None = None
+    simulated_second: Mapping[str, AnyFloat] | None = None
+
+    def __post_init__(self) -> None:
+        names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
+        check_measured(self, *names)
+
+    @property
+    def steps(self) -> ProfiledSteps | None:
+        """Where a step's time goes; None where that could not be measured."""
+        if self.status != Status.OK:
+            return None
+        return ProfiledSteps(
+            **{field.name: getattr(self, field.name) for field in fields(ProfiledSteps)}
+        )
+
+
+def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> ProfileRow:
+    nstep = 1 / steps.timestep
+    simulated_second = {
+        "physics": steps.engine_ns * 1e-9 * nstep,
+        "Python": 0.0 if steps.is_all_engine else steps.python_ns * 1e-9 * nstep,
+    }
+    for frame in frames:
+        if frame.seconds is not None:
+            simulated_second[f"rendering ({frame.backend})"] = frame.seconds * FRAMES_PER_S
+    return ProfileRow(
+        model,
+        python_ns=steps.python_ns,
+        frames=frames,
+        simulated_second=simulated_second,
+        **vars(steps),
+    )
+
+
+def measure(
+    source: ModelSource,
+    limit_s: float = TIME_LIMIT_S,
+    starts: StartPlan = DEFAULT_STARTS,
+    budget_s: float = BUDGET_S,
+) -> ProfileRow:
+    """Return the profile of a model; a child that is silent for `limit_s` seconds is killed.
+
+    Args:
+      budget_s: for the steps; the frames of each backend have half as much.
+    """
+    steps = isolate.call(step, source, starts, budget_s, limit_s=limit_s)
+    frame_s = FRAME_SHARE * budget_s
+    frames = [
+        rendering.measure(source, backend, limit_s, frame_s) for backend in rendering.BACKENDS
+    ]
+    return row(source.name, steps, frames)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Runs of `nstep` steps each, from another start, whose controls they hold.
+
+    `new_start` returns what restores the starts, from the first on.
+    """
+
+    nrun: int
+    nstep: int
+    new_start: Callable[[], Callable[[mujoco.MjModel, mujoco.MjData], None]]
+
+    def of_loop(self, habit: Habit, model: mujoco.MjModel) -> Callable[[], None]:
+        run, nrun = compile_loop(habit, model, self.nstep, start=self.new_start()).run, self.nrun
+
+        def runs() -> None:
+            for _ in range(nrun):
+                run()
+
+        return runs
+
+
+def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel) -> ProfiledSteps:
+    """Time steps with and without MuJoCo's timer, and the loop; runs in a child."""
+    channel.doing("loading the model")
+    model = models.load(source)
+    channel.doing("stepping the model")
+    starts = LoopStarts(model, plan)
+    observation = starts.observation
+    nrun = max(1, int(BLOCK_S / (starts.nstep * reference_run.step_s(model))))
+    block = Block(nrun, starts.nstep, starts.in_turn)
+    timers = timer_shares(model, block)
+    part_s = PART_SHARE * budget_s
+    step_s = step_parts.step_s(model, block.new_start(), part_s)
+    sensors_s = part_s / len(step_parts.SensorStage)
+    sensors = step_parts.sensor_costs(model, block.new_start(), step_s, sensors_s)
+    parts = step_parts.parts(model, block.new_start(), step_s, sensors, part_s)
+    clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
+    of_loop, of_one_call, *of_others = _step_ns(
+        model, block, LOOP_SHARE * budget_s, [habits.BARE, habits.ONE_CALL, *clock_off]
+    )
+    loop_ns, engine_ns = statistics.median(of_loop), statistics.median(of_one_call)
+    clock_ns = loop_ns - statistics.median(of_others[0]) if of_others else None
+    least_ratio = stats.speedup(of_loop, of_one_call).low
+    if clock_ns is not None:
+        share = max(0.0, clock_ns) / engine_ns
+        parts.append(StepPart(engine_clock.TIMER_NAME, step_parts.OTHER, share))
+    return ProfiledSteps(
+        timestep=float(model.opt.timestep),
+        loop_ns=loop_ns,
+        engine_ns=engine_ns,
+        clock_ns=clock_ns,
+        work=observation.work,
+        stages=step_parts.with_parts(timers, parts),
+        warnings=observation.other_warnings(),
+        starts=starts.starts,
+        run_nstep=block.nstep,
+        sensors=sensors,
+        is_python_resolved=least_ratio is not None and least_ratio > 1,
+    )
+
+
+def _step_ns(
+    model: mujoco.MjModel, block: Block, budget_s: float, of_habits: Sequence[Habit]
+) -> list[list[float]]:
+    contenders = []
+    for habit in of_habits:
+        run = block.of_loop(habit, model)
+        run()  # touches all memory
+        contenders.append(timing.Contender(run))
+    rounds = timing.rounds(contenders, budget_s, LEAST_ROUNDS, MOST_ROUNDS)
+    nstep = block.nrun * block.nstep
+    return [[1e9 * each / nstep for each in seconds] for seconds in zip(*rounds, strict=True)]
+
+
+def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
+    """Return the share of a step by stage: from the engine's timers, with only sensors apart."""
+    shares = timer_shares(model, block)
+    if not model.nsensor:
+        return shares
+    step_s = step_parts.step_s(model, block.new_start())
+    sensors = step_parts.sensor_costs(model, block.new_start(), step_s, BRIEF_S)
+    return step_parts.with_parts(shares, step_parts.of_sensors(sensors))
+
+
+def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
+    """Return the share of a step by stage from the timers, in the fastest third of the blocks."""
+    data, start = mujoco.MjData(model), block.new_start()
+    needs_clock = not has_clock(model)
+    if needs_clock:
+        mujoco.set_mjcb_time(time.perf_counter)
+    try:
+        blocks = []
+        for _ in range(1 + LEAST_ROUNDS):
+            seconds = 0.0 * np.array(data.timer.duration)
+            for _ in range(block.nrun):
+                start(model, data)
+                before = np.array(data.timer.duration)
+                mujoco.mj_step(model, data, block.nstep)
+                seconds += np.array(data.timer.duration) - before
+            blocks.append(seconds)
+    finally:
+        if needs_clock:
+            mujoco.set_mjcb_time(None)
+    step = int(mujoco.mjtTimer.mjTIMER_STEP)
+    fastest = sorted(blocks[1:], key=lambda block: float(block[step]))  # the first touches memory
+    timer_s = np.sum(fastest[: -(-len(fastest) // 3)], axis=0)  # by mjtTimer
+    timers = {name: compat.timer(name) for name in step_parts.TIMERS}
+    return step_parts.stage_shares(
+        {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}
+    )

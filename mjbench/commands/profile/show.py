@@ -1,0 +1,144 @@
+"""What `mjbench profile` comes to: where a step's time goes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from mjbench.commands.profile.measure import FRAMES_PER_S, ProfiledSteps, ProfileRow
+from mjbench.commands.profile.rendering import FrameTime
+from mjbench.commands.profile.step_parts import OTHER
+from mjbench.results import charts, content, formats
+from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
+from mjbench.results.starts import starts_lines
+from mjbench.simulation import engine_clock
+from mjbench.simulation.engine_warnings import warning_lines
+from mjbench.units import duration, plain
+
+# From this share of a step on, what is left is explained.
+_NOTABLE_OTHER = 0.05
+_NEXT = "`mjbench tune` looks for faster settings, `mjbench compare` for a faster way to step"
+_UNRESOLVED = "below what was resolved"
+
+
+def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
+    for row in rows:
+        steps = row.steps
+        if steps is None:
+            yield content.failure(row.model, row.status, row.detail)
+            continue
+        stages = _stages(steps)
+        title = f"{row.model}: stages of a step"
+        has_controls = steps.run_nstep and steps.work.actuators != 0
+        held = ["Each run holds the controls of its start"] if has_controls else []
+        yield Section(
+            heading=f"{row.model}: where a step's time goes",
+            conclusions=[*conclusions(row.model, steps)],
+            facts=[
+                work_line(steps),
+                *starts_lines(steps.starts, with_warnings=False),
+                *held,
+                *warning_lines(steps.warnings),
+            ],
+            figures=[charts.share_bars(title, stages, "stages", "ns", "ns of a step")],
+            tables=[
+                stages,
+                _sensors(steps),
+                _simulated_second(row.simulated_second or {}),
+            ],
+            notes=[
+                *_other_line(steps),
+                *(_frame_line(frame, steps.loop_ns) for frame in row.frames or ()),
+                _NEXT,
+            ],
+        )
+
+
+def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
+    """Yield how long a step takes, where, and what the timer of MuJoCo's Python package takes."""
+    parts = (
+        f"all of it the engine; Python's part is {_UNRESOLVED}"
+        if steps.is_all_engine
+        else f"engine {duration(steps.engine_ns)} ({100 * steps.engine_ns / steps.loop_ns:.0f} %),"
+        f" Python {duration(steps.python_ns)}"
+    )
+    yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
+    not_stages = (OTHER, engine_clock.TIMER_NAME)
+    stages = {stage: share for stage, share in steps.stages.items() if stage not in not_stages}
+    if any(stages.values()):
+        longest = max(stages, key=lambda stage: stages[stage])
+        share = formats.short_percent(stages[longest])
+        yield Conclusion(f"{model}: the longest stage is {longest}, {share} of the engine's time")
+    if steps.clock_ns and steps.clock_ns >= engine_clock.MIN_GAIN * steps.loop_ns:
+        yield Conclusion(
+            f"{model}: {engine_clock.TIMER_NAME} takes"
+            f" {100 * steps.clock_ns / steps.loop_ns:.0f} % of it ({duration(steps.clock_ns)});"
+            f" {engine_clock.OFF_CODE} turns it off. {engine_clock.OFF_NOTE}",
+            Tone.UNSURE,
+        )
+
+
+def work_line(steps: ProfiledSteps) -> str:
+    work = steps.work
+    return (
+        f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)} constraints,"
+        f" {plain(work.solver_iterations, 3)} solver iterations"
+    )
+
+
+def _stages(steps: ProfiledSteps) -> DataTable:
+    stages = sorted(steps.stages.items(), key=lambda item: -item[1])
+    return DataTable.of(
+        "Stages of a step",
+        [(stage, share) for stage, share in stages if share > 0],
+        (Column("stage"), lambda row: row[0]),
+        (Column("of a step", formats.percent), lambda row: row[1]),
+        (Column("ns", formats.digits(4)), lambda row: row[1] * steps.engine_ns),
+        (Column("", is_bar=True), lambda row: formats.bar(row[1])),
+    )
+
+
+def _sensors(steps: ProfiledSteps) -> DataTable:
+    return DataTable.of(
+        "Sensors by type",
+        steps.sensors,
+        (Column("sensors"), lambda cost: cost.type),
+        (Column("number", formats.count), lambda cost: cost.count),
+        (Column("computed after"), lambda cost: cost.stage.value),
+        (Column("of a step", formats.percent), lambda cost: cost.share),
+        (Column("ns", formats.digits(4)), lambda cost: cost.share * steps.engine_ns),
+    )
+
+
+def _other_line(steps: ProfiledSteps) -> Iterator[str]:
+    share = steps.stages.get(OTHER, 0.0)
+    if share >= _NOTABLE_OTHER:
+        yield (
+            f"Other ({formats.short_percent(share)}) is what neither the engine's timers nor calls"
+            " of its functions explain, such as what lies between stages, callbacks, and what"
+            " caches lose; `mjbench profile --instructions` names the functions"
+        )
+
+
+def _frame_line(frame: FrameTime, loop_ns: float) -> str:
+    if frame.seconds is None:
+        return f"Rendering by {frame.backend}: not available ({frame.detail})"
+    frame_ns = 1e9 * frame.seconds
+    return (
+        f"Rendering a frame of {frame.width} × {frame.height} by {frame.backend}:"
+        f" {duration(frame_ns)}, as long as {frame_ns / loop_ns:,.0f} steps"
+    )
+
+
+def _simulated_second(parts: Mapping[str, float]) -> DataTable:
+    longest = max([1e-12, *parts.values()])
+    return DataTable.of(
+        f"A second of simulated time, with {FRAMES_PER_S} frames",
+        parts.items(),
+        (Column("part"), lambda row: row[0]),
+        (
+            Column("takes", lambda ns: duration(ns) if ns > 0 else _UNRESOLVED),
+            lambda row: 1e9 * row[1],
+        ),
+        (
+            Column("", is_bar=True),
+            lambda row: formats.bar(max(0.0, row[1]) / longest) or formats.bar(0.02),
+        ),
+    )

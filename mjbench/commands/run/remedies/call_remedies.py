@@ -1,0 +1,451 @@
+"""What to do about calls of MuJoCo and JAX in a loop: a row for each remedy.
+
+A remedy belongs to a call in a context, such as an MjData that is created in a loop. The trial of a
+row, and what it asks of the program, stand before the rows.
+"""
+
+import copy
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.hook import call_clock
+from mjbench.commands.run.remedies import call_savings
+from mjbench.commands.run.remedies.call_savings import CallRemedy, CallsInLoop, count_of, steps_of
+from mjbench.commands.run.remedies.trials import Trial, Way
+from mjbench.errors import InputError
+from mjbench.host import machine
+from mjbench.simulation import compat
+
+# What is given to mj_inverse on a line.
+_INVERSE_ARGUMENTS = re.compile(r"mj_inverse\(([^()]*)\)")
+# Counts of calls that are estimated from bursts vary by about this share.
+_COUNT_ERROR = 0.1
+# Calls that span less than this share of their loop are one burst, such as the starts of a pool.
+_LEAST_SPREAD = 0.25
+# At most so many steps follow a new MjData in a trial: the first ones pay for its memory.
+_MOST_STEPS = 50
+# What copies an MjData, by the names of the call clock.
+_COPIERS: Mapping[str, Callable[[mujoco.MjData], mujoco.MjData]] = {
+    call_clock.COPY_OF_DATA: copy.copy,
+    call_clock.DEEP_COPY_OF_DATA: copy.deepcopy,
+}
+# Rays of a pair where nothing steps between them, and at most.
+_USUAL_RAYS, _MOST_RAYS = 32, 1000
+
+
+# -- functions of the engine -----------------------------------------------------------------------
+
+
+def _calling(
+    model: mujoco.MjModel, names: Sequence[str], steps: int
+) -> Callable[[mujoco.MjData], None]:
+    functions = [getattr(mujoco, name) for name in ("mj_step", *names)[steps == 0 :]]
+
+    def run(data: mujoco.MjData) -> None:
+        for function in functions:
+            function(model, data)
+
+    return run
+
+
+def functions(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    """Return `mj_forward`, and the functions that are enough, each after a step if there is one."""
+    assert trial.functions is not None, "the trial names them"
+    present = _calling(model, ["mj_forward"], trial.steps)
+    return Way(present), Way(_calling(model, trial.functions, trial.steps))
+
+
+def inverse(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    """Return inverse dynamics before a step, and within it; halves are no Runge-Kutta."""
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        raise InputError("mj_step1 and mj_step2 integrate by Euler")
+    velocity = mujoco.mjtStage.mjSTAGE_VEL
+
+    def before(data: mujoco.MjData) -> None:
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_step(model, data)
+
+    def within(data: mujoco.MjData) -> None:
+        mujoco.mj_step1(model, data)
+        mujoco.mj_inverseSkip(model, data, velocity, 1)
+        mujoco.mj_step2(model, data)
+
+    return Way(before), Way(within)
+
+
+def uncentered(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    size = 2 * model.nv + model.na
+    by_state, by_control = np.empty((size, size)), np.empty((size, model.nu))
+
+    def way(centered: bool) -> Way:
+        return Way(
+            lambda data: mujoco.mjd_transitionFD(
+                model, data, 1e-6, centered, by_state, by_control, None, None
+            )
+        )
+
+    return way(True), way(False)
+
+
+def one_call(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    def ten_steps(data: mujoco.MjData) -> None:
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+
+    return Way(ten_steps), Way(lambda data: mujoco.mj_step(model, data, 10))
+
+
+def rays(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    origin = np.array(model.stat.center)
+    nray = trial.simulations
+    vectors = np.random.default_rng(0).normal(size=(nray, 3))
+    geoms, distances = np.empty(nray, np.int32), np.empty(nray)
+    geom = np.empty(1, np.int32)
+
+    def one_by_one(data: mujoco.MjData) -> list[float]:
+        return [mujoco.mj_ray(model, data, origin, each, None, 1, -1, geom) for each in vectors]
+
+    def at_once(data: mujoco.MjData) -> None:
+        compat.cast_rays(model, data, origin, vectors, geoms, distances)
+
+    return Way(one_by_one), Way(at_once)
+
+
+# -- rollouts --------------------------------------------------------------------------------------
+
+
+def rollouts(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    """Return two ways of stepping simulations, by the names that the call clock gives them."""
+    if (problem := compat.rollout_threads_unavailable()) is not None:
+        raise InputError(problem)
+    from mujoco import rollout
+
+    threads, nstep = machine.usable_cores(), trial.steps
+    datas = [mujoco.MjData(model) for _ in range(threads)]
+    one, pool = datas[0], rollout.Rollout(nthread=threads)
+    starts = np.empty((trial.simulations, compat.state_size(model, compat.FULLPHYSICS)))
+
+    def take_state(data: mujoco.MjData) -> None:
+        compat.get_state(model, data, starts[0], compat.FULLPHYSICS)
+        starts[1:] = starts[0]
+
+    def way(name: str) -> Way:
+        if name == "Batch.step":
+            from mujoco.batch import Batch
+
+            batch = Batch(model, trial.simulations)
+            return Way(lambda data: batch.step(nstep=nstep))
+        calls: Mapping[str, Callable[[], object]] = {
+            "rollout": lambda: rollout.rollout(model, one, starts, nstep=nstep),
+            call_clock.THREADED_ROLLOUT: lambda: rollout.rollout(model, datas, starts, nstep=nstep),
+            "Rollout.rollout": lambda: pool.rollout(model, datas, starts, nstep=nstep),
+        }
+        call = calls[name]
+        return Way(lambda data: call(), prepare=take_state)
+
+    assert trial.functions is not None, "there are two"
+    present, suggested = trial.functions
+    return way(present), way(suggested)
+
+
+def no_rollout(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    """Return one step of one simulation by rollout, and by mj_step."""
+    from mujoco import rollout
+
+    starts = np.empty((1, compat.state_size(model, compat.FULLPHYSICS)))
+    control = np.zeros((1, 1, model.nu))
+
+    def take_state(data: mujoco.MjData) -> None:
+        compat.get_state(model, data, starts[0], compat.FULLPHYSICS)
+
+    def one_step(data: mujoco.MjData) -> None:
+        ends, _ = rollout.rollout(model, data, starts[:1], control)
+        starts[:1] = ends[:, -1]
+
+    def step(data: mujoco.MjData) -> None:
+        data.ctrl[:] = control[0, 0]
+        mujoco.mj_step(model, data)
+
+    return Way(one_step, prepare=take_state), Way(step)
+
+
+# -- objects that are created ----------------------------------------------------------------------
+
+
+def new_data(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    """Return an MjData that is new each time, and one that stays; both are stepped.
+
+    Steps are timed, too: the first ones after a new MjData pay for its memory.
+    """
+    assert trial.functions is not None, "there are two"
+    present, suggested = trial.functions
+    scratch = mujoco.MjData(model)
+    copier, is_copy = _COPIERS.get(present), suggested == "mj_copyData"
+    is_new_copy = is_copy and copier is None
+
+    def create(data: mujoco.MjData) -> mujoco.MjData:
+        return mujoco.MjData(model) if copier is None else copier(data)
+
+    def use(fresh: mujoco.MjData, data: mujoco.MjData) -> None:
+        if is_new_copy:
+            compat.copied_data(model, fresh, data)
+        step(fresh)
+
+    def step(stepped: mujoco.MjData) -> None:
+        for _ in range(trial.steps):
+            mujoco.mj_step(model, stepped)
+
+    def again(data: mujoco.MjData) -> None:
+        if is_copy:
+            compat.copied_data(model, scratch, data)
+        else:
+            mujoco.mj_resetData(model, scratch)
+        step(scratch)
+
+    return Way.creating(create, use), Way(again)
+
+
+def renderer(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    height, width = trial.frame
+    model.vis.global_.offheight = max(height, model.vis.global_.offheight)
+    model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
+    permanent = mujoco.Renderer(model, height, width)
+
+    def draw(renderer: mujoco.Renderer, data: mujoco.MjData) -> None:
+        renderer.update_scene(data)
+        renderer.render()
+
+    def create(data: mujoco.MjData) -> mujoco.Renderer:
+        return mujoco.Renderer(model, height, width)
+
+    return Way.creating(create, draw), Way(lambda data: draw(permanent, data))
+
+
+# -- what rows ask, and whether they apply ---------------------------------------------------------
+
+
+def _functions_trial(calls: CallsInLoop) -> Trial:
+    enough = () if calls.finding is None else tuple(calls.finding.instead)
+    return Trial(functions, enough, steps=int(calls.nstep > 0))
+
+
+def _rays_trial(calls: CallsInLoop) -> Trial:
+    of_step = calls.count / calls.nstep if calls.nstep else _USUAL_RAYS
+    return Trial(rays, simulations=min(_MOST_RAYS, max(1, round(of_step))))
+
+
+def _renderer_trial(calls: CallsInLoop) -> Trial:
+    frame = next((call.frame for call in calls.calls if call.frame), None) or (240, 320)
+    return Trial(renderer, frame=frame, backend=calls.calls[0].backend, by_wall_time=True)
+
+
+def _data_trial(calls: CallsInLoop) -> Trial:
+    steps = min(_MOST_STEPS, round(calls.nstep / max(1.0, calls.count)))
+    if calls.finding is not None and calls.finding.code == "MJB005":
+        return Trial(new_data, ("MjData", "mj_resetData"), steps=steps)
+    longest = max(calls.calls, key=lambda call: call.seconds).callee
+    present = longest if longest in _COPIERS else "MjData"
+    is_copied = present in _COPIERS
+    return Trial(new_data, (present, "mj_copyData"), steps=steps, of_copied=is_copied)
+
+
+def _rollout_trial(
+    ways: Callable[[mujoco.MjModel, Trial], tuple[Way, Way]], *names: str
+) -> Callable[[CallsInLoop], Trial]:
+    def trial(calls: CallsInLoop) -> Trial:
+        steps = max(1.0, sum(call.steps for call in calls.calls))
+        return Trial(
+            ways,
+            names,
+            simulations=max(1, round(sum(call.all_steps for call in calls.calls) / steps)),
+            steps=max(1, round(steps / max(1.0, calls.count))),
+            on_threads=ways is rollouts,
+        )
+
+    return trial
+
+
+def _is_of_stepped_data(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
+    arguments = _INVERSE_ARGUMENTS.search(calls[0].place.text)
+    steps = steps_of(of_loop)
+    of_same = [each for each in steps if arguments and f"({arguments[1]}" in each.place.text]
+    return math.isclose(count_of(calls), count_of(of_same), rel_tol=_COUNT_ERROR)
+
+
+def _are_several_a_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
+    return count_of(calls) > (1 + _COUNT_ERROR) * count_of(steps_of(of_loop))
+
+
+def _are_spread(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
+    """Return whether calls are made again and again, and not all at once, such as a pool's."""
+    begin_ns = min(call.first_ns for call in of_loop)
+    loop_ns = max(call.last_ns for call in of_loop) - begin_ns
+    calls_ns = max(call.last_ns for call in calls) - min(call.first_ns for call in calls)
+    return calls_ns >= _LEAST_SPREAD * loop_ns
+
+
+# What to do about a call in a loop. A call that stands in none of them is what the program is for.
+CALL_REMEDIES = (
+    CallRemedy(
+        callees=("mj_step",),
+        text="nothing happens between these steps: call mj_step(model, data, nstep) once",
+        trial=lambda calls: Trial(one_call),
+        saving=call_savings.of_call_alone,
+        codes=("MJB017",),
+        needs_finding=True,
+    ),
+    CallRemedy(
+        callees=("mj_forward",),
+        text="mj_forward computes what the next mj_step computes again",
+        effect="nothing since MuJoCo 3.10.0; in 3.3.1 and before, later states within the solver's"
+        " tolerance",
+        trial=_functions_trial,
+        saving=call_savings.of_functions,
+        is_bound=True,
+        codes=("MJB007",),
+        needs_finding=True,
+    ),
+    CallRemedy(
+        callees=("mj_inverse",),
+        text="mj_inverse computes what depends on positions and velocities, and mj_step computes it"
+        " again: call mj_step1, set data.qacc, call mj_inverseSkip(model, data,"
+        " mujoco.mjtStage.mjSTAGE_VEL, 1), and then mj_step2",
+        trial=lambda calls: Trial(inverse),
+        saving=call_savings.of_functions,
+        applies=_is_of_stepped_data,
+    ),
+    CallRemedy(
+        callees=("mjd_transitionFD",),
+        text="with flg_centered=False, half as many steps are taken; None in place of C and D"
+        " leaves out sensors",
+        effect="derivatives, which are less exact",
+        trial=lambda calls: Trial(uncentered),
+        applies=lambda calls, of_loop: "True" in calls[0].place.text,
+    ),
+    CallRemedy(
+        callees=("mj_ray",),
+        text="mj_multiRay casts all rays from one point in one call",
+        trial=_rays_trial,
+        saving=call_savings.of_rays,
+        applies=_are_several_a_step,
+    ),
+    CallRemedy(
+        callees=("MjData", *call_clock.COPIES_OF_DATA),
+        text="create one MjData before the loop, and use mj_copyData or mj_setState in it",
+        trial=_data_trial,
+        saving=call_savings.of_new_data,
+        is_bound=True,
+        codes=("MJB005", "MJB010"),
+    ),
+    CallRemedy(
+        callees=(
+            "from_xml_path",
+            "from_xml_string",
+            "from_binary_path",
+            "from_file",
+            "from_string",
+            "compile",
+            "copy of MjModel",
+        ),
+        text="compile the model once before the loop: change the compiled model, or keep a pool of"
+        " bodies and move those that are not needed away",
+        effect="nothing, if the model is the same",
+        codes=("MJB011",),
+        keeps_first=True,
+        is_of_loop=True,
+        is_of_line=True,
+    ),
+    CallRemedy(
+        callees=("Renderer",),
+        text="create one Renderer before the loop; each creates a graphics context",
+        trial=_renderer_trial,
+        saving=call_savings.of_renderers,
+        is_bound=True,
+        codes=("MJB012",),
+        keeps_first=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.COMPILE, call_clock.TRACE),
+        text="JAX compiles {count} times here: call jax.jit once, before the loop, and give what"
+        " varies as an argument",
+        effect="nothing but rounding",
+        codes=("MJB013",),
+        keeps_first=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.DISPATCH,),
+        text="{count} calls of a compiled function: compile the loop itself, by jax.lax.scan over"
+        " steps that follow each other, or jax.vmap over independent ones",
+        effect="nothing but rounding",
+        is_bound=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.DEVICE_WAIT,),
+        text="{count} waits for JAX: keep arrays on the device, and wait for or convert results"
+        " once after the loop (jax.block_until_ready, np.asarray, float)",
+        is_bound=True,
+        overlaps=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.TRANSFER,),
+        text="{count} transfers to the device: create the arrays there, or transfer them once"
+        " before the loop",
+        is_bound=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.THREADED_ROLLOUT,),
+        text="rollout starts threads for each call: keep a pool, rollout.Rollout(nthread=n), and"
+        " give it initial_warmstart where one call continues another",
+        trial=_rollout_trial(rollouts, call_clock.THREADED_ROLLOUT, "Rollout.rollout"),
+        codes=("MJB014",),
+    ),
+    CallRemedy(
+        callees=("rollout",),
+        text="rollout takes these simulations one after the other: give it a list with an MjData"
+        " for each core, and keep a pool, rollout.Rollout(nthread=n)",
+        trial=_rollout_trial(rollouts, "rollout", "Rollout.rollout"),
+        applies=lambda calls, of_loop: any(c.all_steps > c.steps for c in calls),
+    ),
+    CallRemedy(
+        callees=("rollout",),
+        text="rollout copies states for each step of one simulation: write data.ctrl, and call"
+        " mj_step(model, data)",
+        effect="later states within the solver's tolerance: rollout begins without a warm start",
+        trial=_rollout_trial(no_rollout),
+        applies=lambda calls, of_loop: all(c.all_steps == c.calls for c in calls),
+    ),
+    CallRemedy(
+        callees=("Rollout.rollout",),
+        text="rollout copies all states for each step: mujoco.batch.Batch keeps them, and its step"
+        " takes controls",
+        effect="later states within the solver's tolerance: rollout begins without a warm start",
+        trial=_rollout_trial(rollouts, "Rollout.rollout", "Batch.step"),
+        applies=lambda calls, of_loop: all(c.steps == c.calls for c in calls),
+    ),
+    CallRemedy(
+        callees=(call_clock.PROCESS_START,),
+        text="processes are started {count} times here: start them once, before the loop, and send"
+        " them work; threads (mujoco.rollout) need no start",
+        is_of_line=True,
+        applies=_are_spread,
+    ),
+    CallRemedy(
+        callees=tuple(f"{call_clock.CALLBACK} {name}" for name in call_clock.CALLBACKS),
+        text="MuJoCo calls this Python function in each step, and simulations on threads wait for"
+        " each other there: where it sets controls, write data.ctrl before mj_step",
+        effect="nothing where it reads only the state before the step; with Runge-Kutta, MuJoCo"
+        " calls it four times a step",
+        is_bound=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.EAGER_MJX,),
+        text="{count} steps of MJX outside a compiled function: jax.jit one function that steps by"
+        " jax.lax.scan, with jax.vmap over simulations",
+        effect="nothing but rounding",
+    ),
+)

@@ -1,0 +1,159 @@
+"""What to do about lines that samples show: a row for each remedy, with its two ways."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench.commands.lint import rules as lint_rules
+from mjbench.commands.lint.check import Finding
+from mjbench.commands.run.activities import Place
+from mjbench.commands.run.loop_time import LineTime, LoopTime
+from mjbench.commands.run.remedies.call_savings import Saving, count_of, steps_of
+from mjbench.commands.run.remedies.remedy import Basis
+from mjbench.commands.run.remedies.trials import MeasuredRatios, Trial, Way
+from mjbench.commands.run.source_loops import loop_within_step
+
+# What a line calls, and the functions that only create an array.
+_CALLED = re.compile(r"(\w+)\(")
+_CREATE = {*lint_rules.ALLOCATIONS, "append", "asarray", "copy"}
+
+
+def named_access(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    names = [model.body(body).name for body in range(model.nbody)]
+    body = next(name for name in reversed(names) if name)  # the world has one
+    hoisted: list[Any] = []
+
+    def before_the_loop(data: mujoco.MjData) -> Any:
+        if not hoisted:  # all calls are of the same data
+            hoisted.append(data.body(body))
+        return hoisted[0].xpos[0]
+
+    return Way(lambda data: data.body(body).xpos[0]), Way(before_the_loop)
+
+
+def new_array(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    permanent = np.zeros(model.nv)
+
+    def write(data: mujoco.MjData) -> None:
+        permanent[:] = 0.0
+
+    return Way(lambda data: np.zeros(model.nv)), Way(write)
+
+
+def concatenation(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    nq = model.nq
+    permanent = np.empty(nq + 2 * model.nv)
+    after_velocities = nq + model.nv
+
+    def write(data: mujoco.MjData) -> None:
+        permanent[:nq] = data.qpos
+        permanent[nq:after_velocities] = data.qvel
+        permanent[after_velocities:] = data.qacc
+
+    return Way(lambda data: np.concatenate([data.qpos, data.qvel, data.qacc])), Way(write)
+
+
+def contacts(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    return (
+        Way(lambda data: [contact.dist for contact in data.contact]),
+        Way(lambda data: data.contact.dist),
+    )
+
+
+@dataclass(frozen=True)
+class LineRemedy:
+    """What to do about a line that samples show, by lint's rule `code` or by its text alone."""
+
+    line: re.Pattern[str]
+    text: str
+    trial: Trial | None = None
+    code: str = ""
+    effect: str = "nothing"
+
+
+# The first that fits counts. A finding's own message is shown instead of `text`.
+LINE_REMEDIES = (
+    LineRemedy(re.compile(""), "", Trial(named_access, by_wall_time=True), lint_rules.NAMED_ACCESS),
+    LineRemedy(
+        re.compile(r"\b(np|numpy)\.(concatenate|append|tile|[hv]?stack)\("),
+        "",
+        Trial(concatenation),
+        lint_rules.NEW_ARRAY,
+    ),
+    LineRemedy(re.compile(""), "", Trial(new_array), lint_rules.NEW_ARRAY),
+    LineRemedy(
+        re.compile(r"\.contact\[|\bin\b.*\.contact\b(?!\.)"),
+        "each contact becomes an object of Python: data.contact.geom, .dist, .pos and the like are"
+        " arrays of all contacts, to be read once for each step",
+        Trial(contacts),
+    ),
+    LineRemedy(
+        re.compile(r"\blinalg\.p?inv\("),
+        "np.linalg.solve(a, b) takes less time than an inverse times b. For the mass matrix,"
+        " mj_solveM uses the factor that the step has computed. For a Jacobian, damped least"
+        " squares (j.T @ np.linalg.solve(j @ j.T + damping * np.eye(3), x)) take less than"
+        " pinv",
+        effect="rounding; damping changes the result near singular Jacobians",
+    ),
+    LineRemedy(
+        re.compile(r"\bmj_contactForce\("),
+        "choose contacts by data.contact.geom first, and call this for those alone",
+    ),
+    LineRemedy(
+        re.compile(r"\.tolist\(|\bfloat\(\w+\) for "),
+        "numbers become objects of Python one by one: write into a row of an array that was created"
+        " before the loop (log[i] = data.qpos)",
+    ),
+)
+
+
+def line_remedies(
+    place: Place, findings: Sequence[Finding]
+) -> Iterator[tuple[LineRemedy, Sequence[Finding]]]:
+    """Yield what to do about a line, each with the findings that say so."""
+    of_line = [
+        each
+        for each in findings
+        if (each.file, each.line) == place.position and each.ns_per_step is not None
+    ]
+    codes = set[str]()
+    for remedy in LINE_REMEDIES:
+        matching = [each for each in of_line if each.code == remedy.code]
+        applies = bool(matching) if remedy.code else not codes
+        if applies and remedy.code not in codes and remedy.line.search(place.text):
+            codes.add(remedy.code)
+            yield remedy, matching
+
+
+def saved(
+    loop: LoopTime,
+    line: LineTime,
+    remedy: LineRemedy,
+    count: int,
+    share: float,
+    measured: MeasuredRatios,
+) -> Saving | None:
+    """Return what is saved of a share of a line, by `count` findings in each step.
+
+    Where a loop within a step runs the line, only its samples say how often it runs. They say
+    nothing of an array that is a part of what the line computes: None.
+    """
+    text = line.place.text
+    only_creates = " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
+    is_part = remedy.code == lint_rules.NEW_ARRAY and not only_creates
+    ratio = None if remedy.trial is None else measured.ratios.get(remedy.trial)
+    nstep = count_of(steps_of(loop.calls))
+    is_within = loop_within_step(line.place.position, loop.lines_to_step) is not None
+    if ratio is not None and count and nstep and not is_within:
+        gain = min(share, count * ratio.certainly_saved_s * nstep / loop.seconds)
+    elif is_part:
+        return None
+    elif ratio is None:
+        return Saving(share, share, Basis.BOUND)
+    else:
+        gain = share * ratio.saved
+    return Saving(gain, share, Basis.PAIRED, ratio.relative_error)

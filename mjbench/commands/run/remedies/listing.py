@@ -1,0 +1,282 @@
+"""What to do about a loop, the most important first: what would make it faster, and by how much.
+
+What is known of calls that were timed counts. Other lines are known from samples, and their share
+is an upper bound.
+"""
+
+import contextlib
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from mjbench.commands.lint import check as lint
+from mjbench.commands.lint.check import Finding
+from mjbench.commands.run.activities import WAITING, Activity, Place
+from mjbench.commands.run.call_times import CallTime, Incident
+from mjbench.commands.run.hook import call_clock, file_owners
+from mjbench.commands.run.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime, shares_of
+from mjbench.commands.run.remedies import line_remedies, loop_remedies
+from mjbench.commands.run.remedies.call_remedies import CALL_REMEDIES
+from mjbench.commands.run.remedies.call_savings import CallRemedy, CallsInLoop, count_of, seconds_of
+from mjbench.commands.run.remedies.loop_remedies import ADVICE, of_samples
+from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Remedy, RemedyKind
+from mjbench.commands.run.remedies.trials import MeasuredRatios, Trial
+from mjbench.errors import InputError
+
+# A line that is one call.
+_ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)(\s*#.*)?$")
+# A line that looks up names, or takes views of the engine's arrays.
+_READS_VIEWS = re.compile(
+    r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
+)
+# Activities that are changed line by line; each of the others is one thing to change.
+_OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
+# Of calls whose line does little else.
+_WITH_THEIR_LINE = (Activity.COPYING, Activity.STARTING)
+
+
+def findings_of(files: Sequence[str]) -> list[Finding]:
+    """Return lint's findings in files; those that cannot be checked have none."""
+    findings: list[Finding] = []
+    for file in files:
+        with contextlib.suppress(InputError):
+            findings += lint.check(file)
+    return findings
+
+
+def trials(
+    loops: Sequence[LoopTime], findings: Sequence[Finding], incidents: Sequence[Incident] = ()
+) -> list[Trial]:
+    """Return what to measure on the program's model: only what could be worth a line."""
+    asked = [*loop_remedies.step_trials(loops, incidents)]
+    for loop in loops:
+        asked += [
+            remedy.trial(calls)
+            for remedy, calls in _calls(loop, findings)
+            if remedy.trial is not None and calls.share >= LEAST_GAIN
+        ]
+        asked += [
+            remedy.trial
+            for line in loop.lines
+            if _avoidable(line) >= LEAST_GAIN
+            for remedy, _ in line_remedies.line_remedies(line.place, findings)
+            if remedy.trial is not None
+        ]
+    return list(dict.fromkeys(asked))
+
+
+def remedies(
+    loop: LoopTime,
+    findings: Sequence[Finding] = (),
+    measured: MeasuredRatios | None = None,
+    incidents: Sequence[Incident] = (),
+    others_busy_s: float = 0.0,
+) -> list[Remedy]:
+    """Return what to do about a loop, by gain.
+
+    Args:
+      others_busy_s: seconds for which another process or thread steps meanwhile: no other way of
+        waiting for it saves them.
+    """
+    measured = measured or MeasuredRatios({})
+    listed = [
+        *_savings(loop, findings, measured, others_busy_s),
+        *loop_remedies.of_turns(loop, measured, incidents),
+    ]
+    if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
+        listed = [
+            replace(each, text=f"{each.text}; here the processor draws (software rendering)")
+            if each.activity == Activity.RENDERING
+            else each
+            for each in listed
+        ]
+    worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
+    return sorted(worthwhile, key=lambda remedy: remedy.rank)
+
+
+def first(listed: Sequence[Remedy]) -> Remedy | None:
+    """Return the most important remedy that is more than chance."""
+    return next((each for each in listed if each.is_certain), None)
+
+
+def _savings(
+    loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios, others_busy_s: float
+) -> Iterator[Remedy]:
+    of_calls = list(_of_calls(loop, findings, measured))
+    whole = (loop.activities.keys() & ADVICE.keys()) - _OF_LINES
+    if any(remedy.activity == Activity.STARTING for remedy in of_calls):
+        whole -= {Activity.PROCESSES}  # the loop also waits for processes to begin
+    if (building := loop_remedies.of_building(loop)) is not None:
+        # a model that is built is compiled, too, and has an MjData of its own
+        of_model = {Activity.LOADING, Activity.COPYING}
+        of_calls = [remedy for remedy in of_calls if remedy.activity not in of_model]
+        whole -= of_model
+        yield building
+    yield from of_calls
+    yield from loop_remedies.of_timer(loop, measured)
+    if loop.samples < FEW_SAMPLES:
+        if Activity.COLLECTION in loop.activities:
+            yield loop_remedies.of_activity(loop, Activity.COLLECTION)
+        return
+    for activity in whole:
+        if not loop.is_timed(activity) or not any(r.activity == activity for r in of_calls):
+            remedy = loop_remedies.of_activity(loop, activity)
+            if activity in WAITING and remedy.gain is not None:
+                gain = min(remedy.gain, 1 - others_busy_s / loop.seconds)
+                remedy = replace(remedy, gain=gain, share=remedy.gain)
+            yield remedy
+    yield from _of_lines(loop, findings, measured)
+
+
+# -- calls that were timed -------------------------------------------------------------------------
+
+
+def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRemedy, CallsInLoop]]:
+    """Yield the remedies that apply, each with its calls from one line."""
+    for remedy in CALL_REMEDIES:
+        by_place: dict[Place, list[CallTime]] = defaultdict(list)
+        for call in loop.calls:
+            if call.callee in remedy.callees:
+                by_place[call.place].append(call)
+        if remedy.is_of_loop and by_place:
+            place = max(by_place, key=lambda each: seconds_of(by_place[each]))
+            by_place = {place: [call for calls in by_place.values() for call in calls]}
+        for place, calls in by_place.items():
+            if _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
+                continue
+            finding = _finding_of(remedy, place, loop, findings)
+            if finding is not None:
+                place_of_finding = Place(finding.file, finding.line, "")
+                yield remedy, CallsInLoop(calls, loop, place_of_finding, finding)
+            elif count_of(calls) >= LEAST_REPEATS and not remedy.needs_finding:
+                yield remedy, CallsInLoop(calls, loop, place)
+
+
+def _are_of_new_models(loop: LoopTime, calls: Sequence[CallTime]) -> bool:
+    """Return whether all create an MjData, of models that the loop loads about as often."""
+    loaded = sum(call.calls for call in loop.calls if call.activity == Activity.LOADING)
+    created = sum(call.calls for call in loop.calls if call.callee == "MjData")
+    is_of_each_model = loaded >= LEAST_REPEATS and 2 * loaded >= created
+    return is_of_each_model and all(call.callee == "MjData" for call in calls)
+
+
+def _finding_of(
+    remedy: CallRemedy, place: Place, loop: LoopTime, findings: Sequence[Finding]
+) -> Finding | None:
+    for finding in findings:
+        if finding.code not in remedy.codes or finding.file != place.file:
+            continue
+        in_loop = loop.loop.first <= finding.line <= loop.loop.last
+        if finding.line == place.line or (call_clock.COMPILE in remedy.callees and in_loop):
+            return finding
+    return None
+
+
+def _of_calls(
+    loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios
+) -> Iterator[Remedy]:
+    for remedy, calls in _calls(loop, findings):
+        saving, finding = remedy.saved(calls, measured), calls.finding
+        if saving is None:
+            continue
+        error = saving.relative_error
+        text = remedy.text if finding is None else finding.message
+        yield Remedy(
+            RemedyKind.CALL,
+            calls.calls[0].activity,
+            calls.place,
+            text.replace("{count}", f"{round(calls.count):,}"),
+            saving.gain,
+            None if error is None else saving.gain * error,
+            "" if finding is None else finding.code,
+            basis=saving.basis,
+            share=saving.share,
+            effect=remedy.effect,
+        )
+
+
+# -- lines that samples show -----------------------------------------------------------------------
+
+
+def _of_lines(
+    loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios
+) -> Iterator[Remedy]:
+    """Yield what to do about each line, and about what no line shows."""
+    unexplained = {each: share for each, share in loop.activities.items() if each in _OF_LINES}
+    by_function: dict[tuple[str, str], list[LineTime]] = defaultdict(list)
+    for line in loop.lines:
+        by_function[line.place.file, line.place.function].append(line)
+    for of_function in by_function.values():
+        lines = sorted(of_function, key=_avoidable, reverse=True)
+        if not _avoidable(lines[0]):
+            continue
+        if _is_spread(loop, lines):
+            yield _of_function(loop, lines)
+        else:
+            for line in lines:
+                if _avoidable(line) >= LEAST_GAIN:
+                    yield from _of_line(loop, line, findings, measured)
+        for line in lines:
+            for activity in line.activities.keys() & _OF_LINES:
+                unexplained[activity] -= line.activities[activity]
+    for activity, share in unexplained.items():
+        if activity != Activity.BINDINGS:  # what no line shows is the calls themselves
+            yield of_samples(loop, activity, None, ADVICE[activity], share)
+
+
+def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
+    """Return whether no line stands out; the lines of the loop itself are always named."""
+    is_loop = any(loop.loop.holds(line.place.position) for line in lines)
+    return not is_loop and _avoidable(lines[0]) < sum(map(_avoidable, lines)) / 2
+
+
+def _avoidable(line: LineTime) -> float:
+    return sum(share for activity, share in line.activities.items() if activity in _OF_LINES)
+
+
+def _main_cost(lines: Sequence[LineTime]) -> Activity:
+    parts = (part for line in lines for part in line.activities.items() if part[0] in _OF_LINES)
+    return next(iter(shares_of(parts, 1.0)), Activity.PYTHON)
+
+
+def _of_line(
+    loop: LoopTime, line: LineTime, findings: Sequence[Finding], measured: MeasuredRatios
+) -> Iterator[Remedy]:
+    """Yield what to do about a line: what lint says of it, and about what that leaves."""
+    activity, share = _main_cost([line]), _avoidable(line)
+    of_line = [call for call in loop.calls if call.place.position == line.place.position]
+    is_one_call = bool(of_line) and _ONE_CALL.match(line.place.text)
+    has_remedy = any(call.is_callback or call.activity in _WITH_THEIR_LINE for call in of_line)
+    if is_one_call or has_remedy:
+        return  # what samples saw beside the call makes it, or frees its result
+    for row, matching in line_remedies.line_remedies(line.place, findings):
+        saving = line_remedies.saved(loop, line, row, len(matching), share, measured)
+        if saving is None:
+            continue
+        text, gain = matching[0].message if matching else row.text, saving.gain
+        error = saving.relative_error
+        yield replace(
+            of_samples(loop, activity, line.place, text, gain, RemedyKind.LINE),
+            gain_error=loop.error(gain) if error is None else gain * error,
+            code=row.code,
+            effect=row.effect,
+            basis=saving.basis,
+            share=share,
+        )
+        share -= gain
+    text = ADVICE[activity]
+    if line.package and line.package not in (file_owners.STANDARD_LIBRARY, "numpy"):
+        text = f"time in {line.package}"
+        if Activity.PHYSICS in line.activities:
+            text = f"{text} beside physics; `mjbench env` takes an environment apart"
+    elif activity == Activity.BINDINGS and not _READS_VIEWS.search(line.place.text):
+        text = "the calls of the engine themselves: make fewer of them, each for more"
+    yield of_samples(loop, activity, line.place, text, share, RemedyKind.LINE)
+
+
+def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:
+    activity, share = _main_cost(lines), sum(map(_avoidable, lines))
+    place = replace(lines[0].place, text="")
+    text = f"{place.function}() as a whole: {ADVICE[activity]}"
+    return of_samples(loop, activity, place, text, share, RemedyKind.LINE)

@@ -1,0 +1,169 @@
+"""What to do about a loop as a whole: about an activity, models that are built in it, and steps."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import mujoco
+
+from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.call_times import Incident
+from mjbench.commands.run.hook import call_clock
+from mjbench.commands.run.loop_time import FEW_SAMPLES, LoopTime
+from mjbench.commands.run.remedies.call_savings import (
+    count_of,
+    seconds_of,
+    share_of,
+    share_with_python,
+    steps_of,
+)
+from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
+from mjbench.commands.run.remedies.trials import MeasuredRatios, Trial, Way
+from mjbench.host import machine
+from mjbench.simulation import engine_clock
+
+# What to do about an activity, where nothing more is known; others have remedies of their calls, or
+# are no cost by themselves. Modules are imported once, wherever that is.
+ADVICE: Mapping[Activity, str] = {
+    Activity.PYTHON: "do less in Python here: compute with whole arrays, or less often",
+    Activity.BINDINGS: "look names up, and take views of the engine's arrays, once before the loop",
+    Activity.NUMPY: "compute less often, or on fewer and larger arrays",
+    Activity.POLICY: "the policy takes this long: batch its inputs, or use a smaller one",
+    Activity.RENDERING: "render fewer frames, or smaller ones; EGL on a GPU is fastest",
+    Activity.LOGGING: "write less often, and more at a time",
+    Activity.PROCESSES: "give each process more work for a message, or use threads (rollout)",
+    Activity.THREADS: "the loop waits for another thread of the program. A step needs no GIL, but"
+    " the Python around it does: let each thread take more steps for each wait; `mjbench compare"
+    " MODEL --paths python_loop,threads,batch_step` says what threads and mujoco.batch.Batch gain",
+    Activity.SLEEPING: "the program sleeps: leave it out where nobody watches; to keep real time,"
+    " sleep until begin + i × timestep, so that no delay adds up",
+    Activity.COLLECTION: "call gc.freeze() after set-up, or gc.disable() in the loop",
+    Activity.LOADING: "load or compile models before the loop",
+}
+_BUILDING_ADVICE = (
+    "build and compile the model once before the loop: change the compiled model, or keep a pool"
+    " of bodies"
+)
+_CLOCK_ADVICE = (
+    f"turn off {engine_clock.TIMER_NAME}: {engine_clock.OFF_CODE}, after creating MjData"
+)
+_BEFORE_CALLBACKS = " and before setting callbacks of your own, which it removes"
+
+
+def of_samples(
+    loop: LoopTime,
+    activity: Activity,
+    place: Place | None,
+    text: str,
+    share: float,
+    kind: RemedyKind = RemedyKind.ACTIVITY,
+) -> Remedy:
+    """Return what to do about a share that samples show, which is saved at most."""
+    return Remedy(kind, activity, place, text, share, loop.error(share))
+
+
+def of_activity(loop: LoopTime, activity: Activity) -> Remedy:
+    """Return what to do about an activity as a whole, at the line where most of it is."""
+    lines = [line for line in loop.lines if activity in line.activities]
+    most = max(lines, key=lambda line: line.activities[activity], default=None)
+    place = most.place if most else None
+    is_collection = activity == Activity.COLLECTION
+    kind = RemedyKind.COLLECTION if is_collection else RemedyKind.ACTIVITY
+    return of_samples(loop, activity, place, ADVICE[activity], loop.activities[activity], kind)
+
+
+def of_building(loop: LoopTime) -> Remedy | None:
+    """Return what to do where samples show more of models that are built than calls that load."""
+    line = loop.building
+    if line is None or loop.samples < FEW_SAMPLES:
+        return None
+    loading = [call for call in loop.calls if call.activity == Activity.LOADING]
+    is_call = any(call.place.position == line.place.position for call in loading)
+    if is_call and line.activities.get(Activity.BUILDING, 0.0) < LEAST_GAIN:
+        return None
+    return of_samples(loop, Activity.BUILDING, line.place, _BUILDING_ADVICE, line.share)
+
+
+# -- steps -----------------------------------------------------------------------------------------
+
+
+def no_timer(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    def steps(data: mujoco.MjData) -> None:
+        for _ in range(10):
+            mujoco.mj_step(model, data, trial.steps)
+
+    return Way(steps), Way(steps, has_timer=False)
+
+
+def batch(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+    """Return simulations in turn, and as a batch, from the model's own start."""
+    from mujoco.batch import Batch
+
+    datas = [mujoco.MjData(model) for _ in range(trial.simulations)]
+    of_all = Batch(model, trial.simulations)
+
+    def in_turn(data: mujoco.MjData) -> None:
+        for each in datas:
+            mujoco.mj_step(model, each)
+
+    return Way(in_turn), Way(lambda data: of_all.step())
+
+
+def step_trials(loops: Sequence[LoopTime], incidents: Sequence[Incident]) -> Iterator[Trial]:
+    for incident in incidents:
+        if incident.name == call_clock.IN_TURN:
+            yield _turns_trial(incident)
+    for loop in loops:
+        if seconds_of(steps_of(loop.calls)) > LEAST_GAIN * loop.seconds:
+            yield _timer_trial(loop)
+
+
+def _timer_trial(loop: LoopTime) -> Trial:
+    steps = steps_of(loop.calls)
+    nstep = sum(call.all_steps for call in steps) / max(1.0, count_of(steps))
+    return Trial(no_timer, steps=max(1, round(nstep)))
+
+
+def _turns_trial(incident: Incident) -> Trial:
+    return Trial(batch, simulations=max(2, incident.count), on_threads=True)
+
+
+def of_timer(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
+    has_callbacks = any(call.is_callback for call in loop.calls)
+    share = share_with_python(loop, steps_of(loop.calls))
+    ratio = measured.ratios.get(_timer_trial(loop)) if share else None
+    if ratio is not None and (gain := ratio.saved * share) >= engine_clock.MIN_GAIN:
+        yield Remedy(
+            RemedyKind.CLOCK,
+            Activity.PHYSICS,
+            None,
+            _CLOCK_ADVICE + (_BEFORE_CALLBACKS if has_callbacks else ""),
+            gain,
+            gain * ratio.relative_error,
+            basis=Basis.PAIRED,
+            share=share,
+            effect="nothing but mjData.timer, which stays empty",
+        )
+
+
+def of_turns(
+    loop: LoopTime, measured: MeasuredRatios, incidents: Sequence[Incident]
+) -> Iterator[Remedy]:
+    for incident in incidents:
+        calls = [
+            call for call in steps_of(loop.calls) if call.place.position == incident.place.position
+        ]
+        if incident.name != call_clock.IN_TURN or not calls:
+            continue
+        share, ratio = share_of(loop, calls), measured.ratios.get(_turns_trial(incident))
+        saved = 1 - 1 / machine.usable_cores() if ratio is None else ratio.saved
+        yield Remedy(
+            RemedyKind.CALL,
+            Activity.PHYSICS,
+            incident.place,
+            f"{incident.count} simulations are stepped in turn: mujoco.batch.Batch steps them at"
+            " once, on all cores (mujoco.rollout in releases without it)",
+            share * saved,
+            None if ratio is None else share * saved * ratio.relative_error,
+            basis=Basis.BOUND if ratio is None else Basis.PAIRED,
+            share=share,
+            effect="nothing",
+        )

@@ -1,0 +1,97 @@
+"""One thing to do about a program."""
+
+import enum
+from dataclasses import dataclass
+
+from mjbench.bounds import AnyFloat
+from mjbench.commands.run.activities import Activity, Place
+from mjbench.measuring.ratio import Ratio
+
+# Smaller gains are not worth a line.
+LEAST_GAIN = 0.03
+
+
+class RemedyKind(enum.StrEnum):
+    """What a remedy changes."""
+
+    RESULT = "wrong result"
+    """The program computes or stores what it does not mean."""
+    CALL = "call"
+    """A call of MuJoCo or JAX."""
+    LINE = "line"
+    CLOCK = "package's timer"
+    """A step reads the timer of MuJoCo's Python package."""
+    COLLECTION = "garbage collection"
+    ACTIVITY = "activity"
+
+
+# Kinds of which only a share is known, and half of it is likely to be saved.
+_OF_SAMPLES = (RemedyKind.LINE, RemedyKind.ACTIVITY)
+
+
+class Basis(enum.StrEnum):
+    """Where a gain comes from."""
+
+    TIMED = "timed"
+    """The calls were timed one by one, and would not be made any more."""
+    PAIRED = "paired"
+    """Both ways were timed in turns on the program's own model and states."""
+    BOUND = "at most"
+    """It is the share of what would change; what replaces it takes time, too."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """One thing to do.
+
+    Attributes:
+      kind: what it changes.
+      activity: whose time it saves; None for a wrong result.
+      place: where; None for the whole loop.
+      text: what to do.
+      gain: share of the loop's time that it saves; None for a wrong result.
+      gain_error: standard error of that share.
+      code: of the lint rule that it follows; "" for none.
+      basis: where the gain comes from.
+      share: of the loop's time that the calls or lines take now; None for a wrong result.
+      effect: what it changes in results.
+    """
+
+    kind: RemedyKind
+    activity: Activity | None
+    place: Place | None
+    text: str
+    gain: AnyFloat | None
+    gain_error: AnyFloat | None
+    code: str = ""
+    basis: Basis = Basis.BOUND
+    share: AnyFloat | None = None
+    effect: str = ""
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is more than chance."""
+        return self.gain is None or self.gain > 2 * (self.gain_error or 0.0)
+
+    @property
+    def share_saved(self) -> Ratio | None:
+        """The share of the loop's time that it saves, of at most 1; None where it is not known."""
+        if self.gain is None:
+            return None
+        if self.gain_error is None:
+            gain = Ratio(self.gain, None, None)
+        else:
+            reach = 2 * self.gain_error
+            gain = Ratio(self.gain, self.gain - reach, self.gain + reach)
+        low, high = (
+            None if end is None else min(1.0, max(0.0, end)) for end in (gain.low, gain.high)
+        )
+        return Ratio(min(1.0, gain.estimate), low, high) if gain.estimate > 0 else None
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Where it stands: wrong results, then by gain."""
+        if self.gain is None:
+            return 0, 0.0
+        is_vague = self.basis == Basis.BOUND and self.kind in _OF_SAMPLES
+        return 1, -self.gain / 2 if is_vague else -self.gain

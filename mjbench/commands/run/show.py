@@ -1,0 +1,484 @@
+"""What `mjbench run` comes to: what to do first, and where the program's time goes."""
+
+import signal
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+
+from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
+from mjbench.commands.run.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
+from mjbench.commands.run.physics_cost import CostKind
+from mjbench.commands.run.remedies import listing
+from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
+from mjbench.commands.run.result import LoopReport, ProgramRow
+from mjbench.commands.run.step_times import StepTimes
+from mjbench.measuring.ratio import Ratio
+from mjbench.results import charts, formats
+from mjbench.results.content import (
+    Cell,
+    Column,
+    Conclusion,
+    DataTable,
+    Figure,
+    Section,
+    Tone,
+    filled,
+)
+from mjbench.results.formats import whole_percent
+from mjbench.status import Status
+from mjbench.units import duration, plain
+
+# Smaller shares of a loop, of a package in it, and of stages are left out; the JSON document has
+# all.
+_LEAST_SHARE, _LEAST_PACKAGE, _LEAST_STAGE = 0.005, 0.01, 0.03
+# Growth of memory that is worth a line, and calls whose results keep memory.
+_LEAST_GROWTH_BYTES = 32 << 20
+_KEEPERS = ("MjData", *COPIES_OF_DATA, "from_xml_path", "from_xml_string", "compile", "Renderer")
+# Activities whose shares do not come from samples, whatever calls are timed.
+_TIMED = (Activity.REST, Activity.COLLECTION)
+# Share of the program's time from which on loops, or a line outside them, come first.
+_LEAST_LOOPS = 0.05
+# Lines and remedies that are printed; the JSON document has all.
+_MOST_LINES, _MOST_REMEDIES = 8, 6
+_MOST_TEXT = 60
+# Observing should cost no more; beyond it, the report says how to make it cost less.
+MAX_COST = 0.03
+# Half the width of an interval of a share from which on it is shown.
+_CLOSE = 0.05
+# A loop of which JAX compiles for this share says little about its iterations.
+MOSTLY_COMPILING = 0.5
+
+
+def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
+    """Yield what each program comes to: what to do first, its loops, and its steps."""
+    for row in rows:
+        is_bad = row.status != Status.OK or bool(row.wrong)
+        ended, wrong = ending(row), list(dict.fromkeys(map(_wrong, row.wrong)))
+        outside = _outside(row) if row.wrong else ""
+        yield Section(
+            row.program,
+            [
+                *([Conclusion(f"{row.program}: {ended}", Tone.BAD)] if ended else ()),
+                Conclusion(
+                    f"{row.program}: {conclusion(row)}", Tone.BAD if is_bad else Tone.NEUTRAL
+                ),
+                *(Conclusion(f"{row.program}: then, {text}", Tone.BAD) for text in wrong[1:]),
+                *([Conclusion(f"Outside the loops that step, {outside}.")] if outside else ()),
+            ],
+            facts=[*_untimed_lines(row), *_memory_lines(row)],
+        )
+        for report in row.loops:
+            yield _loop_section(row, report)
+        yield from _steps_section(row)
+
+
+def program_rows(row: ProgramRow) -> Iterator[Mapping[str, object]]:
+    """Yield the activities in the loops of a program as rows of a flat table."""
+    for report in row.loops:
+        time = report.time
+        for activity, share in time.activities.items():
+            yield {
+                "program": row.program,
+                "loop": where(time),
+                "activity": activity,
+                "share": share,
+                "share_error": time.error(share),
+                "seconds": share * time.seconds,
+            }
+
+
+def ending(row: ProgramRow) -> str:
+    """Return how a program failed, in one sentence; empty where it did not, or mjbench ended it."""
+    number = row.exit_code - 128
+    name = signal.Signals(number).name if number in set(signal.Signals) else ""
+    if row.crash is not None:
+        return f"it crashed{f' ({name})' if name else ''} at {row.crash}: {row.crash.text}"
+    if row.was_ended or not row.exit_code:
+        return ""
+    if row.exception is not None:
+        place = row.exception.place
+        return f"it raised {row.exception.text}{f' at {place}: {place.text}' if place else ''}"
+    return f"it was ended by {name}" if name else f"it ended with exit code {row.exit_code}"
+
+
+def conclusion(row: ProgramRow) -> str:
+    """Return the most important thing about a program's time and results, in one sentence."""
+    if row.wrong:
+        return "first, " + _wrong(row.wrong[0])
+    if row.status != Status.OK:
+        return f"no samples were taken: {row.detail}"
+    outside = _outside(row)
+    if not row.loops:
+        but = ""
+        if row.steps and not outside:
+            but = ", although it steps; run it for longer"
+        elif row.was_ended and not row.steps:
+            but = f" in {plain(row.wall_s, 2)} s; run it for longer"
+        return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
+    loop = _first_loop(row)
+    remedy = listing.first(loop.remedies)
+    if outside:
+        loops_s = sum(report.time.seconds for report in row.loops)
+        then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
+        return (
+            f"first, look outside the loops that step, which take {plain(loops_s, 2)} s of the"
+            f" program's {plain(row.wall_s, 2)} s: {outside}{then}"
+        )
+    is_small = remedy is None or (remedy.gain or 0.0) < 1 - MOSTLY_PHYSICS
+    if loop.time.is_mostly_physics and is_small:
+        then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
+        return _mostly_physics(row, loop.time) + then
+    if remedy is None:
+        return _nothing_to_do(loop.time)
+    return "first, " + _first(loop.time, remedy)
+
+
+def _first_loop(row: ProgramRow) -> LoopReport:
+    """Return the first loop that does something, or whose waiting can be made shorter."""
+    does_something = (
+        each
+        for each in row.loops
+        if each.time.has_physics or each.time.runs_jax or listing.first(each.remedies) is not None
+    )
+    return next(does_something, row.loops[0])
+
+
+def _outside(row: ProgramRow) -> str:
+    """Return what takes time outside loops, where that is more than they take; "" where it is not.
+
+    Imports and what JAX compiles are made once, however long the program runs: they count where
+    loops take next to nothing.
+    """
+    loops = sum(report.time.seconds for report in row.loops if report.time.in_main) / row.wall_s
+    lines = [line for line in row.outside_loops if line.main_activity != Activity.IMPORT]
+    imports = [line for line in row.outside_loops if line.main_activity == Activity.IMPORT]
+    import_share = sum(line.share for line in imports)
+    largest = max((line.share for line in lines), default=0.0)
+    is_short = loops < _LEAST_LOOPS and import_share + largest > loops
+    if not is_short:
+        lines = [line for line in lines if line.main_activity != Activity.COMPILING]
+        largest = max((line.share for line in lines), default=0.0)
+    if not is_short and (largest < _LEAST_LOOPS or largest < loops):
+        return ""
+    parts = [
+        f"{line.place} takes {plain(line.share * row.wall_s, 2)} s ({line.place.text})"
+        for line in lines[:2]
+        if line.share >= LEAST_GAIN
+    ]
+    if imports and (is_short or import_share > largest):
+        places = ", ".join(str(line.place) for line in imports[:3])
+        parts.append(f"imports take {plain(import_share * row.wall_s, 2)} s ({places})")
+    return "; ".join(parts)
+
+
+def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
+    physics = time.activities[Activity.PHYSICS]
+    text = f"physics takes {whole_percent(physics)} of the loop in {where(time)}"
+    if row.physics is not None:
+        stage, share = row.physics.main_stage
+        text += f"; of a step, {whole_percent(share)} is {stage}"
+        cost = row.physics.main_cost
+        if cost is not None:
+            plural = "" if cost.kind == CostKind.PAIR else f" ({cost.count:,})"
+            text += f", most of it {cost.name}{plural}: {whole_percent(cost.share)}"
+    return (
+        f"{text}. `mjbench tune` tries settings of the model, `mjbench compare` other ways of"
+        " stepping it"
+    )
+
+
+def _nothing_to_do(time: LoopTime) -> str:
+    if time.activities.get(Activity.COMPILING, 0.0) >= MOSTLY_COMPILING:
+        seconds = time.activities[Activity.COMPILING] * time.seconds
+        return (
+            f"JAX compiles for {plain(seconds, 2)} s of the {plain(time.seconds, 2)} s in"
+            f" {where(time)}, once for each function: more iterations share that; a first call"
+            " before the loop shows what the others take"
+        )
+    physics = time.activities.get(Activity.PHYSICS, 0.0)
+    if time.samples < FEW_SAMPLES:
+        seconds = max(1.0, FEW_SAMPLES * time.seconds / max(1, time.samples))
+        return (
+            f"physics takes {whole_percent(physics)} of the loop in {where(time)}; {time.samples}"
+            f" samples are too few for the rest: let it run for {plain(seconds, 2)} s or longer"
+        )
+    return (
+        f"physics takes {whole_percent(physics)} of the loop in {where(time)}; no change of the"
+        f" program is worth {whole_percent(LEAST_GAIN)}"
+    )
+
+
+def _first(time: LoopTime, remedy: Remedy) -> str:
+    place = f" at {remedy.place}" if remedy.place is not None else ""
+    assert remedy.gain is not None, "wrong results come before"
+    if remedy.basis == Basis.BOUND:
+        share = remedy.gain if remedy.share is None else remedy.share
+        text = f"{remedy.activity}{place}: {whole_percent(share)} of the loop in {where(time)}"
+        at_most = (
+            f"; that saves at most {whole_percent(remedy.gain)}" if remedy.gain < share else ""
+        )
+        return f"{text}; {remedy.text}{at_most}"
+    # the timer takes a part of each step, and what a call creates is freed elsewhere
+    is_part = remedy.kind == RemedyKind.CLOCK or (remedy.share or 0.0) < remedy.gain
+    now = "" if is_part else f" {whole_percent(remedy.share or 0.0)} of the loop now;"
+    where_to = f"at {remedy.place}, " if remedy.place is not None else ""
+    gain = _uncertain(remedy)
+    ends = "" if gain is None else f" ({1 - (gain.high or 1):.2f} to {1 - (gain.low or 0):.2f})"
+    return (
+        f"{where_to}{remedy.text}:{now} with the change, the loop takes about"
+        f" {1 - remedy.gain:.2f} of today's time{ends}"
+    )
+
+
+def _uncertain(remedy: Remedy) -> Ratio | None:
+    """Return the share that a pair saves, if its interval is wide, as of calls on threads."""
+    gain = remedy.share_saved
+    if remedy.basis != Basis.PAIRED or gain is None or gain.low is None or gain.high is None:
+        return None
+    return gain if gain.high - gain.low > 2 * _CLOSE else None
+
+
+def _wrong(remedy: Remedy) -> str:
+    return f"correct a wrong result at {remedy.place}: {remedy.text}"
+
+
+def where(time: LoopTime) -> str:
+    loop = time.loop
+    lines = f"{loop.first}" if loop.first == loop.last else f"{loop.first}–{loop.last}"
+    return f"{loop.file}:{lines}"
+
+
+def _untimed_lines(row: ProgramRow) -> list[str]:
+    if not row.untimed_processes:
+        return []
+    of = f" of {row.untimed_processes} processes" if row.untimed_processes > 1 else ""
+    return [
+        f"Steps{of} were not timed: no space is left in the folder for temporary files. Set TMPDIR"
+        " to another folder."
+    ]
+
+
+def _memory_lines(row: ProgramRow) -> list[str]:
+    growth = row.memory_growth_bytes or 0
+    if growth < _LEAST_GROWTH_BYTES:
+        return []
+    calls = [call for report in row.loops for call in report.time.calls]
+    makers = [call for call in calls if call.callee in _KEEPERS]
+    most = max(makers, key=lambda call: call.calls, default=None)
+    why = f"; {most.place} makes {round(most.calls):,} × {most.callee}" if most else ""
+    return [f"Memory grew by {growth / 2**20:,.0f} MiB while it stepped{why}."]
+
+
+def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
+    time = report.time
+    by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
+    return Section(
+        f"{row.program}: the loop in {where(time)}",
+        facts=[
+            f"{plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
+            f" {plain(row.wall_s, 3)} s"
+        ],
+        figures=[_figure(time)],
+        tables=filled(
+            _remedies_table(report.remedies),
+            _activities_table(time),
+            _lines_table("Lines of your code", "line of your code", time.lines),
+            _lines_table("Functions of packages", "function of a package", time.inner_functions),
+            _jax_table(time),
+        ),
+    )
+
+
+def _remedies_table(remedies: Sequence[Remedy]) -> DataTable:
+    return DataTable.of(
+        "What to do first, and what it saves of the loop",
+        enumerate(remedies[:_MOST_REMEDIES], 1),
+        (Column("", str), lambda row: row[0]),
+        (Column("saves", has_figures=True), lambda row: saving(row[1])),
+        (Column("where"), lambda row: str(row[1].place or "the loop")),
+        (Column("what", wraps=True), lambda row: _described(row[1])),
+    )
+
+
+def _described(remedy: Remedy) -> str:
+    code = f" ({remedy.code})" if remedy.code else ""
+    changes = "" if remedy.effect in ("", "nothing") else f"; it changes {remedy.effect}"
+    return f"{subject(remedy)}{remedy.text}{code}{changes}"
+
+
+def subject(remedy: Remedy) -> str:
+    """Return whose time a remedy saves, before what it says; empty where lint says it."""
+    return f"{remedy.activity}: " if remedy.activity is not None and not remedy.code else ""
+
+
+def saving(remedy: Remedy) -> str:
+    if remedy.gain is None:
+        return "wrong result"
+    gain = _uncertain(remedy)
+    ends = "" if gain is None else formats.in_brackets(gain, whole_percent)
+    return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{whole_percent(remedy.gain)}{ends}"
+
+
+def _activities_table(time: LoopTime) -> DataTable:
+    columns = (
+        Column("time goes to"),
+        Column("share", whole_percent),
+        Column("±", has_figures=True),
+        Column("", is_bar=True),
+    )
+    rows: list[Sequence[Cell]] = []
+    for activity, share in time.activities.items():
+        if share < _LEAST_SHARE:
+            continue
+        is_exact = time.is_timed(activity) or activity in _TIMED
+        error = "timed" if is_exact else whole_percent(time.error(share))
+        rows.append((str(activity), share, error, formats.bar(share)))
+        if activity == Activity.PYTHON:
+            rows += [
+                (f"  – {package or 'your code'}", of_package, None, None)
+                for package, of_package in time.packages.items()
+                if of_package >= _LEAST_PACKAGE
+            ]
+    return DataTable("Where the time goes", columns, rows)
+
+
+def _lines_table(title: str, heading: str, lines: Sequence[LineTime]) -> DataTable:
+    return DataTable.of(
+        title,
+        lines[:_MOST_LINES],
+        (Column(heading), lambda line: str(line.place)),
+        (Column("share", whole_percent), lambda line: line.share),
+        (Column("mostly"), lambda line: line.main_activity.value),
+        (Column("text", wraps=True), lambda line: _shortened(line.place.text)),
+    )
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
+
+
+def _jax_table(time: LoopTime) -> DataTable:
+    parts: dict[tuple[Place, str], list[CallTime]] = defaultdict(list)
+    for call in time.calls:
+        if call.is_of_jax:
+            parts[call.place, call.callee].append(call)
+    seconds = {key: sum(call.seconds for call in calls) for key, calls in parts.items()}
+    columns = (
+        Column("line that calls JAX"),
+        Column("call"),
+        Column("calls", formats.count),
+        Column("each", duration),
+        Column("share", whole_percent),
+    )
+    rows = []
+    for key in sorted(parts, key=lambda key: -seconds[key])[:_MOST_LINES]:
+        place, callee = key
+        count = round(sum(call.calls for call in parts[key]))
+        each = 1e9 * seconds[key] / count if count else None
+        rows.append((str(place), callee, count or None, each, seconds[key] / time.seconds))
+    return DataTable("Calls of JAX", columns, rows)
+
+
+def _figure(time: LoopTime) -> Figure:
+    data = DataTable.of(
+        "Where the time goes",
+        time.activities.items(),
+        (Column("activity"), lambda row: row[0].value),
+        (Column("of the loop", formats.percent), lambda row: row[1]),
+        (Column("±", formats.percent), lambda row: time.error(row[1])),
+    )
+    title = f"Where the time of {where(time)} goes"
+    return charts.share_bars(title, data, "activities", "of the loop", "share of the loop")
+
+
+def _steps_section(row: ProgramRow) -> Iterator[Section]:
+    """Yield how fast the program steps, which parts of the model cost most, and what limits this.
+
+    Of several processes it has the one with most steps: others that do the same would repeat it.
+    """
+    if row.status != Status.OK:
+        return
+    steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
+    stages = row.physics.stages if row.physics is not None else steps.stages if steps else {}
+    of_steps = [] if steps is None else _step_lines(steps, len(row.steps), stages)
+    durations = [] if steps is None else [_durations_table(steps)]
+    facts = [*of_steps, *filter(None, [gil_wait(row)])]
+    tables = filled(_physics_table(row), *durations)
+    heading = "steps" if facts or tables else "observation"  # JAX takes steps that nobody counts
+    yield Section(f"{row.program}: {heading}", facts=facts, tables=tables, notes=[_cost_line(row)])
+
+
+def _physics_table(row: ProgramRow) -> DataTable:
+    return DataTable.of(
+        "Parts of the model",
+        row.physics.costs if row.physics is not None else (),
+        (Column("part of the model"), lambda cost: cost.name),
+        (Column("kind"), lambda cost: cost.kind.value),
+        (Column("number", formats.count), lambda cost: cost.count),
+        (Column("of a step", whole_percent), lambda cost: cost.share),
+    )
+
+
+def _step_lines(steps: StepTimes, processes: int, stages: Mapping[str, float]) -> list[str]:
+    of = f" in the process with most of {processes}" if processes > 1 else ""
+    while_stepping = "" if steps.nstep is not None else " while it steps without a pause"
+    lines = []
+    if steps.steps_per_s is not None and steps.real_time_factor is not None:
+        lines.append(
+            f"Steps{of}: {steps.steps_per_s:,.0f} per second{while_stepping},"
+            f" {plain(steps.real_time_factor, 3)} × real time"
+        )
+    if processes > 1 and steps.startup_s > 0:
+        lines.append(f"It began to step {plain(steps.startup_s, 2)} s after its start.")
+    if stages:
+        largest = sorted(stages.items(), key=lambda item: -item[1])
+        parts = [
+            f"{name} {whole_percent(share)}" for name, share in largest if share >= _LEAST_STAGE
+        ]
+        lines.append(f"Stages of the engine: {', '.join(parts)}")
+    return lines
+
+
+def _durations_table(steps: StepTimes) -> DataTable:
+    iteration = "step of the environment" if steps.of_environment else "iteration"
+    timed = [("engine's step", steps.step), (iteration, steps.iteration)]
+    return DataTable.of(
+        "Times of steps",
+        [(name, durations) for name, durations in timed if durations is not None],
+        (Column("of"), lambda row: row[0]),
+        (Column("timed", formats.count), lambda row: row[1].count),
+        (Column("p50", duration), lambda row: row[1].p50_ns),
+        (Column("p99", duration), lambda row: row[1].p99_ns),
+        (Column("max", duration), lambda row: row[1].max_ns),
+    )
+
+
+def gil_wait(row: ProgramRow) -> str:
+    """Return which thread waits longest for the GIL, and for which thread; "" where none does."""
+    if not row.gil_waits:
+        return ""
+    wait = row.gil_waits[0]
+    others = len(row.gil_waits) - 1
+    also = f"; {others} more wait, too" if others else ""
+    return (
+        f"Threads: at least {whole_percent(wait.share)} of the time of {wait.thread} waits for the"
+        f" GIL{also}; {wait.holder} holds it for {whole_percent(wait.holder_share)} of the time,"
+        f" most often at {wait.place}. mujoco.rollout and mujoco.batch.Batch step on threads"
+        " without the GIL, and each process has a GIL of its own."
+    )
+
+
+def _cost_line(row: ProgramRow) -> str:
+    line = f"Observing took {cost(row)} of the program's time."
+    if row.cost_share > MAX_COST:
+        line += f" --sample-rate {max(1, row.rate_hz // 2)} makes it less."
+    return line
+
+
+def cost(row: ProgramRow) -> str:
+    """Return what observing cost the program; of several processes, at least that much.
+
+    Where processes wait for each other, all of them lose what one loses (docs/method/run.md).
+    """
+    return f"{'at least ' if len(row.steps) > 1 else ''}{formats.percent(row.cost_share)}"

@@ -1,0 +1,224 @@
+"""How measurements of `compare` differ from earlier ones, row by row."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mjbench.commands.compare.results import PathResult, derive_all, steps_per_block
+from mjbench.errors import InputError
+from mjbench.host.machine import Machine
+from mjbench.measuring import stats
+from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import TimedBlocks
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.race_record import RaceRecord
+from mjbench.paths.accelerated import CPU
+from mjbench.results import formats
+from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
+from mjbench.results.runs import Run
+from mjbench.simulation.accelerated_judgement import Precision
+from mjbench.status import Status
+from mjbench.units import count_of
+from mjbench.verification.plan import Variant, describe_options
+from mjbench.verification.records import MeasurementRecord
+
+# What must not differ where something was compiled: what compiled it, and with which flags.
+_COMPILERS = ("jax", "jaxlib", "warp-lang")
+_COMPILER_FLAGS = ("XLA_FLAGS", "JAX_DEFAULT_MATMUL_PRECISION", "NVIDIA_TF32_OVERRIDE")
+
+# Less is what a machine does from one run to another, as far as anyone can tell from two runs.
+MIN_EFFECT = 0.05
+
+# Model, path, options and simulations.
+_Key = tuple[str, str, str, int | None]
+
+
+@dataclass(frozen=True)
+class RunDifference:
+    """One variant that was timed in both runs.
+
+    Attributes:
+      status: `ok`, `input` where the two cannot be compared, or `unavailable` where one is missing.
+      detail: why they cannot; empty when ok.
+      ratio: new time of a step over old time.
+      verdict: what the interval of the ratio says beside `MIN_EFFECT`; `inconclusive` with
+        cautions, None without an interval: paths that left a race early have too few launches.
+      cautions: what to know before the ratio: what disturbed either.
+    """
+
+    model: str
+    path: str
+    options: Mapping[str, Any]
+    nbatch: int | None
+    status: Status = Status.OK
+    detail: str = ""
+    ratio: Ratio | None = None
+    verdict: Verdict | None = None
+    cautions: Sequence[str] = ()
+
+
+def differences(old: Run, new: Run, across: bool) -> list[RunDifference]:
+    """Return how two runs of `compare` differ.
+
+    `across`: compare also what differs in identity (see `identity`).
+    """
+    olds, news = _timed(old), _timed(new)
+    return [_difference(olds[key], news[key], across) for key in news if key in olds]
+
+
+def identity(record: MeasurementRecord, machine: Machine) -> dict[str, object]:
+    """Return what two measurements must share to be compared without being asked to.
+
+    Precision and device (a CPU by its name); of what was compiled also the versions of its
+    compilers, and the flags that change what they do.
+    """
+    device = record.device or CPU
+    values: dict[str, object] = {
+        "precision": record.precision or Precision.FLOAT64,
+        "device": machine.cpu if device == CPU else device,
+    }
+    if record.is_accelerated:
+        values |= {name: machine.versions.get(name) for name in _COMPILERS}
+        values |= {name: machine.flags.get(name) for name in _COMPILER_FLAGS}
+    return values
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """A measurement, the machine that did it, and seconds of a step in each launch or block."""
+
+    record: MeasurementRecord
+    machine: Machine
+    step_s: Sequence[float]
+    result: PathResult | None
+
+    def cautions(self, name: str) -> list[str]:
+        """Return what to know before its figures; `name` says which of the two it is."""
+        disturbances = self.result.disturbances if self.result else ()
+        return [f"{name}: {text}" for text in disturbances]
+
+
+def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
+    old, new = before.record, after.record
+    status, detail, ratio = Status.OK, "", None
+    cautions = [*before.cautions("OLD"), *after.cautions("NEW")]
+    try:
+        if new.workload_digest != old.workload_digest:
+            raise InputError("not comparable: their workloads differ")
+        if new.returns != old.returns:
+            raise InputError(f"not comparable: one returns {old.returns}, the other {new.returns}")
+        # how many times faster the old one is: new time over old
+        speedup = stats.unpaired(
+            TimedBlocks(after.step_s, identity(new, after.machine)),
+            TimedBlocks(before.step_s, identity(old, before.machine)),
+            across,
+        )
+        ratio = Ratio(speedup.median, speedup.low, speedup.high)
+    except InputError as error:
+        status, detail = Status.INPUT, str(error)
+    return RunDifference(
+        new.model,
+        new.path,
+        new.options,
+        new.nbatch,
+        status,
+        detail,
+        ratio,
+        Verdict.INCONCLUSIVE if ratio is not None and cautions else _verdict(ratio),
+        cautions=cautions,
+    )
+
+
+def _verdict(ratio: Ratio | None) -> Verdict | None:
+    if ratio is None or ratio.low is None or ratio.high is None:
+        return None
+    if ratio.low > 1 + MIN_EFFECT:
+        return Verdict.SLOWER
+    if ratio.high < 1 / (1 + MIN_EFFECT):
+        return Verdict.FASTER
+    is_same = ratio.low > 1 / (1 + MIN_EFFECT) and ratio.high < 1 + MIN_EFFECT
+    return Verdict.SAME if is_same else Verdict.INCONCLUSIVE
+
+
+def _timed(run: Run) -> dict[_Key, _Timed]:
+    """Return what a run timed, by what must be the same to be compared; the last of each."""
+    models = derive_all(run.records)
+    results = {_key(r): (r, each.race) for each in models for r in each.results}
+    timed: dict[_Key, _Timed] = {}
+    for record in run.of_type(MeasurementRecord):
+        result, race = results.get(_key(record), (None, None))
+        step_s = _step_s(record, race)
+        if record.agrees and record.status == Status.OK and step_s:
+            timed[_key(record)] = _Timed(record, run.header.machine, step_s, result)
+    return timed
+
+
+def _key(record: MeasurementRecord) -> _Key:
+    return record.model, record.path, repr(sorted(record.options.items())), record.nbatch
+
+
+def _step_s(record: MeasurementRecord, race: RaceRecord | None) -> Sequence[float]:
+    """Return the seconds of a step in each launch, or in each block of one process."""
+    if record.samples_s:
+        steps = steps_per_block(record)
+        return [seconds / steps for seconds in record.samples_s]
+    return race.step_s(Variant(record.path, record.options)) if race is not None else ()
+
+
+def differences_section(rows: Sequence[RunDifference]) -> Section:
+    """Return what `mjbench show --against` comes to."""
+    cautions = [f"{row.model}: {caution}" for row in rows for caution in row.cautions]
+    warned = [Conclusion(caution, Tone.CAUTION) for caution in dict.fromkeys(cautions)]
+    return Section(
+        "NEW against OLD",
+        [*warned, _conclusion(rows)],
+        tables=[_table(rows)],
+        notes=[
+            "The two were measured at different times; to find smaller differences, alternate both:"
+            " `mjbench versions` or `mjbench ab`",
+            *["Rows without a verdict have too few launches: their paths left a race early"]
+            * any(row.ratio is not None and row.verdict is None for row in rows),
+        ],
+    )
+
+
+def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
+    counts = Counter(row.verdict for row in rows if row.status == Status.OK)
+    tone = Tone.BAD if counts[Verdict.SLOWER] else Tone.UNSURE
+    if {*counts} - {None} and {*counts} <= {Verdict.SAME, Verdict.FASTER, None}:
+        tone = Tone.GOOD
+    named = {
+        Verdict.SLOWER: "slower",
+        Verdict.FASTER: "faster",
+        Verdict.SAME: f"the same within {100 * MIN_EFFECT:g} %",
+        Verdict.INCONCLUSIVE: "undecided",
+        None: "without a verdict",
+    }
+    numbers = [(counts[each], name) for each, name in named.items()]
+    numbers.append((len(rows) - counts.total(), "not comparable"))
+    parts = ", ".join(f"{number} {name}" for number, name in numbers if number)
+    slower = [
+        (row.ratio.estimate, row) for row in rows if row.ratio and row.verdict == Verdict.SLOWER
+    ]
+    if slower:
+        ratio, row = max(slower, key=lambda each: each[0])
+        path = str(Variant(row.path, row.options))
+        parts += f"; the slowest is {row.model}, {path}, by {formats.short_percent(ratio - 1)}"
+    return Conclusion(f"Of {count_of(len(rows), 'row')}: {parts}", tone)
+
+
+def _table(rows: Sequence[RunDifference]) -> DataTable:
+    digits = formats.decimals(3)
+    return DataTable.of(
+        "Differences",
+        rows,
+        (Column("model"), lambda row: row.model),
+        (Column("path"), lambda row: row.path),
+        (Column("options"), lambda row: describe_options(row.options)),
+        (Column("simulations", formats.count, leaves=1), lambda row: row.nbatch),
+        (Column("new / old", digits), lambda row: row.ratio.estimate if row.ratio else None),
+        (Column("95 %", formats.ends_in(digits)), lambda row: row.ratio),
+        (Column("verdict"), lambda row: row.verdict.value if row.verdict else None),
+        (Column("detail"), lambda row: row.detail),
+    )

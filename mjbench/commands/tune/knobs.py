@@ -1,0 +1,282 @@
+"""The table of knobs: what `mjbench tune` may change, and to which values for a given model.
+
+A knob offers values that differ from the model's own, that can have an effect on it, and that this
+release has. To add one, write a row of KNOBS.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from mjbench.commands.profile.step_parts import OTHER, SENSORS
+from mjbench.commands.tune import knob_values as values
+from mjbench.commands.tune import model_features as features
+from mjbench.commands.tune.settings import Setting
+from mjbench.commands.tune.usual_regime import ObservedModel
+from mjbench.errors import InputError, shown, suggestion
+
+_COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
+_CONSTRAINTS = ("constraint making", "constraint projection", "constraint solver")
+_SOLVER = ("constraint solver",)
+_SLOW_SLIP = "what is held or stacked may slip over many seconds: let your longest task run"
+# What a setting that acts on whole steps may gain, where nothing says more.
+_UNKNOWN_GAIN = 0.25
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One thing to change.
+
+    Attributes:
+      name: that of its option or flag, where it is one.
+      values: returns the settings worth trying.
+      stages: of a step (see `loop.profile.stages`) that it can speed up; empty for the whole step.
+      changes: what it may change, in one short sentence.
+      helps: why it can, where it is not for its stages, in a few words.
+      slow: what it prevents that is slower than runs of a second show, in one short sentence.
+      since: the first release that has it, or 2.3.7, the oldest that mjbench supports.
+    """
+
+    name: str
+    values: Callable[[ObservedModel], Sequence[Setting]]
+    stages: tuple[str, ...]
+    changes: str
+    helps: str = ""
+    slow: str = ""
+    since: str = "2.3.7"
+
+
+def _has_constraints(observed: ObservedModel) -> bool:
+    return observed.max_constraints > 0
+
+
+def _has_contacts(observed: ObservedModel) -> bool:
+    return observed.max_contacts > 0
+
+
+def _is_convex(observed: ObservedModel) -> bool:
+    return features.needs_convex_collider(observed.model)
+
+
+# Of those that may save as much, the ones that most often help without a change of results first.
+KNOBS: Sequence[Knob] = (
+    Knob(
+        "engine clock",
+        values.clock_off,
+        (),
+        "Nothing but mjData.timer and the viewer's profiler.",
+        "a step reads the timer of MuJoCo's Python package before and after every stage",
+        since="3.3.1",
+    ),
+    Knob(
+        "unused features",
+        values.unused_features,
+        (),
+        "Nothing, until the model or the program adds one: MuJoCo then ignores it.",
+        "a step skips them",
+    ),
+    Knob("jacobian", values.jacobians, _CONSTRAINTS, "Nothing but rounding."),
+    Knob(
+        "excludes",
+        values.excludes,
+        _COLLISION,
+        "These bodies pass through each other, should they ever meet.",
+    ),
+    Knob(
+        "island",
+        values.flag("island", values.has_islands),
+        _CONSTRAINTS,
+        "Constraint forces, within the solver's tolerance if it converges.",
+        since="3.0.0",
+    ),
+    Knob(
+        "midphase",
+        values.flag("midphase", lambda observed: features.has_compound_bodies(observed.model)),
+        ("collision",),
+        "Nothing but rounding.",
+    ),
+    Knob(
+        "sleep",
+        values.flag("sleep", lambda observed: features.can_sleep(observed.model)),
+        (),
+        "Bodies that hardly move stop; states do not hold what sleeps, so a run's history counts.",
+        "resting bodies are left out of a step",
+        since="3.4.0",
+    ),
+    Knob(
+        "nativeccd",
+        values.flag("nativeccd", _is_convex),
+        ("narrow-phase collision",),
+        "Contacts of meshes, cylinders and ellipsoids: another algorithm.",
+        since="3.2.3",
+    ),
+    Knob(
+        "multiccd",
+        values.disabled("multiccd", _is_convex),
+        (*_COLLISION, *_CONSTRAINTS),
+        "Flat faces of meshes touch at one point instead of several.",
+    ),
+    Knob(
+        "warmstart",
+        values.flag("warmstart", _has_constraints),
+        _SOLVER,
+        "Constraint forces, within the solver's tolerance if it converges.",
+    ),
+    Knob(
+        "eulerdamp",
+        values.flag("eulerdamp", values.is_damped_euler),
+        ("integration",),
+        "Joint damping: explicit damping is less stable.",
+        since="3.0.0",
+    ),
+    Knob(
+        "tolerance",
+        values.coarser("tolerance", (1e-6, 1e-5, 1e-4), _has_constraints),
+        _SOLVER,
+        "Constraint forces: the solver stops at the new tolerance.",
+    ),
+    Knob(
+        "solver",
+        values.keywords("solver", ("Newton", "CG", "PGS"), _has_constraints),
+        _CONSTRAINTS,
+        "Constraint forces, where the new solver converges less far.",
+    ),
+    Knob(
+        "iterations",
+        lambda o: values.bounds("iterations", o.solver, "solver iterations"),
+        _SOLVER,
+        "Constraint forces of the steps that need more iterations.",
+    ),
+    Knob(
+        "ls_iterations",
+        # not 1: a line search evaluates the cost twice in any case, so 1 does the same as 2
+        lambda o: values.bounds("ls_iterations", o.line_search, "line-search iterations", least=2),
+        _SOLVER,
+        "Constraint forces of the steps that need longer line searches.",
+    ),
+    Knob(
+        "noslip_iterations", values.no_noslip, _SOLVER, "Contacts may slip slowly.", slow=_SLOW_SLIP
+    ),
+    Knob(
+        "ccd_iterations",
+        values.fewer("ccd_iterations", (20, 10, 5), _is_convex),
+        ("narrow-phase collision",),
+        "Contacts of meshes, cylinders and ellipsoids that need more iterations.",
+        since="3.2.3",
+    ),
+    Knob(
+        "ccd_tolerance",
+        values.coarser("ccd_tolerance", (1e-5, 1e-4, 1e-3), _is_convex),
+        ("narrow-phase collision",),
+        "Contacts of meshes, cylinders and ellipsoids, to the new tolerance.",
+        since="3.2.3",
+    ),
+    Knob(
+        "autoreset",
+        values.disabled("autoreset", loses="the reset of simulations that diverge"),
+        (OTHER,),
+        "Nothing, unless a simulation diverges.",
+        since="3.2.1",
+    ),
+    Knob(
+        "override",
+        values.disabled("override", _has_contacts),
+        _CONSTRAINTS,
+        "Contacts get the parameters of their geoms back.",
+    ),
+    Knob(
+        "speculative",
+        values.disabled("speculative", _has_contacts),
+        (*_COLLISION, *_CONSTRAINTS),
+        "Fast bodies may pass through thin ones.",
+        since="4.0.0",
+    ),
+    Knob(
+        "diagexact",
+        values.disabled("diagexact", _has_constraints),
+        _CONSTRAINTS,
+        "How soft constraints are.",
+        since="3.9.0",
+    ),
+    Knob(
+        "sensor",
+        values.disabled("sensor", lambda o: o.model.nsensor > 0, loses="sensor data"),
+        (SENSORS,),
+        "Nothing but sensor data.",
+    ),
+    Knob(
+        "energy",
+        values.disabled("energy", loses="the energy in mjData"),
+        (OTHER,),
+        "Nothing but mjData.energy.",
+    ),
+    Knob(
+        "fwdinv",
+        values.disabled("fwdinv", loses="the check of forward against inverse dynamics"),
+        (OTHER,),
+        "Nothing but mjData.solver_fwdinv.",
+    ),
+    Knob(
+        "visual geoms",
+        values.no_visual_geoms,
+        ("kinematics", SENSORS),
+        "What is drawn and what rays hit; other geoms get new ids.",
+    ),
+    Knob(
+        "engine threads",
+        values.threads,
+        (),
+        "Nothing but rounding; mujoco.rollout and Batch refuse such an MjData.",
+        "several cores share a step",
+        since="3.10.0",
+    ),
+    Knob(
+        "integrator",
+        values.integrators,
+        ("integration",),
+        "How positions and velocities advance: accuracy and stability.",
+    ),
+    Knob(
+        "cone",
+        values.keywords("cone", ("pyramidal", "elliptic"), _has_contacts),
+        _CONSTRAINTS,
+        "Friction forces: the other cone is another model of friction.",
+        slow=_SLOW_SLIP,
+    ),
+    Knob(
+        "timestep",
+        values.timesteps,
+        (),
+        "All motion: integration errors grow; contacts stiffer than two timesteps become softer.",
+        "fewer steps per simulated second",
+    ),
+)
+
+
+def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
+    offered = {knob.name: tuple(knob.values(observed)) for knob in KNOBS}
+    return {name: some for name, some in offered.items() if some}
+
+
+def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
+    """Return the share of the time that a setting may save at most: what is tried first."""
+    knob = find(setting.knob)
+    if setting.saves or not knob.stages or not stages:
+        return setting.saves or _UNKNOWN_GAIN
+    return sum(stages.get(stage, 0.0) for stage in knob.stages)
+
+
+def known(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of knobs; raises InputError for any other."""
+    every = [knob.name for knob in KNOBS]
+    for name in names:
+        if name not in every:
+            raise InputError(
+                f"no knob {shown(name)}{suggestion(name, every)}; the knobs are {', '.join(every)}"
+            )
+    return tuple(names)
+
+
+def find(name: str) -> Knob:
+    """Return a knob by its name; InputError for any other name, which a run file may have."""
+    known([name])
+    return next(knob for knob in KNOBS if knob.name == name)

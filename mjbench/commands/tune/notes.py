@@ -1,0 +1,91 @@
+"""The notes of a search for settings: what its figures rest on, and what it left out."""
+
+from collections.abc import Iterator
+
+from mjbench.commands.tune.accuracy import Distance
+from mjbench.commands.tune.reference import REFINEMENT, Present
+from mjbench.commands.tune.result import TuneRecord
+from mjbench.commands.tune.settings import label
+from mjbench.results.formats import short_percent
+from mjbench.results.starts import starts_lines
+from mjbench.status import Status
+from mjbench.units import count_of, plain
+
+# Settings that failed that are named.
+_MOST_FAILED = 12
+
+
+def notes(record: TuneRecord) -> list[str]:
+    assert record.present is not None, "it was measured"
+    lines = [*_basis(record.present), *starts_lines(record.present.starts)]
+    lines += [
+        f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
+        for each in record.withdrawn
+    ]
+    failed = [row for row in record.attempts if row.status != Status.OK]
+    lines += [f"Failed: {label(row.settings)}: {row.detail}" for row in failed[:_MOST_FAILED]]
+    if len(failed) > _MOST_FAILED:
+        lines.append(f"{len(failed) - _MOST_FAILED} more failed")
+    lines += left_out(record)
+    lines += [
+        f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
+        f" {100 * mesh.share:.0f} % of a {mesh.primitive}"
+        for mesh in record.meshes
+    ]
+    return lines
+
+
+def left_out(record: TuneRecord) -> Iterator[str]:
+    """Yield what was not judged, and why, a line each."""
+    if record.no_reference:
+        source = "from new starts" if record.has_errors else "from which to measure errors"
+        yield (
+            f"There is no reference {source}, so settings that change the motion"
+            f" are not recommended: {record.no_reference}"
+        )
+    if record.untried:
+        untried = count_of(record.untried, "setting")
+        yield f"There was no time for {untried}: give a longer --budget"
+    if record.untried_combinations:
+        untried = count_of(record.untried_combinations, "combination")
+        yield f"There was no time for {untried} of settings: give a longer --budget"
+
+
+def _basis(present: Present) -> Iterator[str]:
+    if present.error is None or present.solver is None:
+        yield (
+            f"No reference was run, so errors are unknown: settings were compared with the present"
+            f" ones over {plain(present.run_s, 3)} s of {present.nrun} runs"
+        )
+        return
+    yield (
+        f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
+        f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
+        f" it. Rounding alone: {percent(present.rounding.share)}. The solver alone:"
+        f" {percent(present.solver.share)}."
+    )
+    if not present.is_comparable:
+        yield (
+            "These runs part too soon to compare errors: no settings that change states by more"
+            " than rounding are recommended"
+        )
+
+
+def in_units(error: Distance) -> str:
+    """Return an error of positions in the units that they have."""
+    position = error.position
+    length = "" if position.m is None else _length(position.m)
+    angle = "" if position.rad is None else f"{plain(position.rad, 2)} rad"
+    return ", ".join(filter(None, [length, angle]))
+
+
+def _length(metres: float) -> str:
+    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+        if metres >= size:
+            return f"{plain(metres / size, 2)} {unit}"
+    return f"{metres:.1g} m"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent, in two digits, however small it is."""
+    return f"{100 * share:.2g} %" if share < 1e-4 else short_percent(share)

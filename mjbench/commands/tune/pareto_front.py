@@ -1,0 +1,150 @@
+"""Which settings to try together, and which of them are worth a second look."""
+
+import itertools
+import math
+import random
+from collections.abc import Sequence
+
+from mjbench.commands.tune.result import Attempt, Effect, allowed_error
+from mjbench.commands.tune.settings import NO_CHANGE, Setting, label
+
+# Recommendations at most.
+FRONT = 6
+# A point of the front takes at most this share of the time of the one before it; one with an error
+# larger than allowed, this share.
+DISTINCT, DISTINCT_BEYOND = 0.98, 0.9
+
+
+def combinations(
+    faster: Sequence[Attempt], most: int, rng: random.Random
+) -> list[tuple[Setting, ...]]:
+    """Return settings to try together, one of each knob at most; those most likely to help first.
+
+    They are the fastest of each knob among the free settings, among those and the equivalent ones,
+    and among all; each other setting together with all that cost no accuracy; and random choices of
+    the others. None is a setting alone.
+    """
+    chosen: dict[frozenset[str], tuple[Setting, ...]] = {}
+
+    def add(settings: Sequence[Attempt]) -> None:
+        combination = _fastest_by_knob(settings)
+        if len(combination) > 1:
+            chosen.setdefault(frozenset(each.label for each in combination), combination)
+
+    free = [each for each in faster if effect_of(each) == Effect.FREE]
+    exact = [each for each in faster if effect_of(each) != Effect.APPROXIMATE]
+    others = [each for each in faster if effect_of(each) == Effect.APPROXIMATE]
+    for group in (free, exact, faster):
+        add(group)
+    pairs = itertools.combinations(others, 2)
+    samples = [
+        rng.sample(others, rng.randint(1, len(others))) for _ in range(4 * most if others else 0)
+    ]
+    for sample in (*([each] for each in others), *pairs, *samples):
+        knobs = {_knob(each) for each in sample}
+        add([*(each for each in exact if _knob(each) not in knobs), *sample])
+    return list(chosen.values())[:most]
+
+
+def _knob(alone: Attempt) -> str:
+    (setting,) = alone.settings
+    return setting.knob
+
+
+def _fastest_by_knob(settings: Sequence[Attempt]) -> tuple[Setting, ...]:
+    """Return the fastest setting of each knob; the loop's own settings exclude each other."""
+    by_knob: dict[str, Setting] = {}
+    for each in sorted(settings, key=lambda each: each.ratio.estimate if each.ratio else 1.0):
+        (setting,) = each.settings
+        by_knob.setdefault(setting.knob if setting.loop == NO_CHANGE else "loop", setting)
+    return tuple(setting for _, setting in sorted(by_knob.items()))
+
+
+def by_exactness(
+    attempts: Sequence[Attempt], faster: Sequence[Attempt]
+) -> tuple[list[Attempt], list[Attempt]]:
+    """Return the attempts without settings that are approximate alone, and the others."""
+    exact = {label(each.settings) for each in faster if effect_of(each) != Effect.APPROXIMATE}
+    without = [each for each in attempts if all(one.label in exact for one in each.settings)]
+    return without, [each for each in attempts if each not in without]
+
+
+def better_half(attempts: Sequence[Attempt]) -> list[Attempt]:
+    """Return half of the attempts: front after front, each from the fastest on."""
+    left, better = list(attempts), list[Attempt]()
+    while left and 2 * len(better) < len(attempts):
+        front = [one for one in left if not any(_dominates(other, one) for other in left)]
+        better += sorted(front, key=time_ratio_of)
+        left = [one for one in left if one not in front]
+    return better[: (len(attempts) + 1) // 2]
+
+
+def pareto_front(
+    attempts: Sequence[Attempt], max_error: float | None, present_error: float
+) -> list[Attempt]:
+    """Return the attempts worth a second look, the smallest effect first.
+
+    They are the fastest free one, the fastest equivalent one if it is faster, and approximate ones
+    that are faster still, from the most accurate on; with the fastest one that is within the error
+    allowed.
+    """
+    front: list[Attempt] = []
+    allowed = [each for each in attempts if is_allowed(each, max_error, present_error)]
+    for effect in (Effect.FREE, Effect.EQUIVALENT):
+        of_effect = [each for each in allowed if effect_of(each) == effect]
+        if of_effect:
+            _add_if_faster(front, min(of_effect, key=time_ratio_of))
+    approximate = [each for each in attempts if effect_of(each) == Effect.APPROXIMATE]
+    limit = allowed_error(max_error, present_error)
+    within = [each for each in approximate if error_of(each) <= limit]
+    if within:
+        _add_if_faster(front, min(within, key=time_ratio_of))
+    beyond = [each for each in approximate if error_of(each) > limit]
+    for each in sorted(beyond, key=lambda each: (error_of(each), time_ratio_of(each))):
+        _add_if_faster(front, each, DISTINCT_BEYOND)
+    return front[:FRONT]
+
+
+def is_allowed(attempt: Attempt, max_error: float | None, present_error: float) -> bool:
+    """Return whether the error of settings is no larger than allowed.
+
+    What changes no state is always allowed; what is equivalent, unless the user sets a limit.
+    """
+    effect = effect_of(attempt)
+    if effect == Effect.FREE or (effect == Effect.EQUIVALENT and max_error is None):
+        return True
+    return error_of(attempt) <= allowed_error(max_error, present_error)
+
+
+def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTINCT) -> None:
+    if time_ratio_of(attempt) < factor * (time_ratio_of(front[-1]) if front else 1.0):
+        front.append(attempt)
+
+
+def rank_of(attempt: Attempt) -> tuple[int, float]:
+    return effect_of(attempt).rank, time_ratio_of(attempt)
+
+
+def effect_of(attempt: Attempt) -> Effect:
+    assert attempt.accuracy is not None, "it did not fail"
+    return attempt.accuracy.effect
+
+
+def error_of(attempt: Attempt) -> float:
+    """Return the error of settings that did not fail, as a share of the motion.
+
+    Without a reference, it is 0 for those that do not change the motion, and unknown for others.
+    """
+    if attempt.error is not None:
+        return attempt.error.share
+    return math.inf if effect_of(attempt) == Effect.APPROXIMATE else 0.0
+
+
+def time_ratio_of(attempt: Attempt) -> float:
+    assert attempt.time_ratio is not None, "it was timed"
+    return attempt.time_ratio
+
+
+def _dominates(one: Attempt, other: Attempt) -> bool:
+    pair = (time_ratio_of(one), error_of(one)), (time_ratio_of(other), error_of(other))
+    return all(mine <= theirs for mine, theirs in zip(*pair, strict=True)) and pair[0] != pair[1]

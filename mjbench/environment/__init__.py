@@ -1,1 +1,0 @@
-"""Environments of reinforcement learning: where the time of their step goes."""

@@ -1,1 +1,0 @@
-"""The user's own program: where its time goes."""

@@ -1,1 +1,0 @@
-"""What people and programs read: results derived from records, tables, advice."""

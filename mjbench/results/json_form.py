@@ -1,0 +1,51 @@
+"""The JSON form of results: what `--json` and tables have of them.
+
+A result is one frozen dataclass: its fields are the facts and raw samples that a run file stores,
+its properties the figures that follow from them. `in_json` says which of both its JSON form has;
+that of a dataclass without it has all its fields.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any, TypeVar
+
+from mjbench.results import runs
+
+_T = TypeVar("_T")
+
+
+def in_json(
+    *keys: str, without: Sequence[str] = (), **attributes: str
+) -> Callable[[type[_T]], type[_T]]:
+    """Declare what the JSON form of a dataclass has.
+
+    Args:
+      keys: in their order; without any, all fields.
+      attributes: field or property behind a key of another name.
+    """
+
+    def declare(kind: Any) -> Any:
+        names = keys or [each.name for each in fields(kind)]
+        kind.json_attributes = {k: attributes.get(k, k) for k in names if k not in without}
+        return kind
+
+    return declare
+
+
+def _json_attributes(value: Any) -> Mapping[str, str]:
+    declared: Mapping[str, str] | None = vars(type(value)).get("json_attributes")
+    return {each.name: each.name for each in fields(value)} if declared is None else declared
+
+
+def json_form(value: Any) -> Any:
+    return runs.to_json(_form(value))
+
+
+def _form(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _form(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_form(item) for item in value]
+    if not is_dataclass(value):
+        return value
+    return {key: _form(getattr(value, name)) for key, name in _json_attributes(value).items()}

@@ -1,1 +1,0 @@
-"""Which settings make a model faster, and what they cost in accuracy."""

@@ -1,0 +1,357 @@
+"""The ranked list of a check-up: its order, its figures, and what it says without any gain."""
+
+from dataclasses import replace
+from typing import Any
+
+import example_environment_records
+import pytest
+from example_races import BATCH_STEP, ROLLOUT, compared, raced
+from set_files import MACHINE
+from step_profiles import step_profile
+from tuning_values import NOTHING, apart, blocks, present
+from verdict_records import FASTER, SAME
+
+from mjbench.commands.checkup import checkup_items
+from mjbench.commands.checkup import show as checkup
+from mjbench.commands.checkup.checkup_item import GainUnit, ResultChange
+from mjbench.commands.checkup.result import CheckedPart, CheckupPart, Combination
+from mjbench.commands.checkup.targets import TargetKind
+from mjbench.commands.compare import advice
+from mjbench.commands.compare.results import derive_all
+from mjbench.commands.lint.check import Finding
+from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.remedies.remedy import Remedy, RemedyKind
+from mjbench.commands.run.result import ProgramRow
+from mjbench.commands.show import reports
+from mjbench.commands.show.reports import NamedRun
+from mjbench.commands.tune import show as tuning
+from mjbench.commands.tune.result import (
+    Accuracy,
+    Attempt,
+    Effect,
+    Recommendation,
+    TuneRecord,
+    Withdrawal,
+)
+from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
+from mjbench.measuring.ratio import Ratio
+from mjbench.results import terminal
+from mjbench.results.content import Tone
+from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
+from mjbench.status import Status
+from mjbench.verification.plan import WITHOUT_TIMER
+
+CLOCK = Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))
+JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
+TIMESTEP = Setting("timestep", "timestep=0.004", (Edit(Part.OPTION, "timestep", "0.004"),))
+SENSOR = Setting("sensor", "sensor=disable", loses="sensor data")
+SLOW = Attempt((JACOBIAN,), Status.OK, time_ratio=1.1)
+TARGET = "my robot.xml"
+
+
+def part(name: CheckupPart, kind: TargetKind = TargetKind.MODEL, **fields: Any) -> CheckedPart:
+    return CheckedPart(target=TARGET, kind=kind, part=name, **fields)
+
+
+def run(*records: Record) -> Run:
+    return Run(RunHeader(SCHEMA, "checkup", MACHINE, {}), records)
+
+
+def of_paths(*entrants: Any, **fields: Any) -> list[Record]:
+    return [part(CheckupPart.PATHS), *compared(raced(entrants), nbatch=64, **fields)]
+
+
+def recommended(effect: Effect, ratio: float, error: float, *settings: Setting) -> Recommendation:
+    accuracy = Accuracy(effect, apart(error), apart(error), NOTHING, [error])
+    interval = Ratio(ratio, ratio - 0.01, ratio + 0.01)
+    return Recommendation(settings, interval, apart(error), (), effect, accuracy)
+
+
+def tuned(*front: Recommendation, **fields: Any) -> TuneRecord:
+    return TuneRecord(model=TARGET, present=present(), front=front, **fields)
+
+
+PATHS = of_paths((WITHOUT_TIMER, 1.3), (ROLLOUT, 3.0), (BATCH_STEP, 2.0))
+FREE = recommended(Effect.FREE, 0.4, 0.0, CLOCK, JACOBIAN)
+LONGER = recommended(Effect.APPROXIMATE, 0.2, 0.03, TIMESTEP)
+
+
+def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_first() -> None:
+    listed = checkup.items(run(*PATHS, part(CheckupPart.SETTINGS), tuned(FREE, LONGER)))
+    assert [item.action for item in listed] == [
+        "step by mujoco.rollout on 2 threads, for 64 simulations at once with controls known"
+        " beforehand",
+        "settings: engine clock off, jacobian=sparse",
+        "step by Batch.step on 2 threads, for 64 simulations at once in RL",
+        "settings: timestep=0.004",
+    ]
+    assert [item.change_text for item in listed] == [
+        "nothing",
+        "nothing in the runs seen; jacobian: nothing but rounding",
+        "nothing",
+        "an error of 3 % of the motion",
+    ]
+    assert listed[3].error == 0.03
+
+
+def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
+    far = recommended(Effect.APPROXIMATE, 0.1, 0.6, TIMESTEP)
+    section = checkup.list_section(run(tuned(FREE, LONGER, far), part(CheckupPart.SETTINGS)))
+    errors = [item.error for item in checkup.items(run(part(CheckupPart.SETTINGS), tuned(far)))]
+    assert errors == []
+    assert [row[4] for row in section.tables[0].rows] == [
+        "settings: engine clock off, jacobian=sparse",
+        "settings: timestep=0.004",
+    ]
+    assert (
+        "Not listed: timestep=0.004: 10.00 times as fast, but with an error of 60 % of the motion:"
+        " mjbench tune 'my robot.xml'"
+    ) in section.notes
+    assert not [
+        note
+        for note in checkup.list_section(run(*PATHS, tuned(FREE, LONGER))).notes
+        if note.startswith("Not listed")
+    ]
+
+
+def test_effects_too_slow_for_short_runs_are_notes_of_what_is_listed() -> None:
+    slip = Setting("noslip_iterations", "noslip_iterations=0")
+    changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, slip)
+    notes = checkup.list_section(run(part(CheckupPart.SETTINGS), tuned(FREE, changing))).notes
+    slow = "with noslip_iterations=0, what is held or stacked may slip over many seconds"
+    assert any(f"Not shown by runs this short: {slow}" in note for note in notes)
+
+
+def test_figures_are_those_of_the_commands_that_look_closer() -> None:
+    measured = run(*PATHS, tuned(FREE))
+    (open_loop, closed_loop) = advice.advise(derive_all(measured.records)[0])
+    first, settings, third = checkup.items(measured)
+    assert (first.gain, third.gain) == (open_loop.speedup, closed_loop.speedup)
+    assert first.unit == GainUnit.PLAIN_LOOP
+    assert first.command == "mjbench compare 'my robot.xml'"
+    assert settings.command == "mjbench tune 'my robot.xml'"
+    assert settings.gain is not None
+    assert f"{settings.gain.estimate:.2f} {settings.unit}" in tuning.conclusion(tuned(FREE))
+
+
+def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
+    turned_off = [item for item in checkup.items(run(*PATHS)) if "timer" in item.action]
+    assert [item.gain_text for item in turned_off] == ["1.30"]
+    assert not [item for item in checkup.items(run(*PATHS, tuned(FREE))) if "timer" in item.action]
+    changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, CLOCK, TIMESTEP)
+    assert [item for item in checkup.items(run(*PATHS, tuned(changing))) if "timer" in item.action]
+
+
+def test_the_share_that_a_program_saves_lies_within_the_whole() -> None:
+    line = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.8, 0.2)
+    assert line.share_saved == Ratio(0.8, 0.4, 1.0)
+
+
+def test_a_line_is_named_by_its_place_and_not_by_what_it_mostly_does() -> None:
+    place = Place("train.py", 7, "main", "env.step(action)")
+    remedies = [
+        Remedy(RemedyKind.LINE, activity, place, "time in gymnasium", 0.3, 0.01)
+        for activity in (Activity.NUMPY, Activity.BINDINGS)
+    ]
+    assert {checkup_items.placed(each) for each in remedies} == {"train.py:7: time in gymnasium"}
+
+
+def test_wrong_results_stand_first() -> None:
+    records = of_paths((ROLLOUT, 3.0), diverged=4, divergence="BADQACC")
+    first, second = checkup.items(run(*records))
+    assert first.change == ResultChange.CORRECTED
+    assert first.action.startswith("4 of 68 simulations diverge (BADQACC)")
+    assert second.gain is not None
+    conclusions = checkup.list_section(run(*records)).conclusions
+    assert conclusions[0].tone == Tone.BAD
+    assert "first, what is wrong: 4 of 68" in conclusions[0].text
+
+
+def test_what_is_given_up_is_said() -> None:
+    launches = [blocks(ratio) for ratio in (0.09, 0.1, 0.1, 0.11)]
+    ratio = Ratio(0.1, 0.09, 0.11)
+    alone = Attempt((SENSOR,), Status.OK, time_ratio=0.1, ratio=ratio, launches=launches)
+    (item,) = checkup.items(run(part(CheckupPart.SETTINGS), tuned(attempts=[alone])))
+    assert (item.gain_text, item.change_text) == ("10.00", "gives up sensor data")
+
+
+def test_gains_of_one_kind_replace_each_other_and_none_add_up() -> None:
+    notes = checkup.list_section(run(*PATHS, tuned(FREE, LONGER))).notes
+    assert "Use one of 1 and 3 (ways of stepping)" in notes
+    assert "Use one of 2 and 4 (settings)" in notes
+    assert "Gains overlap: they neither add up nor multiply" in notes
+    assert "Look closer at 1 and 3: mjbench compare 'my robot.xml'" in notes
+
+
+def test_a_name_that_begins_with_a_dash_is_no_option_in_what_to_run() -> None:
+    records = [*PATHS, tuned(FREE, LONGER)]
+    dashed = [replace(r, target="-m.xml") if isinstance(r, CheckedPart) else r for r in records]
+    notes = checkup.list_section(run(*dashed)).notes
+    assert "Look closer at 1 and 3: mjbench compare ./-m.xml" in notes
+
+
+def combined(verdict: Any) -> CheckedPart:
+    combination = Combination(ROLLOUT, [JACOBIAN], has_timer=False)
+    return part(CheckupPart.TOGETHER, combination=combination, verdict=verdict)
+
+
+def test_what_was_measured_together_is_the_conclusion() -> None:
+    verdict = replace(FASTER, ratio=Ratio(0.25, 0.24, 0.26))
+    section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
+    assert section.conclusions[0].text == (
+        f"{TARGET}: 4.00 times the plain loop (3.85 to 4.17) with the same results, measured"
+        " together: mujoco.rollout on 2 threads, without the timer of MuJoCo's Python package,"
+        " jacobian=sparse"
+    )
+    assert (
+        "Look closer at all of them: mjbench ab model='my robot.xml'"
+        " model=tuned.xml,path=rollout,threads=2,pool=kept,timer=off"
+    ) in section.notes
+
+
+def test_a_combination_that_gains_less_than_one_change_alone_is_a_note() -> None:
+    verdict = replace(FASTER, ratio=Ratio(0.5, 0.49, 0.51))
+    section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
+    assert section.conclusions[0].text.startswith(f"{TARGET}: step by mujoco.rollout")
+    assert any("2.00 times the plain loop" in note for note in section.notes)
+    assert not any("mjbench ab" in note for note in section.notes)
+
+
+def test_a_combination_that_is_not_faster_or_does_other_work_is_no_advice() -> None:
+    for verdict in (SAME, replace(FASTER, changed_work=True)):
+        section = checkup.list_section(run(*PATHS, combined(verdict)))
+        assert section.conclusions[0].text.startswith(f"{TARGET}: step by mujoco.rollout")
+        assert any("is not certainly faster" in note for note in section.notes)
+
+
+def test_nothing_to_gain_is_an_answer_with_its_reasons() -> None:
+    profile = replace(step_profile(), model=TARGET)
+    records = [part(CheckupPart.STEP), profile, *of_paths((ROLLOUT, 0.5)), tuned(attempts=[SLOW])]
+    (conclusion,) = checkup.list_section(run(*records)).conclusions
+    assert conclusion.text == (
+        f"{TARGET}: nothing to gain here: 67 % of a step is the engine (other 75 %, kinematics"
+        " 25 %); no other way of stepping is faster by 2 %; none of 1 setting is certainly faster"
+        " with the same results"
+    )
+
+
+@pytest.mark.parametrize(
+    ("fields", "left_out"),
+    [
+        ({"untried": 3}, "There was no time for 3 settings: give a longer --budget"),
+        (
+            {"untried_combinations": 2},
+            "There was no time for 2 combinations of settings: give a longer --budget",
+        ),
+    ],
+)
+def test_where_there_was_no_time_it_says_that_nothing_is_certain(
+    fields: dict[str, Any], left_out: str
+) -> None:
+    records = [*of_paths((ROLLOUT, 0.5)), step_profile(), tuned(attempts=[SLOW], **fields)]
+    section = checkup.list_section(run(*records))
+    (conclusion,) = section.conclusions
+    assert (
+        "To decide what is not certain, in more time: mjbench compare 'my robot.xml', mjbench tune"
+        " 'my robot.xml'"
+    ) in section.notes
+    assert conclusion.text.startswith(f"{TARGET}: no gain is certain yet: ")
+    assert left_out in section.notes
+
+
+def test_settings_that_could_not_be_judged_are_a_line() -> None:
+    section = checkup.list_section(run(*PATHS, tuned(attempts=[SLOW], no_reference="crashed")))
+    assert any(note.endswith("are not recommended: crashed") for note in section.notes)
+
+
+def test_a_setting_that_is_not_decided_leaves_no_certainty() -> None:
+    seems_faster = replace(SLOW, time_ratio=0.9)
+    undecided = [
+        tuned(attempts=[seems_faster]),
+        tuned(attempts=[replace(seems_faster, ratio=Ratio(0.9, 0.8, 1.01))]),
+        tuned(attempts=[SLOW], withdrawn=[Withdrawal((JACOBIAN,), "not certainly faster")]),
+    ]
+    for record in undecided:
+        (conclusion,) = checkup.list_section(run(*of_paths((ROLLOUT, 0.5)), record)).conclusions
+        assert conclusion.text.startswith(f"{TARGET}: no gain is certain yet: ")
+
+
+def test_a_part_that_failed_is_said() -> None:
+    failed = part(CheckupPart.STEP, status=Status.CRASHED, detail="killed by signal 11")
+    (conclusion,) = checkup.list_section(run(failed)).conclusions
+    assert conclusion.text == f"{TARGET}: crashed: killed by signal 11"
+    assert conclusion.tone == Tone.BAD
+
+
+def test_what_is_not_installed_and_what_was_not_tried_are_lines() -> None:
+    missing = part(
+        CheckupPart.PROGRAM,
+        TargetKind.PROGRAM,
+        status=Status.UNAVAILABLE,
+        detail="mjbench run needs py-spy",
+    )
+    source = part(CheckupPart.SOURCE, TargetKind.PROGRAM)
+    assert "Not done: mjbench run: mjbench run needs py-spy" in (
+        checkup.list_section(run(source, missing)).notes
+    )
+    quick = checkup.list_section(run(part(CheckupPart.STEP), step_profile(), *PATHS)).notes
+    assert "Settings were not tried: mjbench tune 'my robot.xml'" in quick
+
+
+def test_a_program_that_does_not_step_has_no_verdict() -> None:
+    failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, [], [])
+    seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    assert [each.text for each in checkup.list_section(seen).conclusions] == [
+        f"{TARGET}: it ended with exit code 1",
+        f"{TARGET}: nothing was measured: no loop was seen that steps MuJoCo",
+    ]
+
+
+def test_a_list_that_was_interrupted_says_so_first() -> None:
+    first = checkup.list_section(run(part(CheckupPart.STEP, status=Status.INTERRUPTED)))
+    assert first.conclusions[0].text == f"{TARGET}: interrupted, so the list is not complete"
+
+
+def test_of_a_source_there_is_what_lint_finds() -> None:
+    wrong = Finding("n.py", 3, 1, "MJB001", "a view", None, is_wrong_result=True)
+    slow = Finding("n.py", 4, 1, "MJB002", "a name", 1300.0)
+    source = part(CheckupPart.SOURCE, TargetKind.PROGRAM, findings=[slow, wrong])
+    first, second = checkup.items(run(source))
+    assert first.action == "n.py:3:1: a view (MJB001)"
+    assert first.change == ResultChange.CORRECTED
+    assert second.gain is None
+    texts = [each.text for each in checkup.list_section(run(source)).conclusions]
+    assert texts[1].endswith("a name (MJB002); what it gains was not measured")
+
+
+def test_of_an_environment_whole_steps_come_before_its_physics_alone() -> None:
+    record = example_environment_records.record()
+    here = part(CheckupPart.ENVIRONMENT, TargetKind.ENVIRONMENT)
+    listed = checkup.items(run(here, record))
+    assert [(item.action, item.gain_text, item.unit) for item in listed] == [
+        ("step 2 environments in one AsyncVectorEnv", "1.50", GainUnit.ONE_ENVIRONMENT),
+        (
+            "step its physics yourself, by rollout on 2 threads, with controls known beforehand",
+            "5.00",
+            GainUnit.ENV_STEP,
+        ),
+        ("step its physics yourself, by python_loop", "2.00", GainUnit.ENV_STEP),
+    ]
+
+
+def test_a_report_begins_with_the_list_and_has_the_details_below(tmp_path: Any) -> None:
+    whole = run(part(CheckupPart.STEP), step_profile(), *PATHS, tuned(FREE))
+    content = reports.build([NamedRun(tmp_path / "run.jsonl", whole)])
+    headings = [section.heading for section in content.sections]
+    assert headings[0] == f"{TARGET}: what to do first"
+    assert "pole: where a step's time goes" in headings
+    assert f"{TARGET}: settings" in headings
+    assert [each.text for each in content.conclusions] == [
+        each.text for each in checkup.list_section(whole).conclusions
+    ]
+
+
+def test_lines_of_parts_come_before_the_list() -> None:
+    profile = replace(step_profile(), model=TARGET)
+    text = terminal.text_of(checkup.part_sections(run(part(CheckupPart.STEP), profile)))
+    assert text.startswith("Where a step's time goes\na step of a Python loop takes 3 µs")

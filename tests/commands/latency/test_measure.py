@@ -1,0 +1,143 @@
+"""What is computed from single steps, with a clock that the test turns."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import mjbench
+from hdrh.histogram import HdrHistogram
+
+from mjbench.commands.latency import measure as latency
+from mjbench.commands.latency.measure import RUN_NSTEP, WARM_UP_NSTEP, Pace, StepSamples
+from mjbench.errors import InputError
+from mjbench.simulation import models, workload
+from mjbench.simulation.reference_run import Work
+
+WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
+
+
+def samples(
+    latency_ns: np.ndarray, rate_hz: float | None = None, **features: np.ndarray
+) -> StepSamples:
+    pace = Pace.PACED if rate_hz else Pace.FREE
+    return StepSamples(pace, rate_hz, 0.002, WORK, latency_ns, features)
+
+
+class Clock:
+    """A clock that each reading, and each sleep, puts forward; one reading may take 5 ms."""
+
+    def __init__(self, reading_ns: int, pause_at_ns: float = math.inf) -> None:
+        self.now, self.slept_s = 0, 0.0
+        self.reading_ns, self.pause_at_ns = reading_ns, pause_at_ns
+
+    def __call__(self) -> int:
+        self.now += self.reading_ns
+        if self.now > self.pause_at_ns:
+            self.now += 5_000_000
+            self.pause_at_ns = math.inf
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept_s += seconds
+        self.now += round(1e9 * seconds)
+
+
+def test_quantiles_missed_deadlines_and_the_longest_step() -> None:
+    latency_ns = np.arange(1, 10_001) * 1e3
+    row = latency.row("m", samples(latency_ns), deadline_s=0.009)
+    assert [quantile.quantile for quantile in row.quantiles] == [0.5, 0.99, 0.999]
+    assert row.quantiles[1].ns == pytest.approx(9.9e6, rel=1e-3)
+    for quantile in row.quantiles:
+        assert quantile.low_ns is not None
+        assert quantile.high_ns is not None
+        assert quantile.low_ns <= quantile.ns <= quantile.high_ns
+    assert (row.missed, row.max_ns) == (1_000, 1e7)
+
+
+@pytest.mark.parametrize(("rate_hz", "deadline_s"), [(None, 0.002), (250.0, 0.004)])
+def test_the_deadline_is_the_time_to_the_next_step(
+    rate_hz: float | None, deadline_s: float
+) -> None:
+    row = latency.row("m", samples(np.full(2_000, 1e6), rate_hz), deadline_s=None)
+    assert row.deadline_s == pytest.approx(deadline_s)
+    assert row.missed == 0
+
+
+def test_what_slow_steps_have_in_common_is_found() -> None:
+    latency_ns, faults = np.full(1_000, 1e4), np.zeros(1_000)
+    latency_ns[::200], faults[::200] = 1e6, 2.0
+    row = latency.row("m", samples(latency_ns, faults=faults, calm=np.ones(1_000)), None)
+    shares = {feature.name: (feature.slow, feature.all) for feature in row.slow}
+    assert shares == {"faults": (2.0, pytest.approx(0.01)), "calm": (1.0, 1.0)}
+
+
+def test_the_histogram_is_one_that_others_can_read() -> None:
+    row = latency.row("m", samples(np.array([1e3, 2e3, 2e3, 5e6])), None)
+    histogram = HdrHistogram.decode(row.histogram.encode())
+    assert histogram.get_total_count() == 4
+    assert histogram.get_max_value() == pytest.approx(5e6, rel=1e-3)
+
+
+def recorded(
+    clock: Clock, nstep: int, period_ns: float
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    model = models.load(models.resolve("cartpole"))
+    work = workload.make(model, nbatch=2, nstep=RUN_NSTEP)
+    return latency.record_steps(work, nstep, period_ns, clock, clock.sleep)
+
+
+def test_every_free_running_step_is_recorded_and_the_warm_up_is_not() -> None:
+    latency_ns, features = recorded(Clock(10), 30, 0.0)
+    np.testing.assert_array_equal(latency_ns, 10)
+    assert {values.shape for values in features.values()} == {(30,)}
+    assert set(features) >= {"contacts", "page faults"}
+
+
+def test_a_paced_step_is_waited_for_and_its_latency_counts_from_when_it_was_due() -> None:
+    clock = Clock(1_000)
+    latency_ns, _ = recorded(clock, 20, 1e6)
+    assert clock.slept_s > 0.5 * 1e-3 * (20 + WARM_UP_NSTEP)
+    assert latency_ns.max() <= 4_000  # three readings of the clock, each of which takes 1 µs
+
+
+def test_steps_that_wait_for_a_late_one_are_late_as_well() -> None:
+    clock = Clock(1_000, pause_at_ns=1e6 * (WARM_UP_NSTEP + 30))
+    latency_ns, _ = recorded(clock, 80, 1e6)
+    late = latency_ns[latency_ns > 100_000]
+    assert len(late) >= 4
+    assert (np.diff(late) < 0).all()
+
+
+def test_latency_prints_both_paces_and_what_slow_steps_share(tmp_path: Path, inline: None) -> None:
+    words = ["--nstep", "1000", "--rate", "5000", "--json", "out.json"]
+    done = mjbench("latency", "cartpole", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "free-running" in done.stdout
+    assert "paced at 5000 Hz" in done.stdout
+    assert done.stdout.count("Slow steps") == 2
+    again = mjbench("show", "--json", "-", cwd=tmp_path)
+    assert json.loads(again.stdout) == json.loads((tmp_path / "out.json").read_text())
+    assert "free-running" in again.stderr
+
+
+def test_quantiles_are_read_back_from_the_histogram() -> None:
+    latency_ns = np.arange(1_000, 101_000, 100)
+    median, slow = latency.histogram_quantiles(latency._histogram(latency_ns), [0.5, 0.99])
+    assert median == pytest.approx(np.quantile(latency_ns, 0.5), rel=0.01)
+    assert slow == pytest.approx(np.quantile(latency_ns, 0.99), rel=0.01)
+    with pytest.raises(InputError, match="not an HdrHistogram"):
+        latency.histogram_quantiles("damaged", [0.5])
+
+
+def test_a_histogram_that_would_take_minutes_to_read_is_refused() -> None:
+    encoded = "HISTFAAAACF4nJNpmSzMwMDAygABMJrRAcqw/wCh//8/z8oEAFglBZU="
+    with pytest.raises(InputError, match="range or precision"):
+        latency.histogram_quantiles(encoded, [0.5])
+
+
+def test_a_model_that_cannot_be_loaded_is_one_line(tmp_path: Path) -> None:
+    done = mjbench("latency", "nothing.xml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr

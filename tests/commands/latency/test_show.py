@@ -1,0 +1,47 @@
+"""What the latency of single steps comes to."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_charts import drawn
+from example_records import WORK
+
+from mjbench.commands.latency import measure as latency
+from mjbench.commands.latency import show as report
+from mjbench.commands.latency.measure import Pace, StepSamples
+from mjbench.results.content import Tone
+
+
+def samples(pace: Pace, latency_ns: Sequence[float]) -> StepSamples:
+    rate = 500.0 if pace == Pace.PACED else None
+    return StepSamples(pace, rate, 0.002, WORK, np.asarray(latency_ns), {})
+
+
+def test_what_slow_steps_share_has_a_remedy() -> None:
+    assert set(report._REMEDIES) == set(latency._FEATURES)
+    late = replace(
+        samples(Pace.PACED, [10_000.0] * 990 + [5e6] * 10),
+        features={"µs of late start": np.array([1.0] * 990 + [4000.0] * 10)},
+    )
+    (section,) = report.sections([latency.row("m", late, None)])
+    assert section.notes[0].startswith("Slow steps, paced: 4000 µs of late start")
+    assert section.notes[1].startswith("µs of late start: other programs took the core")
+    (unknown,) = report.sections([latency.row("m", replace(late, features={}), None)])
+    assert unknown.notes[-1] == "`mjbench doctor` says what delays programs on this machine"
+
+
+def test_latency_is_drawn_as_far_as_there_are_steps() -> None:
+    ns = np.linspace(10_000, 20_000, 999).tolist()
+    rows = [
+        latency.row("m", samples(Pace.FREE, [*ns, 3e6]), None),
+        latency.row("m", samples(Pace.PACED, [*ns, 20_000.0]), None),
+    ]
+    (section,) = report.sections(rows)
+    assert [c.tone for c in section.conclusions] == [Tone.BAD, Tone.GOOD]
+    assert "1 of 1,000 steps missed 2 ms" in section.conclusions[0].text
+    (figure,) = section.figures
+    steps = [row[0] for row in figure.data.rows]
+    assert max(float(step or 0) for step in steps) == pytest.approx(1000, rel=0.3)
+    assert "free-running" in drawn(section)[0]

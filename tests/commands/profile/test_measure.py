@@ -1,0 +1,31 @@
+"""Where a step's time goes: stages, and what a simulated second is made of."""
+
+import pytest
+from step_profiles import step_profile
+
+from mjbench.commands.profile import measure as profile
+from mjbench.simulation import engine_clock, models, workload
+
+
+def test_a_second_of_simulated_time_is_physics_python_and_frames() -> None:
+    assert step_profile().simulated_second == pytest.approx(
+        {"physics": 500 * 2e-6, "Python": 500 * 1e-6, "rendering (egl)": 60 * 0.01}
+    )
+
+
+def test_a_row_holds_what_was_measured_and_what_follows_from_it() -> None:
+    row = step_profile()
+    assert (row.status, row.loop_ns, row.python_ns, row.clock_ns) == ("ok", 3000.0, 1000.0, 500.0)
+    assert row.steps is not None
+    assert row == profile.row("pole", row.steps, row.frames or ())
+
+
+def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = models.load(models.resolve("cube_table"))
+    for has_clock in (engine_clock.has_clock, lambda model: False):
+        monkeypatch.setattr(profile, "has_clock", has_clock)
+        block = profile.Block(1, 20, lambda: workload.reset_to_start)
+        stages = profile.stages(model, block)
+        assert sum(stages.values()) == pytest.approx(1.0)
+        assert all(share >= 0 for share in stages.values())
+        assert stages["constraint solver"] > 0

@@ -1,0 +1,77 @@
+"""What `mjbench profile` prints."""
+
+from dataclasses import replace
+
+from drawn_charts import drawn
+from example_records import WORK
+from step_profiles import step_profile
+
+from mjbench.commands.profile import measure as loop_profile
+from mjbench.commands.profile import show as profile
+from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
+from mjbench.results import terminal
+
+
+def text(of: ProfileRow) -> str:
+    return terminal.text_of(profile.sections([of]))
+
+
+def test_step_stages_and_rendering_are_printed() -> None:
+    printed = text(step_profile())
+    assert "takes 3 µs: engine 2 µs (67 %), Python 1 µs" in printed
+    assert "4 contacts, 0 constraints, 2.5 solver iterations" in printed
+    assert "the timer of MuJoCo's Python package takes 17 %" in printed
+    assert "kinematics" in printed
+    assert "actuation" not in printed  # takes no time
+    assert "by egl: 10 ms, as long as 3,333 steps" in printed
+    assert "osmesa: not available (it needs libosmesa6)" in printed
+
+
+def test_a_release_that_installs_no_timer_prints_nothing_about_it() -> None:
+    assert "Python package" not in text(step_profile(clock_ns=None))
+
+
+def test_where_python_is_within_the_noise_all_of_a_step_is_the_engine() -> None:
+    stages = {"collision": 1.0}
+    slower = ProfiledSteps(0.002, 2000.0, 2030.0, None, WORK, stages, {})
+    for steps in (slower, replace(slower, engine_ns=1900.0, is_python_resolved=False)):
+        printed = text(loop_profile.row("m", steps, ()))
+        assert (
+            "takes 2 µs: all of it the engine; Python's part is below what was resolved" in printed
+        )
+        (line,) = [line for line in printed.splitlines() if line.startswith("Python")]
+        assert "below what was resolved" in line
+        assert "-" not in line
+
+
+def test_controls_are_held_where_the_model_has_some() -> None:
+    def facts(actuators: float | None) -> str:
+        work = replace(WORK, actuators=actuators)
+        steps = ProfiledSteps(0.002, 2000.0, 1500.0, None, work, {"collision": 1.0}, {})
+        return text(loop_profile.row("m", replace(steps, run_nstep=5), ()))
+
+    held = "Each run holds the controls of its start"
+    assert held in facts(2.0) and held in facts(None)
+    assert held not in facts(0.0)
+
+
+def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
+    stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
+    steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
+    (section,) = profile.sections([loop_profile.row("m", steps, ())])
+    (figure,) = section.figures
+    assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
+    assert figure.alternative == "Bars of 2 stages; the longest is collision, 60.0 %."
+    assert "engine 1.5 µs (75 %)" in section.conclusions[0].text
+    assert (
+        "the longest stage is collision, 60 % of the engine's time" in section.conclusions[1].text
+    )
+    assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[2].text
+    assert "collision" in drawn(section)[0]
+
+
+def test_a_simulated_second_of_nothing_has_no_bars() -> None:
+    steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, {"collision": 1.0}, {})
+    row = replace(loop_profile.row("m", steps, ()), simulated_second={"engine": 0.0})
+    (section,) = profile.sections([row])
+    assert section.tables

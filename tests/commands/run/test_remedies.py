@@ -1,0 +1,571 @@
+"""What to do first follows from where the time goes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mjbench.commands.lint.check import Finding
+from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.call_times import CallTime, Incident
+from mjbench.commands.run.hook import call_clock
+from mjbench.commands.run.loop_time import LineTime, LoopTime
+from mjbench.commands.run.remedies import call_remedies, line_remedies, listing, loop_remedies
+from mjbench.commands.run.remedies.call_remedies import CALL_REMEDIES
+from mjbench.commands.run.remedies.line_remedies import LINE_REMEDIES
+from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
+from mjbench.commands.run.remedies.trials import MeasuredRatios, TimeRatio, Trial
+from mjbench.commands.run.source_loops import SourceLoop
+from mjbench.commands.run.step_times import Durations, StepTimes
+
+PHYSICS, PYTHON, NUMPY = Activity.PHYSICS, Activity.PYTHON, Activity.NUMPY
+BINDINGS = Activity.BINDINGS
+NAMED_ACCESS = Trial(line_remedies.named_access, by_wall_time=True)
+
+
+def line(number, activities, function="main", package=""):
+    place = Place("train.py", number, function, "text")
+    return LineTime(place, sum(activities.values()), activities, package)
+
+
+def loop(*lines, activities=None):
+    total: dict[Activity, float] = {}
+    for each in lines:
+        for activity, share in each.activities.items():
+            total[activity] = total.get(activity, 0.0) + share
+    return LoopTime(
+        loop=SourceLoop("train.py", 10, 20),
+        own_files=[],
+        threads=["MainThread"],
+        pids=[1],
+        in_main=True,
+        samples=400,
+        seconds=10.0,
+        activities=activities or total,
+        packages={},
+        lines=lines,
+        inner_functions=[],
+    )
+
+
+def steps(**values):
+    times = {"collections": 0, "collections_s": 0.0, "steps_per_s": 1000.0, **values}
+    return StepTimes(
+        pid=1,
+        span_s=10.0,
+        nstep=10_000,
+        real_time_factor=2.0,
+        step=Durations(10, 1.0, 2.0, 3.0),
+        iteration=None,
+        of_environment=False,
+        stages={},
+        cost_share=0.01,
+        longest_collection_s=0.0,
+        **times,
+    )
+
+
+def call(callee, number=15, calls=100, seconds=2.0, text="text", **more):
+    """Return calls from a line of the loop, which takes 10 seconds."""
+    values = {"steps": 0.0, "all_steps": 0.0, **more}
+    place = Place("train.py", number, "main", text)
+    whole = SourceLoop("train.py", 10, 20)
+    return CallTime(callee, 1, 1, place, whole, calls, seconds, 0, 10**10, **values)
+
+
+def step(seconds=5.0, calls=1000, **more):
+    text = "mj_step(m, d)"
+    return call("mj_step", 12, calls, seconds, text, steps=calls, all_steps=calls, **more)
+
+
+def loop_of(*calls):
+    """Return the loop with calls; what else it does is nothing to be changed."""
+    return replace(loop(activities={PHYSICS: 1.0}), calls=calls)
+
+
+def finding(code, number=15, message="do otherwise", **more):
+    return Finding("train.py", number, 1, code, message, None, **more)
+
+
+def ratio(estimate, saved_s=0.01):
+    return TimeRatio(estimate, estimate, estimate, saved_s)
+
+
+def test_the_largest_saving_comes_first_with_its_error():
+    time = loop(line(12, {PHYSICS: 0.6, NUMPY: 0.1}), line(13, {PYTHON: 0.3}))
+    first, second = listing.remedies(time)
+    assert (first.place.line, first.activity, first.gain) == (13, PYTHON, 0.3)
+    assert first.gain_error == pytest.approx((0.3 * 0.7 / 400) ** 0.5)
+    assert first.basis == Basis.BOUND
+    assert (second.place.line, second.gain) == (12, pytest.approx(0.1))
+
+
+def test_physics_alone_needs_no_remedy():
+    assert listing.remedies(loop(line(12, {PHYSICS: 1.0}))) == []
+
+
+def test_gains_below_three_percent_are_left_out():
+    time = loop(line(12, {PHYSICS: 0.972, PYTHON: 0.028}))
+    assert listing.remedies(time) == []
+
+
+def test_of_few_samples_no_line_is_named():
+    time = loop(line(12, {PHYSICS: 0.6}), line(13, {PYTHON: 0.4}))
+    assert listing.remedies(replace(time, samples=29)) == []
+
+
+def test_a_function_without_a_slow_line_is_named_as_a_whole():
+    inner = [line(100 + i, {PYTHON: 0.1}, "observe") for i in range(4)]
+    (first, *_) = listing.remedies(loop(line(12, {PHYSICS: 0.6}), *inner))
+    assert first.gain == pytest.approx(0.4)
+    assert first.text.startswith("observe() as a whole")
+
+
+def test_a_line_that_calls_a_package_names_it():
+    time = loop(line(12, {PHYSICS: 0.5, PYTHON: 0.5}, package="gymnasium"))
+    assert "gymnasium" in listing.remedies(time)[0].text
+
+
+def test_lines_that_neither_look_up_names_nor_take_views_are_not_told_to():
+    views = replace(line(12, {BINDINGS: 0.5}).place, text="x = data.qpos[0]")
+    calls = replace(views, line=13, text="mujoco.mj_fullM(model, full, matrix)")
+    lines = [LineTime(place, 0.5, {BINDINGS: 0.5}) for place in (views, calls)]
+    texts = {remedy.place.line: remedy.text for remedy in listing.remedies(loop(*lines))}
+    assert "before the loop" in texts[12]
+    assert "before the loop" not in texts[13]
+
+
+# What calls must be like to need a remedy, by callee, and where callees have several by its text.
+CONTEXTS = {
+    "mj_ray": {"calls": 36_000},
+    "mj_inverse": {"calls": 1000, "text": "mj_inverse(m, d)"},
+    "mjd_transitionFD": {"text": "mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)"},
+}
+ROLLOUT_CONTEXTS = {
+    "rollout takes these simulations": {"steps": 100, "all_steps": 800},
+    "rollout copies states": {"steps": 100, "all_steps": 100},
+    "rollout copies all states": {"steps": 100, "all_steps": 800},
+}
+
+
+@pytest.mark.parametrize("remedy", CALL_REMEDIES, ids=lambda each: each.callees[0])
+def test_each_call_in_a_loop_has_its_remedy(remedy):
+    codes = [finding(remedy.codes[0])] if remedy.needs_finding else []
+    for callee in remedy.callees:
+        of_text = [more for text, more in ROLLOUT_CONTEXTS.items() if remedy.text.startswith(text)]
+        context = {**CONTEXTS.get(callee, {}), **(of_text[0] if of_text else {})}
+        time = loop_of(step(), call(callee, **context))
+        asked = listing.trials([time], codes)
+        measured = MeasuredRatios({each: ratio(0.5) for each in asked})
+        (listed,) = [r for r in listing.remedies(time, codes, measured) if r.kind == "call"]
+        assert listed.place.line == 15
+        assert listed.share == pytest.approx(0.2)
+        assert 0.05 < listed.gain < 0.5
+        assert "{count}" not in listed.text
+
+
+@pytest.mark.parametrize("remedy", CALL_REMEDIES, ids=lambda each: each.callees[0])
+def test_a_call_that_is_made_once_or_twice_is_set_up(remedy):
+    time = loop_of(step(), call(remedy.callees[0], calls=2))
+    assert [each for each in listing.remedies(time) if each.kind == "call"] == []
+
+
+def test_a_call_that_leaves_the_loop_saves_its_time_but_for_one():
+    time = loop_of(step(), call("compile", calls=4, seconds=4.0))
+    (remedy,) = listing.remedies(time)
+    assert remedy.basis == Basis.TIMED
+    assert remedy.gain == pytest.approx(0.3)
+
+
+def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
+    """Its steps take longer, too, and it is freed; few samples do not show for how long."""
+    other = LineTime(Place("train.py", 19, "main", "text"), 0.2, {NUMPY: 0.2})
+    whole = loop_of(step(seconds=2.0), call("MjData", seconds=4.0))
+    time = replace(whole, lines=[other], activities={PHYSICS: 0.8, NUMPY: 0.2})
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
+    assert trial in listing.trials([time], [])
+    measured = MeasuredRatios({trial: replace(ratio(0.25), created_share=2 / 3)})
+    remedy = next(each for each in listing.remedies(time, [], measured) if each.kind == "call")
+    assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.75 * 0.8))
+    (few,) = listing.remedies(replace(time, samples=10), [], measured)
+    assert few.gain == pytest.approx(0.75 * 0.4 / (2 / 3))
+    bound = next(each for each in listing.remedies(time) if each.kind == "call")
+    assert (bound.basis, bound.gain) == (Basis.BOUND, pytest.approx(0.4))
+
+
+def test_an_object_whose_creation_no_clock_saw_saves_no_more_than_its_lines():
+    time = replace(loop_of(step(seconds=2.0), call("MjData", seconds=4.0)), samples=10)
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
+    measured = MeasuredRatios({trial: replace(ratio(0.25), created_share=0.0)})
+    (remedy,) = [each for each in listing.remedies(time, [], measured) if each.kind == "call"]
+    assert remedy.gain <= 1.0
+
+
+def test_functions_that_no_clock_saw_save_nothing():
+    found = finding("MJB007", instead=("mj_kinematics",))
+    time = loop_of(step(seconds=0.0), call("mj_forward", calls=1000, seconds=0.0))
+    measured = MeasuredRatios({Trial(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)})
+    assert listing.remedies(time, [found], measured) == []
+
+
+def test_a_new_mjdata_costs_only_its_first_steps():
+    """Of 250 steps that follow each MjData, 50 are in the pair."""
+    time = loop_of(step(seconds=8.0), call("MjData", calls=4, seconds=1.99))
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
+    assert trial in listing.trials([time], [])
+    measured = MeasuredRatios({trial: replace(ratio(0.5), created_share=0.2)})
+    (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
+    assert gain == pytest.approx(0.5 * (0.99 - (0.99 - 0.199) * 200 / 250))
+
+
+def test_what_a_new_mjdata_saves_does_not_grow_with_what_python_does_to_call_steps():
+    """Of 200 steps that follow each MjData, 50 are in the pair, which takes 20 + 50 us.
+
+    An MjData takes 20 us, of which a copy saves 18, a step 0.6 and its call 0.4, other lines 55.
+    """
+    whole_us = 20 + 200 + 55
+    seen = loop(
+        line(12, {PHYSICS: 120 / whole_us, BINDINGS: 80 / whole_us}),
+        line(15, {Activity.COPYING: 20 / whole_us}),
+        line(19, {NUMPY: 55 / whole_us}),
+    )
+    creation = call("MjData", calls=100, seconds=10 * 20 / whole_us)
+    time = replace(seen, calls=[step(seconds=10 * 120 / whole_us, calls=20_000), creation])
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
+    assert trial in listing.trials([time], [])
+    measured = MeasuredRatios({trial: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
+    (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
+    assert gain == pytest.approx(18 / whole_us)
+
+
+def test_what_may_be_chance_is_not_suggested():
+    time = loop_of(step())
+    (trial,) = listing.trials([time], [])
+    chance = replace(ratio(0.5), high=1.1)
+    assert listing.remedies(time, [], MeasuredRatios({trial: chance})) == []
+    (timer,) = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.5)}))
+    assert timer.gain == pytest.approx(0.5 * 0.99)  # no other line is seen
+    few = replace(time, samples=10)
+    (timer,) = listing.remedies(few, [], MeasuredRatios({trial: ratio(0.5)}))
+    assert timer.gain == pytest.approx(0.25)  # of the steps, which take half of the loop
+
+
+def test_a_model_that_is_built_leaves_the_loop_with_all_that_this_takes():
+    building = LineTime(Place("train.py", 15, "main", "scene()"), 0.9, {Activity.BUILDING: 0.9})
+    time = loop_of(step(seconds=1.0), call("from_xml_string", number=3, seconds=1.0))
+    shares = {Activity.BUILDING: 0.8, PHYSICS: 0.1, Activity.LOADING: 0.1}
+    (remedy,) = listing.remedies(replace(time, activities=shares, building=building))
+    assert (remedy.place.line, remedy.gain, remedy.basis) == (15, 0.9, Basis.BOUND)
+
+
+@pytest.mark.parametrize("loads", [2, 4])
+def test_only_an_mjdata_of_each_new_model_needs_no_advice(loads):
+    loading = call("from_xml_path", number=13, calls=loads, seconds=1.0)
+    created = call("MjData", number=14, calls=4, seconds=1.0)
+    copied = call(call_clock.COPY_OF_DATA, number=15, calls=1000, seconds=5.0)
+    listed = listing.remedies(loop_of(step(seconds=3.0), loading, created, copied))
+    lines = {each.place.line for each in listed}
+    assert lines == ({13, 15} if loads == 4 else {14, 15})
+
+
+def test_copies_of_a_model_that_is_loaded_again_and_again_leave_the_loop():
+    copied = call("copy of MjModel", number=13, calls=100, seconds=4.0)
+    (remedy,) = listing.remedies(loop_of(step(), copied, call("from_xml_path", calls=5)))
+    assert remedy.text.startswith("compile the model once")
+    assert remedy.gain == pytest.approx(0.6 * (1 - 1 / 105))
+
+
+@pytest.mark.parametrize("callee", call_clock.COPIES_OF_DATA)
+def test_a_copy_of_an_mjdata_is_compared_with_a_copy_of_its_kind(callee):
+    trial = Trial(call_remedies.new_data, (callee, "mj_copyData"), steps=10, of_copied=True)
+    assert trial in listing.trials([loop_of(step(), call(callee))], [])
+
+
+def test_a_renderer_is_tried_at_its_size_and_with_its_library():
+    time = loop_of(step(), call("Renderer", frame=(48, 64), backend="egl"))
+    asked = listing.trials([time], [])
+    assert Trial(call_remedies.renderer, frame=(48, 64), backend="egl", by_wall_time=True) in asked
+
+
+def test_a_finding_of_lint_gives_its_message_and_its_code():
+    time = loop_of(step(), call("MjData"))
+    (remedy,) = listing.remedies(time, [finding("MJB005")])
+    assert (remedy.code, remedy.text) == ("MJB005", "do otherwise")
+    trial = Trial(call_remedies.new_data, ("MjData", "mj_resetData"), steps=10)
+    assert trial in listing.trials([time], [finding("MJB005")])
+
+
+def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
+    """1,000 steps of 5 ms, each with a call of 4 ms; the pair takes 2/3 with what is enough."""
+    found = finding("MJB007", instead=("mj_kinematics",))
+    time = loop_of(step(seconds=5.0), call("mj_forward", calls=1000, seconds=4.0))
+    measured = MeasuredRatios({Trial(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)})
+    (remedy,) = listing.remedies(time, [found], measured)
+    assert remedy.gain == pytest.approx(0.99 / 3)  # with what Python does to make the calls
+    assert listing.remedies(time) == [], "only lint knows what is read afterwards"
+
+
+def test_functions_in_a_loop_that_does_not_step_are_compared_alone():
+    found = finding("MJB007", instead=("mj_kinematics",))
+    time = loop_of(call("mj_forward", calls=1000, seconds=6.0))
+    (trial,) = listing.trials([time], [found])
+    assert (trial.ways, trial.steps) == (call_remedies.functions, 0)
+    (remedy,) = listing.remedies(time, [found], MeasuredRatios({trial: ratio(0.2)}))
+    assert remedy.gain == pytest.approx(0.99 * 0.8)
+
+
+def test_a_function_that_jax_compiles_again_is_named_where_lint_finds_it():
+    time = loop_of(call(call_clock.COMPILE, number=16, calls=10, seconds=9.0))
+    (remedy,) = listing.remedies(time, [finding("MJB013", number=15)])
+    assert remedy.place.line == 15
+    assert remedy.gain == pytest.approx(0.81)
+
+
+def test_named_access_saves_what_was_measured_not_the_share_of_its_line():
+    lines = [line(12, {PHYSICS: 0.5}), line(15, {NUMPY: 0.4, PYTHON: 0.1})]
+    time = replace(loop(*lines), calls=[step(calls=1000)])
+    found = replace(finding("MJB002"), ns_per_step=900.0)
+    measured = MeasuredRatios({NAMED_ACCESS: ratio(0.3, saved_s=0.001)})
+    by_code = {remedy.code: remedy for remedy in listing.remedies(time, [found], measured)}
+    assert by_code["MJB002"].gain == pytest.approx(0.1)
+    assert by_code[""].gain == pytest.approx(0.4), "the rest of the line"
+
+
+def test_what_runs_many_times_a_step_saves_a_share_of_its_line(tmp_path):
+    file = tmp_path / "train.py"
+    file.write_text("for _ in range(9):\n    step()\n    x = [data.body(n) for n in names]\n")
+    place = Place(str(file), 3, "main", "x = [data.body(n) for n in names]")
+    named = LineTime(place, 0.4, {BINDINGS: 0.4})
+    stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
+    time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
+    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0)
+    _, asked = listing.trials([time], [found])
+    assert asked == NAMED_ACCESS
+    measured = MeasuredRatios({NAMED_ACCESS: ratio(0.25, saved_s=1e-6)})
+    first = listing.remedies(time, [found], measured)[0]
+    assert (first.code, first.basis, first.gain) == ("MJB002", Basis.PAIRED, pytest.approx(0.3))
+
+
+@pytest.mark.parametrize(
+    ("text", "gain"), [("x = np.linalg.solve(A, np.zeros(3))", None), ("x = np.zeros(3)", 0.4)]
+)
+def test_a_new_array_is_not_the_cost_of_what_a_line_computes(text, gain):
+    """Neither as a bound, nor where a loop within the step runs it."""
+    place = Place("train.py", 15, "main", text)
+    time = loop(line(12, {PHYSICS: 0.6}), LineTime(place, 0.4, {NUMPY: 0.4}))
+    found = replace(finding("MJB003"), ns_per_step=300.0)
+    listed = {each.code: each.gain for each in listing.remedies(time, [found])}
+    assert listed == {"MJB003": gain} if gain else {"": 0.4}
+    measured = MeasuredRatios({Trial(line_remedies.new_array): ratio(0.5, saved_s=1e-3)})
+    listed = {each.code: each.gain for each in listing.remedies(time, [found], measured)}
+    assert listed == {"MJB003": gain / 2, "": gain / 2} if gain else {"": 0.4}
+    once_a_step = replace(time, calls=[step(calls=1000)])
+    listed = {each.code: each.gain for each in listing.remedies(once_a_step, [found], measured)}
+    assert listed["MJB003"] == pytest.approx(0.1)
+
+
+def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_path):
+    file = tmp_path / "train.py"
+    file.write_text("for _ in range(9):\n    env.step()\n    x = data.body('torso').xpos\n")
+    named = LineTime(Place(str(file), 3, "main", "text"), 0.4, {BINDINGS: 0.4})
+    stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
+    time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
+    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0)
+    measured = MeasuredRatios({NAMED_ACCESS: ratio(0.25, saved_s=1e-3)})
+    listed = listing.remedies(time, [found], measured)
+    (named_access,) = [each for each in listed if each.code == "MJB002"]
+    assert named_access.gain == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "trial", "says"),
+    [
+        ("contact = data.contact[i]", Trial(line_remedies.contacts), "arrays of all contacts"),
+        ("for contact in data.contact:", Trial(line_remedies.contacts), "arrays of all contacts"),
+        ("mujoco.mj_contactForce(m, d, i, force)", None, "choose contacts"),
+        ("x = np.linalg.inv(full) @ force", None, "mj_solveM"),
+        ("x = np.linalg.pinv(jacobian) @ error", None, "damped least squares"),
+        ("log.append(data.qpos.tolist())", None, "log[i] = data.qpos"),
+    ],
+)
+def test_a_line_has_the_remedy_of_what_it_calls(text, trial, says):
+    called = LineTime(Place("train.py", 15, "main", text), 0.4, {PYTHON: 0.4})
+    time = loop(line(12, {PHYSICS: 0.6}), called)
+    asked = listing.trials([time], [])
+    assert asked == ([] if trial is None else [trial])
+    measured = MeasuredRatios({each: ratio(0.25) for each in asked})
+    first = listing.remedies(time, [], measured)[0]
+    assert says in first.text
+    assert (first.basis, first.gain) == (
+        (Basis.BOUND, pytest.approx(0.4)) if trial is None else (Basis.PAIRED, pytest.approx(0.3))
+    )
+
+
+def test_rays_at_once_save_the_loop_that_casts_them_one_by_one(tmp_path):
+    """Of 0.5 for the calls and their line, half stays; the line that only feeds them goes."""
+    file = str(tmp_path / "train.py")
+    Path(file).write_text(
+        "for _ in range(9):\n    step()\n    for ray in rays:\n"
+        "        end = rotated(ray)\n        hits.append(mj_ray(m, d, end))\n"
+    )
+    lines = [
+        LineTime(Place(file, 2, "main"), 0.2, {PHYSICS: 0.2}),
+        LineTime(Place(file, 4, "main"), 0.3, {NUMPY: 0.3}),
+        LineTime(Place(file, 5, "main"), 0.5, {PHYSICS: 0.4, PYTHON: 0.1}),
+    ]
+    rays = replace(call("mj_ray", calls=36_000, seconds=4.0), place=lines[2].place)
+    stepping = replace(step(seconds=2.0), place=lines[0].place, lines=[(file, 2)])
+    time = replace(loop(*lines), calls=[stepping, rays])
+    trial = Trial(call_remedies.rays, simulations=36)
+    assert trial in listing.trials([time], [])
+    first, *_ = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.5)}))
+    assert first.text.startswith("mj_multiRay")
+    assert first.gain == pytest.approx(0.5 / 2 + 0.3)
+    # of 0.4 for the calls, half stays; too few samples tell whose 0.4 that is not timed are
+    short = replace(time, samples=20, lines=[])
+    first, *_ = listing.remedies(short, [], MeasuredRatios({trial: ratio(0.5)}))
+    assert (first.gain, first.gain_error) == (pytest.approx(0.4 / 2 + 0.4 / 2), pytest.approx(0.1))
+
+
+def test_processes_that_a_loop_starts_at_once_are_set_up():
+    starts = call(call_clock.PROCESS_START, seconds=1.0)
+    time = loop_of(step(), replace(starts, first_ns=10**9, last_ns=2 * 10**9))
+    assert listing.remedies(time) == []
+    assert listing.remedies(loop_of(step(), starts))
+
+
+def test_half_of_what_only_samples_show_is_expected_to_be_saved():
+    time = replace(
+        loop(line(12, {PHYSICS: 0.7}), line(13, {NUMPY: 0.3})), calls=[step(seconds=7.0)]
+    )
+    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.75)})
+    timer, numpy = listing.remedies(time, [], measured)
+    assert (timer.kind, numpy.kind) == (RemedyKind.CLOCK, RemedyKind.LINE)
+    assert timer.gain < numpy.gain
+
+
+def test_the_timer_is_turned_off_before_callbacks_are_set():
+    time = loop_of(step(), call(f"{call_clock.CALLBACK} mjcb_control"))
+    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.5)})
+    timer = next(r for r in listing.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
+    assert "callbacks of your own" in timer.text
+
+
+@pytest.mark.parametrize("text", ["mj_inverse(m, other)", "mj_inverse(m, d)"])
+def test_inverse_dynamics_is_computed_in_the_step_of_the_same_data(text):
+    same = text == "mj_inverse(m, d)"
+    time = loop_of(step(), call("mj_inverse", calls=1000, text=text))
+    trial = Trial(call_remedies.inverse)
+    assert (trial in listing.trials([time], [])) == same
+    listed = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.7)}))
+    assert bool(listed) == same
+    assert listing.remedies(time) == [], "with Runge-Kutta, nothing is measured"
+
+
+def test_the_timer_of_the_python_package_is_measured_on_the_model():
+    other = LineTime(Place("train.py", 19, "main", "text"), 0.5, {NUMPY: 0.5})
+    time = replace(loop_of(step()), lines=[other], activities={PHYSICS: 0.5, NUMPY: 0.5})
+    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.8)})
+    remedy = next(r for r in listing.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
+    assert remedy.gain == pytest.approx(0.1)
+    calls_of_five = loop_of(call("mj_step", 12, 100, 5.0, steps=500, all_steps=500))
+    assert listing.trials([calls_of_five], []) == [Trial(loop_remedies.no_timer, steps=5)]
+    slight = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.95)})
+    assert all(r.kind != RemedyKind.CLOCK for r in listing.remedies(time, [], slight))
+
+
+def test_steps_with_nothing_between_them_are_one_call(tmp_path):
+    file = tmp_path / "train.py"
+    bare = replace(step(), place=Place(str(file), 3, "main"))
+    time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 5))
+    trial = Trial(call_remedies.one_call)
+    held = "for _ in range(9):\n    for _ in range(5):\n        mj_step(m, d)\n        {}\n    {}\n"
+    file.write_text(held.format("# and no more", "d.ctrl[:] = policy(d)"))
+    findings = listing.findings_of([str(file)])
+    assert trial in listing.trials([time], findings)
+    (remedy,) = listing.remedies(time, findings, MeasuredRatios({trial: ratio(0.8)}))
+    assert (remedy.code, remedy.place.line, remedy.effect) == ("MJB017", 3, "nothing")
+    assert remedy.gain == pytest.approx(0.1)
+    assert listing.remedies(time, findings, MeasuredRatios({})) == [], "not measured"
+    file.write_text(held.format("d.ctrl[:] = policy(d)", "pass"))
+    findings = listing.findings_of([str(file)])
+    assert trial not in listing.trials([time], findings)
+    assert listing.remedies(time, findings, MeasuredRatios({trial: ratio(0.8)})) == []
+
+
+def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
+    time = loop_of(step())
+    incident = Incident(call_clock.IN_TURN, step().place, 8)
+    trial = Trial(loop_remedies.batch, simulations=8, on_threads=True)
+    assert trial in listing.trials([time], [], [incident])
+    (remedy,) = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.4)}), [incident])
+    assert remedy.gain == pytest.approx(0.3)
+    assert listing.remedies(time, [], MeasuredRatios({trial: ratio(1.2)}), [incident]) == []
+
+
+@pytest.mark.parametrize("comment", ["", "  # never closed"])
+def test_a_line_that_is_one_call_has_the_remedy_of_the_call_alone(comment):
+    created = call("Renderer", text=f"renderer = mujoco.Renderer(model, 240, 320){comment}")
+    seen = LineTime(created.place, 0.3, {BINDINGS: 0.3}, "mujoco")
+    time = loop(seen, activities={PHYSICS: 0.7, BINDINGS: 0.3})
+    (remedy,) = listing.remedies(replace(time, calls=[step(), created]))
+    assert remedy.kind == RemedyKind.CALL
+
+
+def test_rendering_by_the_processor_is_said():
+    time = loop_of(step(), call("Renderer"))
+    (remedy,) = listing.remedies(
+        time, [], None, [Incident(call_clock.SOFTWARE_GL, step().place, 1)]
+    )
+    assert "the processor draws" in remedy.text
+
+
+def test_files_that_lint_cannot_check_have_no_findings(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "train.py").write_text(
+        "import mujoco\nmodel = mujoco.MjModel.from_xml_path('x')\ndata = mujoco.MjData(model)\n"
+        "log = []\nfor _ in range(9):\n    mujoco.mj_step(model, data)\n"
+        "    x = data.body('torso').xpos[2]\n    log.append(data.qpos)\n"
+    )
+    codes = {each.code for each in listing.findings_of(["train.py", "missing.py"])}
+    assert codes == {"MJB001", "MJB002"}
+
+
+def remedy(kind, gain=0.2, **more):
+    return Remedy(kind, PYTHON, Place("train.py", 7, "main"), "text", gain, 0.01, **more)
+
+
+def test_wrong_results_come_first_and_then_the_largest_gain():
+    wrong = Remedy(RemedyKind.RESULT, None, None, "", None, None)
+    large, small = remedy(RemedyKind.LINE, 0.3), remedy(RemedyKind.LINE, 0.1)
+    assert sorted([small, large, wrong], key=lambda each: each.rank) == [wrong, large, small]
+
+
+@pytest.mark.parametrize("waits_for", [Activity.PROCESSES, Activity.THREADS])
+def test_a_wait_for_others_saves_no_steps_of_theirs(waits_for):
+    waiting = line(13, {waits_for: 0.9})
+    time = loop(line(12, {PHYSICS: 0.1}), waiting)
+    (wait,) = listing.remedies(time, others_busy_s=4.0)
+    assert (wait.share, wait.gain) == (pytest.approx(0.9), pytest.approx(0.6))
+
+
+def test_processes_that_are_started_again_and_again_cost_their_whole_line():
+    """The end of a pool is on the line that starts it, and the loop waits while they begin."""
+    pool = line(15, {Activity.STARTING: 0.1, PYTHON: 0.2})
+    time = loop(pool, line(16, {Activity.PROCESSES: 0.7}))
+    time = replace(time, calls=[call(call_clock.PROCESS_START, seconds=1.0)])
+    (remedy,) = listing.remedies(time)
+    assert (remedy.place.line, remedy.gain) == (15, pytest.approx(0.3))
+
+
+@pytest.mark.parametrize(
+    ("line", "trial"),
+    [
+        ("log.append(np.zeros(3))", Trial(line_remedies.concatenation)),
+        ("for pair in data.contact.geom:", Trial(line_remedies.contacts)),
+        ("least = min(x for x in data.contact.dist)", Trial(line_remedies.contacts)),
+    ],
+)
+def test_lines_that_look_alike_are_not_tried(line: str, trial: Trial) -> None:
+    (remedy,) = [each for each in LINE_REMEDIES if each.trial == trial]
+    assert not remedy.line.search(line)

@@ -1,0 +1,272 @@
+"""The first line about a program says what matters most."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from mjbench.commands.run import show as program
+from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.gil_waits import GilWait
+from mjbench.commands.run.hook import call_clock
+from mjbench.commands.run.launch import UncaughtException
+from mjbench.commands.run.loop_time import LineTime, LoopTime
+from mjbench.commands.run.physics_cost import Cost, CostKind, PhysicsCost
+from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
+from mjbench.commands.run.result import LoopReport, ProgramRow
+from mjbench.commands.run.source_loops import SourceLoop
+from mjbench.results import terminal
+from mjbench.results.content import Tone
+from mjbench.status import Status
+
+PLACE = Place("train.py", 7, "main", "mj_step(model, data)")
+
+
+def loop(activities: dict[Activity, float], samples: int = 100, **more: Any) -> LoopTime:
+    return LoopTime(
+        loop=SourceLoop("train.py", 5, 9),
+        own_files=["train.py"],
+        threads=["MainThread"],
+        pids=[1],
+        in_main=True,
+        samples=samples,
+        seconds=2.0,
+        activities=activities,
+        packages={},
+        lines=[],
+        inner_functions=[],
+        **more,
+    )
+
+
+def row(time: LoopTime, *remedies: Remedy, **more: Any) -> ProgramRow:
+    return ProgramRow(
+        program="train.py",
+        status=Status.OK,
+        detail="",
+        exit_code=0,
+        was_ended=False,
+        wall_s=3.0,
+        rate_hz=100,
+        samples=300,
+        loops=[LoopReport(time, remedies)],
+        steps=[],
+        **more,
+    )
+
+
+def remedy(basis: Basis = Basis.PAIRED) -> Remedy:
+    return Remedy(
+        RemedyKind.CALL,
+        Activity.PHYSICS,
+        PLACE,
+        "do otherwise",
+        gain=0.4,
+        gain_error=None,
+        basis=basis,
+        share=0.5,
+    )
+
+
+MIXED = loop({Activity.PHYSICS: 0.6, Activity.PYTHON: 0.4})
+
+
+def test_a_measured_gain_is_said_as_the_time_that_remains() -> None:
+    said = program.conclusion(row(MIXED, remedy()))
+    assert said == (
+        "first, at train.py:7, do otherwise: 50 % of the loop now; with the change, the loop takes"
+        " about 0.60 of today's time"
+    )
+
+
+def test_a_share_that_is_smaller_than_the_gain_is_not_said() -> None:
+    frees_memory_elsewhere = replace(remedy(), share=0.3)
+    said = program.conclusion(row(MIXED, frees_memory_elsewhere))
+    assert said.startswith("first, at train.py:7, do otherwise: with the change, the loop takes")
+
+
+def test_a_bound_is_said_as_a_share_of_the_loop() -> None:
+    said = program.conclusion(row(MIXED, remedy(Basis.BOUND)))
+    assert said == (
+        "first, physics at train.py:7: 50 % of the loop in train.py:5–9; do otherwise; that saves"
+        " at most 40 %"
+    )
+
+
+def test_a_loop_that_only_waits_comes_first_only_if_its_waiting_can_be_shorter() -> None:
+    waiting = loop({Activity.THREADS: 1.0})
+    both = [LoopReport(waiting, []), LoopReport(MIXED, [remedy()])]
+    assert "do otherwise" in program.conclusion(replace(row(waiting), loops=both))
+    longer = replace(remedy(), text="take more steps for each wait")
+    both[0] = LoopReport(waiting, [longer])
+    assert "more steps for each wait" in program.conclusion(replace(row(waiting), loops=both))
+
+
+def test_a_failure_comes_before_a_wrong_result_and_that_before_time() -> None:
+    wrong = Remedy(RemedyKind.RESULT, None, PLACE, "a view is stored", None, None)
+    both = row(MIXED, remedy(), wrong=[wrong])
+    assert program.conclusion(both) == (
+        "first, correct a wrong result at train.py:7: a view is stored"
+    )
+    (first, second) = next(program.sections([replace(both, exit_code=3)])).conclusions
+    assert first.text == "train.py: it ended with exit code 3"
+    assert second.text.startswith("train.py: first, correct a wrong result")
+
+
+@pytest.mark.parametrize(
+    ("ended", "says"),
+    [
+        ({}, ""),
+        ({"exit_code": 3}, "it ended with exit code 3"),
+        ({"exit_code": 3, "was_ended": True}, ""),
+        ({"exit_code": 137}, "it was ended by SIGKILL"),
+        ({"exit_code": 255}, "it ended with exit code 255"),
+        ({"exit_code": 139, "crash": PLACE}, "it crashed (SIGSEGV) at train.py:7: mj_step"),
+        (
+            {"exit_code": 1, "exception": UncaughtException("ValueError: no", PLACE)},
+            "it raised ValueError: no at train.py:7: mj_step(model, data)",
+        ),
+        ({"exit_code": 1, "exception": UncaughtException("E", None)}, "it raised E"),
+    ],
+)
+def test_how_a_program_failed_is_one_sentence(ended: dict[str, Any], says: str) -> None:
+    said = program.ending(replace(row(MIXED), **ended))
+    assert said.startswith(says)
+    assert bool(said) == bool(says)
+
+
+def test_a_program_that_does_not_step_is_to_run_for_longer() -> None:
+    ended = replace(row(MIXED), loops=[], was_ended=True)
+    assert program.conclusion(ended) == (
+        "no loop was seen that steps MuJoCo in 3 s; run it for longer"
+    )
+
+
+def test_what_takes_longer_than_the_loops_comes_first() -> None:
+    place = Place("train.py", 3, "<module>", "model = build()")
+    imports = LineTime(replace(place, line=1), 0.2, {Activity.IMPORT: 0.2})
+    build = LineTime(place, 0.7, {Activity.LOADING: 0.7})
+    said = program.conclusion(
+        row(replace(MIXED, seconds=0.2), remedy(), outside_loops=[build, imports])
+    )
+    assert said.startswith(
+        "first, look outside the loops that step, which take 0.2 s of the program's 3 s: train.py:3"
+        " takes 2.1 s (model = build()). Then, at train.py:7, do otherwise"
+    )
+    long_loop = row(replace(MIXED, seconds=2.5), remedy(), outside_loops=[imports])
+    assert "outside" not in program.conclusion(long_loop)
+
+
+@pytest.mark.parametrize(("share", "has_imports"), [(0.6, True), (0.01, False)])
+def test_imports_are_named_where_the_loops_take_next_to_nothing(
+    share: float, has_imports: bool
+) -> None:
+    imports = LineTime(PLACE, share, {Activity.IMPORT: share})
+    said = program.conclusion(row(replace(MIXED, seconds=0.06), outside_loops=[imports]))
+    assert ("imports take" in said) == has_imports
+
+
+@pytest.mark.parametrize(
+    ("time", "text"),
+    [
+        (loop({Activity.PHYSICS: 0.97, Activity.PYTHON: 0.03}), "`mjbench tune`"),
+        (loop({Activity.PHYSICS: 0.5, Activity.REST: 0.5}, samples=10), "run for 6 s or longer"),
+        (loop({Activity.COMPILING: 0.9, Activity.REST: 0.1}), "JAX compiles for 1.8 s of the 2 s"),
+    ],
+)
+def test_where_nothing_is_worth_a_change_the_reason_and_the_next_step_are_said(
+    time: LoopTime, text: str
+) -> None:
+    assert text in program.conclusion(row(time))
+
+
+NEARLY_PHYSICS = loop({Activity.PHYSICS: 0.9, Activity.PYTHON: 0.1})
+PHYSICS = PhysicsCost(
+    20_000.0,
+    {"broad-phase collision": 0.1, "narrow-phase collision": 0.4, "constraint solver": 0.3},
+    [
+        Cost(CostKind.TYPES, "box and mesh", 12, 0.3),
+        Cost(CostKind.SENSORS, "rangefinder", 8, 0.2),
+    ],
+)
+
+
+def test_a_loop_that_is_nearly_all_physics_is_told_what_costs_in_it() -> None:
+    small = replace(remedy(), gain=0.1)
+    assert program.conclusion(row(NEARLY_PHYSICS, small, physics=PHYSICS)) == (
+        "physics takes 90 % of the loop in train.py:5–9; of a step, 50 % is collision, most of it"
+        " box and mesh (12): 30 %. `mjbench tune` tries settings of the model, `mjbench compare`"
+        " other ways of stepping it. Then, at train.py:7, do otherwise: 50 % of the loop now; with"
+        " the change, the loop takes about 0.90 of today's time"
+    )
+
+
+@pytest.mark.parametrize(("error", "ends"), [(0.02, ""), (0.05, " (0.50 to 0.70)")])
+def test_a_wide_interval_of_a_pair_is_shown(error: float, ends: str) -> None:
+    uncertain = replace(remedy(), gain_error=error)
+    assert program.conclusion(row(MIXED, uncertain)).endswith(f"0.60 of today's time{ends}")
+    assert program.saving(uncertain) == ("40 % (30 to 50 %)" if ends else "40 %")
+
+
+def test_a_large_saving_comes_before_what_costs_in_physics() -> None:
+    assert program.conclusion(row(NEARLY_PHYSICS, remedy(), physics=PHYSICS)).startswith("first, ")
+
+
+def test_the_costly_parts_of_the_model_are_listed() -> None:
+    text = terminal.text_of(program.sections([row(NEARLY_PHYSICS, physics=PHYSICS)]))
+    (line,) = (line for line in text.splitlines() if line.startswith("rangefinder"))
+    assert line.split() == ["rangefinder", "sensors", "8", "20", "%"]
+
+
+def test_the_thread_that_waits_longest_for_the_gil_is_named_with_the_one_that_holds_it() -> None:
+    waits = [GilWait(f"worker {i}", 1, 0.37 - 0.1 * i, "planner", 0.8, PLACE) for i in range(3)]
+    text = terminal.text_of(program.sections([row(MIXED, gil_waits=waits)]))
+    assert (
+        "Threads: at least 37 % of the time of worker 0 waits for the GIL; 2 more wait, too;"
+        " planner holds it for 80 % of the time, most often at train.py:7." in text
+    )
+
+
+def test_calls_of_jax_are_listed_by_line() -> None:
+    calls = [
+        CallTime(call_clock.DISPATCH, 1, thread, PLACE, None, 50.0, 0.25, 0, 1, 0, 0)
+        for thread in (1, 2)
+    ]
+    text = terminal.text_of(program.sections([row(replace(MIXED, calls=calls))]))
+    (line,) = (line for line in text.splitlines() if "jax dispatch" in line)
+    assert line.split() == ["train.py:7", "jax", "dispatch", "100", "5", "ms", "25", "%"]
+
+
+def test_a_program_whose_steps_are_not_counted_has_no_heading_of_steps() -> None:
+    text = terminal.text_of(program.sections([row(loop({Activity.COMPILING: 1.0}))]))
+    assert "train.py: observation\nObserving took" in text
+    assert "train.py: steps" not in text
+
+
+def test_growth_of_memory_is_said_with_what_creates_objects() -> None:
+    call = CallTime("MjData", 1, 1, PLACE, None, 300.0, 0.1, 0, 1, 0, 0)
+    grown = row(replace(MIXED, calls=[call]), memory_growth_bytes=223 << 20)
+    text = terminal.text_of(program.sections([grown]))
+    assert "Memory grew by 223 MiB while it stepped; train.py:7 makes 300 × MjData." in (text)
+
+
+def test_a_wrong_result_stands_at_the_head_of_a_report_once() -> None:
+    shared = replace(remedy(), kind=RemedyKind.RESULT, gain=None, text="one MjData each")
+    other = replace(shared, text="copy the row")
+    time = row(MIXED)
+    section, *_ = program.sections([replace(time, wrong=[shared, shared, other])])
+    first, then = section.conclusions
+    assert first.tone == then.tone == Tone.BAD
+    assert "one MjData each" in first.text
+    assert then.text.startswith("train.py: then, correct a wrong result")
+    assert "copy the row" in then.text
+
+
+@pytest.mark.parametrize(
+    ("processes", "said"),
+    [(0, []), (1, ["Steps were not timed: "]), (3, ["Steps of 3 processes were not timed: "])],
+)
+def test_steps_that_could_not_be_timed_are_said(processes, said):
+    first = next(program.sections([row(MIXED, untimed_processes=processes)]))
+    assert [fact.partition("no space")[0] for fact in first.facts] == said

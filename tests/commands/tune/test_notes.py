@@ -1,0 +1,44 @@
+"""The notes of a search for settings: what figures rest on, and what was left out."""
+
+from dataclasses import replace
+
+from tuning_values import present
+
+from mjbench.commands.tune import notes as tuning_notes
+from mjbench.commands.tune.mesh_notes import MeshNote, Primitive
+from mjbench.commands.tune.result import Attempt, TuneRecord, Withdrawal
+from mjbench.commands.tune.settings import option
+from mjbench.status import Status
+
+PRESENT = present()
+JACOBIAN, TIMESTEP = option("jacobian", "sparse"), option("timestep", "0.004")
+
+
+def test_notes_say_what_figures_rest_on_and_what_was_left_out():
+    of_all = TuneRecord(
+        model="robot",
+        present=PRESENT,
+        withdrawn=[Withdrawal((TIMESTEP,), "diverges in 3 of 64 runs")],
+        attempts=[Attempt((JACOBIAN,), Status.CRASHED, "killed by SIGSEGV")],
+        no_reference="crashed",
+        untried=4,
+        untried_combinations=7,
+        meshes=[MeshNote("arm", "arm_mesh", Primitive.BOX, 0.97)],
+    )
+    notes = "\n".join(tuning_notes.notes(of_all))
+    assert "over 0.5 s of 64 runs" in notes
+    assert "Withdrawn by the second look: timestep=0.004: diverges in 3 of 64 runs" in notes
+    assert "Failed: jacobian=sparse: killed by SIGSEGV" in notes
+    assert "no time for 4 settings" in notes and "no time for 7 combinations" in notes
+    of_reference = "so settings that change the motion are not recommended: crashed"
+    assert f"There is no reference from new starts, {of_reference}" in notes
+    never = "\n".join(tuning_notes.left_out(replace(of_all, present=replace(PRESENT, error=None))))
+    assert f"There is no reference from which to measure errors, {of_reference}" in never
+    assert "fills 97 % of a box" in notes
+    parted = replace(of_all, present=replace(PRESENT, is_comparable=False))
+    assert "part too soon" in "\n".join(tuning_notes.notes(parted))
+
+
+def test_shares_are_in_percent_however_small_they_are():
+    assert tuning_notes.percent(0.0123) == "1.2 %"
+    assert tuning_notes.percent(2e-9) == "2e-07 %"
