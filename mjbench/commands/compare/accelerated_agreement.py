@@ -11,12 +11,20 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjbench.commands.compare.accelerated_run_statistics import figure_measures
 from mjbench.commands.compare.accelerated_single_steps import (
     Budget,
     JudgedConstraints,
     judge_constraints,
     judge_smooth,
     judge_warm_start,
+)
+from mjbench.commands.compare.accelerated_tolerances import (
+    SHADOW_FACTOR,
+    SMOOTH_LIMIT,
+    SOLUTION_LIMIT,
+    STILL_LIMIT,
+    UNCONSTRAINED_RUN_LIMIT,
 )
 from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
 from mjbench.simulation import agreement, compat, reference_trajectory
@@ -33,14 +41,6 @@ from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.reference_trajectory import COMPARED, MAX_SINGLE_STEPS, SingleSteps
 from mjbench.simulation.state_drift import Fields
 from mjbench.simulation.workload import Workload
-from mjbench.verification.accelerated_run_statistics import figure_measures
-from mjbench.verification.accelerated_tolerances import (
-    SHADOW_FACTOR,
-    SMOOTH_LIMIT,
-    SOLUTION_LIMIT,
-    STILL_LIMIT,
-    UNCONSTRAINED_RUN_LIMIT,
-)
 
 # Simulations followed step by step, spread over the batch. Single steps from their states are taken
 # again in every simulation that remains.
