@@ -117,9 +117,6 @@ def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     compiled = path.prepare(workload, variant.options, resources)
     record = dataclasses.replace(
         record,
-        nbatch=workload.nbatch,
-        nstep=workload.nstep,
-        workload_digest=workload.digest(),
         snippet=path.snippet(workload, {**variant.options, **compiled.buffer_sizes}),
         device=compiled.device,
         trace_s=compiled.trace_s,
