@@ -1,4 +1,4 @@
-"""What a Python loop adds to `mj_step`: each habit inside a stepping loop (mjbench.commands.profile.habits)."""
+"""What a Python loop adds to `mj_step`: each habit of `commands/profile/habits.py` in a loop."""
 
 import functools
 from collections.abc import Callable

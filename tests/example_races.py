@@ -115,7 +115,6 @@ def compared(
                 path=variant.path,
                 options=variant.options,
                 nbatch_asked=record.nbatch_asked,
-                nbatch=model.nbatch,
                 closed_loop=paths.find(variant.path).closed_loop,
                 snippet=f"# {variant}",
                 **({"status": left.status, "detail": left.detail} if left else {}),

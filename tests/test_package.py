@@ -39,7 +39,7 @@ def test_the_wheel_has_models_and_templates(packages: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     shipped = {f"mjbench/_models/{path.name}" for path in (ROOT / "models").glob("*.xml")}
     assert shipped <= set(names)
-    assert "mjbench/pages/templates/report.html.j2" in names
+    assert "mjbench/results/templates/report.html.j2" in names
     assert not [name for name in names if name.startswith(("tests", "benchmarks", "results"))]
 
 

@@ -1,10 +1,10 @@
 """Compare the paths of a model: verify all, race those that run C, measure those that compile.
 
-The parent never loads a model. A child verifies all paths (see `comparison.verification`): its
+The parent never loads a model. A child verifies all paths (`verification.path_verification`): its
 messages are gathered, and the model's records are known when it ends, however it ends. A path that
 kills the child loses its own row; the child is started again without it. The launches of the race
 do the verified work (see `paired.race`). Accelerated paths, which compile first, are measured alone
-(see `comparison.accelerated_measurement`).
+(see `compare.accelerated_measurement`).
 """
 
 import itertools
@@ -339,7 +339,8 @@ class ModelChildren:
         return position if record is None or record.status == Status.OK else None
 
     def _blank(self, position: int, status: Status, detail: str) -> MeasurementRecord:
-        return MeasurementRecord.of(self.source.name, self.plan.variants[position], status, detail)
+        variant = self.plan.variants[position]
+        return MeasurementRecord.of(self.source.name, variant, status, detail)
 
     def revise(self, position: int, status: Status, detail: str) -> None:
         """Change what became of a variant after the fact; its snippet and check stay."""
@@ -375,12 +376,6 @@ class ModelChildren:
                     ended, detail=accelerated_measurement.not_compiled(self.plan.limit_s)
                 )
             self.revise(position, ended.status, ended.detail)
-            return
-        assert self.reference is not None
-        digest = self.measured[position].workload_digest
-        if digest not in (None, self.reference.workload_digest):
-            detail = "it did not receive the workload of the paths before"
-            self.measured[position] = self._blank(position, Status.FAILED, detail)
 
     def model_record(self) -> ModelRecord:
         ended = self.ended or Failure(Status.INTERRUPTED, "")
@@ -395,7 +390,7 @@ class ModelChildren:
 
     def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
         """Return the records of all variants, in the plan's order; a race has timed some."""
-        model, untimed = self.model_record(), self._untimed(is_over)
+        untimed = self._untimed(is_over)
         records = []
         for position in range(len(self.plan.variants)):
             record = self.measured.get(position)
@@ -403,7 +398,7 @@ class ModelChildren:
                 record = self._blank(position, untimed.status, untimed.detail)
             elif record.status == Status.OK and position not in timed and not record.samples_s:
                 record = replace(record, status=untimed.status, detail=untimed.detail)
-            records.append(record.with_model(model))
+            records.append(replace(record, nbatch_asked=self.plan.nbatch))
         return tuple(records)
 
     def _untimed(self, is_over: bool) -> Failure:

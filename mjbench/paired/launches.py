@@ -1,8 +1,8 @@
 """Launch targets until a stop rule has enough: the one loop of launches.
 
 A launch is a fresh process, or one for each of two sides, which measures some of the targets once.
-`verdict` launches a baseline and a candidate, `race` ways of stepping, `environment.vectors`
-vectorised forms, and `tuning.measurements` settings.
+`verdict` launches a baseline and a candidate, `race` ways of stepping, and `env.vectors` vectorised
+forms.
 """
 
 import contextlib

@@ -1,1 +1,1 @@
-"""Run files: records, how they are written, read, continued and set beside each other."""
+"""Run files, and what a result comes to, whatever shows it: tables, pages, documents."""

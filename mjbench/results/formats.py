@@ -1,5 +1,7 @@
 """How cells of tables are written: numbers in the digits that mean something, and intervals."""
 
+import csv
+import io
 import math
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
@@ -11,6 +13,10 @@ from mjbench.units import plain
 Form = Callable[[Any], str]
 # The longest bar, in characters.
 _BAR_WIDTH = 30
+# What the formulas of spreadsheets begin with, in narrow and in wide letters.
+_FORMULA = tuple("=+-@\t\r\n＝＋－＠")
+# What a cell of CSV can hold.
+_CsvCell = str | float | int | bool | None
 
 
 class Bounded(Protocol):
@@ -144,3 +150,21 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
 
 def all_machines(number: int) -> str:
     return "both machines" if number == 2 else f"all {number} machines"
+
+
+def csv_text(table: Iterable[Iterable[_CsvCell]]) -> str:
+    """Return rows as CSV (RFC 4180)."""
+    text = io.StringIO()
+    csv.writer(text).writerows(map(_cell, row) for row in table)
+    return text.getvalue()
+
+
+def _cell(cell: _CsvCell) -> _CsvCell:
+    """Return a cell of CSV that no spreadsheet takes for a formula: such a text begins with `'`."""
+    if not isinstance(cell, str) or not cell.startswith(_FORMULA):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell

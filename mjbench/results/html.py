@@ -5,9 +5,8 @@ import urllib.parse
 
 import mjbench
 from mjbench import extras
-from mjbench.commands.show import exports
 from mjbench.errors import MachineError
-from mjbench.results import charts
+from mjbench.results import charts, formats
 from mjbench.results.content import Column, DataTable, Figure, Report, Tone
 
 # What stands before a conclusion, beside its colour.
@@ -72,5 +71,5 @@ def _classes(table: DataTable) -> list[str]:
 
 
 def _csv_address(table: DataTable) -> str:
-    text = exports.csv_text(table.raw_rows)
+    text = formats.csv_text(table.raw_rows)
     return f"data:text/csv;charset=utf-8,{urllib.parse.quote(text, safe=',')}"

@@ -1,6 +1,6 @@
 """Which models cost the same: a digest of what decides the work of a step.
 
-It names a model in the table of step costs (`mjbench.verification.step_costs`). It is made of fields
+It names a model in the table of step costs (`verification.step_costs`). It is made of fields
 that every release compiles alike, by name and rounded, so a model usually has the same digest in
 every release.
 """

@@ -1,1 +1,1 @@
-"""Every way of stepping one model: agreement first, then speed."""
+"""Do all ways of stepping a model reach the same states: plans, reference cases, checks."""

@@ -3,7 +3,7 @@
 An environment's attributes show its framework, not its class, so an environment of the user's own
 needs no package: Gymnasium's has `action_space`, dm_control's a method `action_spec`,
 robosuite's a pair `action_spec`. How it does
-physics is read from its calls of the engine (see `environment.recording`).
+physics is read from its calls of the engine (see `env.recording`).
 """
 
 import random

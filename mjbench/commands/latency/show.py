@@ -14,7 +14,7 @@ from mjbench.units import duration, plain
 # Slow steps have a feature in common if they have so many times as much of it as all steps, and at
 # least this much in every tenth of them.
 _FACTOR, _LEAST = 1.2, 0.1
-# What helps where slow steps have much of a feature, by its name (see `loop.latency`).
+# What helps where slow steps have much of a feature, by its name (see `measure.py`).
 _SCHEDULER = (
     "other programs took the core, physics is not slow: end them, or give the program a core of its"
     " own and a real-time priority (taskset, chrt)"

@@ -36,8 +36,8 @@ from mjbench.errors import InputError
 # The codes of the rules on views that outlive their step, on names looked up in every step, and on
 # arrays created in every step.
 STORED_VIEW, NAMED_ACCESS, NEW_ARRAY = "MJB001", "MJB002", "MJB003"
-# About how many ns a habit of mjbench/commands/profile/habits.py adds to a step of the cart-pole, as stored in
-# results/overhead.json; on another machine, only the order of magnitude is the same.
+# About how many ns a habit of commands/profile/habits.py adds to a step of the cart-pole, as stored
+# in results/overhead.json; on another machine, only the order of magnitude is the same.
 COSTS_NS = {
     "named access by name": 1316.000330677059,
     "allocate zeros": 315.11347004333663,

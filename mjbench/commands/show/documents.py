@@ -8,9 +8,6 @@ from mjbench.commands.compare.advice import (
     Advice,
     ClockAdvice,
     ThreadAdvice,
-    advise,
-    advise_clock,
-    advise_threads,
 )
 from mjbench.commands.compare.crossovers import Crossover, crossovers
 from mjbench.commands.compare.results import ModelResults, PathResult
@@ -54,14 +51,14 @@ class CompareDocument:
 
     @classmethod
     def of(cls, machine: Machine, models: Sequence[ModelResults]) -> "CompareDocument":
-        results = [result for model_results in models for result in model_results.results]
+        results = [result for model in models for result in model.results]
         return cls(
             machine=machine,
             results=results,
-            advice=[advice for model_results in models for advice in advise(model_results)],
-            clock=[clock for m in models if (clock := advise_clock(m)) is not None],
+            advice=[advice for model in models for advice in model.advice],
+            clock=[model.clock_advice for model in models if model.clock_advice is not None],
             crossovers=crossovers(results),
-            threads=[advice for m in models for advice in advise_threads(m)],
+            threads=[advice for model in models for advice in model.thread_advice],
         )
 
 

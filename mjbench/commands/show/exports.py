@@ -1,9 +1,7 @@
 """Run files in the formats of other tools."""
 
-import csv
-import io
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
@@ -14,12 +12,10 @@ from mjbench.commands.versions import show as verdicts
 from mjbench.errors import InputError
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
+from mjbench.results.formats import csv_text
 from mjbench.results.runs import Run
 from mjbench.status import Status
 from mjbench.verification.records import ModelRecord
-
-# What the formulas of spreadsheets begin with, in narrow and in wide letters.
-_FORMULA = tuple("=+-@\t\r\n＝＋－＠")
 
 
 @dataclass(frozen=True)
@@ -66,7 +62,7 @@ def _check_kind(run: Run) -> None:
 def _step_times(run: Run) -> Iterator[ExportedMetric]:
     for r in path_results(run.records):
         if r.step_ns is not None:
-            name = f"{r.model}: {r.variant}, {r.nbatch} simulations"
+            name = f"{r.model}: {r.variant}, {r.model_record.nbatch} simulations"
             yield ExportedMetric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
 
 
@@ -83,24 +79,6 @@ def _ratios(run: Run) -> Iterator[ExportedMetric]:
 def as_csv(run: Run) -> str:
     table = rows.of_run(run)
     return csv_text([list(table[0]) if table else [], *(row.values() for row in table)])
-
-
-def csv_text(table: Iterable[Iterable[rows.Cell]]) -> str:
-    """Return rows as CSV (RFC 4180)."""
-    text = io.StringIO()
-    csv.writer(text).writerows(map(_cell, row) for row in table)
-    return text.getvalue()
-
-
-def _cell(cell: rows.Cell) -> rows.Cell:
-    """Return a cell of CSV that no spreadsheet takes for a formula: such a text begins with `'`."""
-    if not isinstance(cell, str) or not cell.startswith(_FORMULA):
-        return cell
-    try:
-        float(cell)
-    except ValueError:
-        return f"'{cell}"
-    return cell
 
 
 def as_github_action_benchmark(run: Run) -> str:

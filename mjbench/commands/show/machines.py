@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.commands.compare.advice import Advice, advise
+from mjbench.commands.compare.advice import Advice
 from mjbench.commands.compare.results import derive_all, disturbed
 from mjbench.commands.compare.show import mark
 from mjbench.commands.versions import family
@@ -161,7 +161,7 @@ def _advice_answers(
                 text = f"{model.status}: {model.detail}"
                 failure = MachineAnswer("", model.model, name, "", None, None, text)
                 yield from ((_Question(model.model, loop=f"{loop} loop"), failure) for loop in Loop)
-            for advice in advise(results):
+            for advice in results.advice:
                 text = _advice_text(advice)
                 answer = MachineAnswer(
                     "", model.model, name, advice.path, None, advice.speedup, text

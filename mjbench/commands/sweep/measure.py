@@ -34,6 +34,7 @@ from mjbench.status import ExitCode, Status
 # The label of a node that has the name of its machine.
 LABEL = "mjbench-machine"
 _MOST_CELLS = 10_000
+_MOST_BYTES = 1_000_000
 # How long a cluster may take to accept a connection, in seconds.
 _CONNECT_S = 10.0
 # Ray gives its workers a low priority, and hides accelerators that a task did not ask for.
@@ -101,7 +102,11 @@ def load(path: Path, check: Callable[[Sequence[str]], None]) -> tuple[Plan, list
     """
     key = ""
     try:
-        plan = msgspec.toml.decode(path.read_bytes(), type=Plan)
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES + 1)
+        if len(content) > _MOST_BYTES:
+            raise InputError(f"a plan has at most {_MOST_BYTES:,} bytes")
+        plan = msgspec.toml.decode(content, type=Plan)
         key = "command: "
         words = shlex.split(plan.command)
         values: dict[str, list[str]] = {}

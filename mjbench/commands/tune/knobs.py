@@ -29,7 +29,7 @@ class Knob:
     Attributes:
       name: that of its option or flag, where it is one.
       values: returns the settings worth trying.
-      stages: of a step (see `loop.profile.stages`) that it can speed up; empty for the whole step.
+      stages: of a step (`profile.measure.stages`) that it can speed up; empty for the whole step.
       changes: what it may change, in one short sentence.
       helps: why it can, where it is not for its stages, in a few words.
       slow: what it prevents that is slower than runs of a second show, in one short sentence.

@@ -339,7 +339,10 @@ def test_a_file_that_is_not_python_is_bad_input(tmp_path: Path, text: str) -> No
 
 
 def test_linting_imports_no_engine() -> None:
-    code = "import sys, mjbench.commands.lint.check; sys.exit('mujoco' in sys.modules or 'numpy' in sys.modules)"
+    code = (
+        "import sys, mjbench.commands.lint.check;"
+        " sys.exit('mujoco' in sys.modules or 'numpy' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT)
     assert done.returncode == 0
 
@@ -353,7 +356,10 @@ def test_codes_are_unique_and_each_rule_is_explained() -> None:
 
 
 def test_rules_are_explained_where_python_drops_docstrings() -> None:
-    code = "from mjbench.commands.lint.check import RULES; print(*(rule.explanation for rule in RULES))"
+    code = (
+        "from mjbench.commands.lint.check import RULES;"
+        " print(*(rule.explanation for rule in RULES))"
+    )
     command = [sys.executable, "-OO", "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.strip() == " ".join(rule.explanation for rule in RULES).strip(), done.stderr

@@ -47,7 +47,7 @@ def test_the_profiler_ends_with_mjbench_however_that_ends(tmp_path):
     program = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
-        "from mjbench.program import py_spy\n"
+        "from mjbench.commands.run import py_spy\n"
         "py_spy.program = lambda: sys.argv[1] + '/py-spy'\n"
         "py_spy.start(os.getpid(), Path(sys.argv[1]), 10, False)\n"
         "signal.pause()"

@@ -95,6 +95,11 @@ def test_a_plan_that_cannot_be_read_is_one_line(tmp_path: Path, content: bytes |
         sweep.load(file, check_command)
 
 
+def test_a_plan_without_end_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^/dev/zero: a plan has at most"):
+        sweep.load(Path("/dev/zero"), check_command)
+
+
 def test_a_command_takes_all_processors_of_the_largest_node() -> None:
     nodes = [
         {"Alive": True, "Resources": {"CPU": 4.0}, "Labels": {sweep.LABEL: "small"}},

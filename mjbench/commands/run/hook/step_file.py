@@ -1,4 +1,4 @@
-"""The file into which the step clock of a process writes; `mjbench.commands.run.step_times` reads it."""
+"""The file into which the step clock of a process writes; `run/step_times.py` reads it."""
 
 import functools
 import itertools
