@@ -14,6 +14,7 @@ from benchmarks.studies import gpu, tally_file
 from benchmarks.studies.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
 from mjbench.commands.compare import accelerated_agreement, accelerated_single_steps, advice
+from mjbench.commands.compare import accelerated_tolerances as tolerances
 from mjbench.commands.compare.results import PathResult, derive_all
 from mjbench.commands.env import show as environment
 from mjbench.commands.latency import measure as latency
@@ -35,7 +36,6 @@ from mjbench.results import runs
 from mjbench.simulation import changed_work, engine_clock, starts, workload, workload_sampling
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.testing import callables, fixture
-from mjbench.verification import accelerated_tolerances as tolerances
 from mjbench.verification import plan
 
 

@@ -141,7 +141,7 @@ _OUTCOMES: Mapping[Status, str] = {
 def _cases(run: Run) -> Iterator[_Case]:
     yield from _path_cases(run)
     rows_of_verdicts = [record.row() for record in run.of_type(VerdictRecord)]
-    decided = family.decide(rows_of_verdicts, family.confidence_of(run.header))
+    decided = family.adjust_for_family(rows_of_verdicts, family.confidence_of(run.header))
     for row in rows_of_verdicts:
         outcome = _OUTCOMES.get(row.status, "error")
         if row in decided.slower or row.changed_work:

@@ -202,7 +202,7 @@ def _verdict_answers(
         return [], ""
     # of runs that were asked for different confidences, the highest holds for all
     confidence = max(family.confidence_of(run.header) for run, _, _ in judged)
-    decided = family.decide([row for _, _, row in judged], confidence)
+    decided = family.adjust_for_family([row for _, _, row in judged], confidence)
     answers = []
     for run, name, row in judged:
         question = _comparison(row, run)

@@ -21,7 +21,7 @@ from typing import Any
 from mjbench.commands.tune import knobs, pareto_front
 from mjbench.commands.tune.measurements import CMeasurements, summary, with_accuracy, with_figures
 from mjbench.commands.tune.pareto_front import effect_of, error_of, is_allowed
-from mjbench.commands.tune.reference import Present
+from mjbench.commands.tune.reference import CurrentSettings
 from mjbench.commands.tune.result import (
     Attempt,
     Effect,
@@ -206,8 +206,7 @@ class CSearch:
         """Run the present settings, and the reference, from new starts; return the error there."""
         first = self._present
         self._advance(3, "present settings from new starts", 0.0)
-        lengths = first.ncontrol, first.horizon_ncontrol
-        present, _, _ = self._measure.present(self._plan.trials(1, *lengths))
+        present, _, _ = self._measure.present(self._plan.trials(1, first.ncontrol))
         if first.error is None:
             self._set(present=present)
         elif needs_error:
@@ -270,7 +269,7 @@ class CSearch:
     # -- what settings may do -----------------------------------------------------------------
 
     @property
-    def _present(self) -> Present:
+    def _present(self) -> CurrentSettings:
         assert self._record.present is not None, "attempts follow the present runs"
         return self._record.present
 
@@ -292,7 +291,7 @@ class CSearch:
             return False
         return error_of(attempt) <= (self._plan.max_error or MOST_ERROR)
 
-    def _reference(self, horizon_ncontrol: int | None = None) -> Present | None:
+    def _reference(self, horizon_ncontrol: int | None = None) -> CurrentSettings | None:
         """Run the reference; None where it fails or there is no time, which the record says."""
         begin_s = self._clock()
         left_s = self._end_s(1.0) - begin_s

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from mjbench.commands.tune import edited_model, knobs, mesh_notes, reference, usual_regime
 from mjbench.commands.tune.mesh_notes import MeshNote
-from mjbench.commands.tune.reference import HOLD, Baseline, Present, TrialPlan
+from mjbench.commands.tune.reference import HOLD, Baseline, CurrentSettings, TrialPlan
 from mjbench.commands.tune.result import Attempt, fresh_ratio, log_ratio
 from mjbench.commands.tune.setting_launch import (
     SearchFiles,
@@ -61,7 +61,7 @@ class CMeasurements:
         plan = seed, self._starts, self._hold, computing_s
         return isolate.call(look, self._source, *plan, limit_s=self._limit_s)
 
-    def present(self, plan: TrialPlan) -> tuple[Present, Mapping[str, float], float]:
+    def present(self, plan: TrialPlan) -> tuple[CurrentSettings, Mapping[str, float], float]:
         """Draw the trials of launches; return what the present settings do from there.
 
         Returns:
@@ -69,7 +69,7 @@ class CMeasurements:
         """
         return isolate.call(run_present, self._source, plan, self._files, limit_s=self._long_s)
 
-    def reference(self, horizon_ncontrol: int | None = None) -> Present:
+    def reference(self, horizon_ncontrol: int | None = None) -> CurrentSettings:
         """Run the reference, to a horizon if there is one; return what the present settings do."""
         files = self._files, horizon_ncontrol
         return isolate.call(run_reference, self._source, *files, limit_s=self._long_s)
@@ -148,7 +148,7 @@ def look(
 
 def run_present(
     source: ModelSource, plan: TrialPlan, files: SearchFiles, channel: Channel
-) -> tuple[Present, Mapping[str, float], float]:
+) -> tuple[CurrentSettings, Mapping[str, float], float]:
     channel.doing(f"running {source.name} with its present settings")
     model = edited_model.compiled(source, ())
     baseline = reference.present_runs(model, plan)
@@ -160,7 +160,7 @@ def run_present(
 
 def run_reference(
     source: ModelSource, files: SearchFiles, horizon_ncontrol: int | None, channel: Channel
-) -> Present:
+) -> CurrentSettings:
     channel.doing(f"running the reference of {source.name}")
     model = models.load(ModelSource(source.name, files.model))
     baseline: Baseline = pickle.loads(files.baseline.read_bytes())

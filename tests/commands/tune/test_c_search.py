@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from tuning_values import NOTHING, PRESENT_ERROR, apart, blocks, present
+from tuning_values import PRESENT_ERROR, apart, blocks, present
 
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune import pareto_front
@@ -87,7 +87,7 @@ class Planted:
             error = PRESENT_ERROR + sum(each[2] for each in of_each)
             changed = max(self.changed_sensors.get(label, 0) for label in labels)
             apart_from = apart(error) if self.has_reference else None
-            accuracy = Accuracy(effect, apart_from, apart(error), NOTHING, [error] * 64, changed)
+            accuracy = Accuracy(effect, apart_from, apart(error), [error] * 64, changed)
             attempt = replace(attempt, accuracy=accuracy)
         if request.timed_s:
             noise = 1 + 0.002 * (len(self.asked) % 3)
@@ -467,7 +467,7 @@ def test_where_errors_cannot_be_compared_nothing_that_changes_the_motion_is_reco
 
 
 def faster(label, effect, ratio, **keywords):
-    accuracy = Accuracy(effect, apart(0.1), apart(0.1), NOTHING, [0.1] * 64)
+    accuracy = Accuracy(effect, apart(0.1), apart(0.1), [0.1] * 64)
     settings = (setting(label, **keywords),)
     return Attempt(settings, Status.OK, accuracy=accuracy, ratio=Ratio(ratio, None, None))
 
