@@ -61,7 +61,6 @@ def raced(
             "steps": _STEPS,
             "variants": variants,
             "groups": [compete, closed_loop],
-            "stolen_share": 0.0,
             **fields,
         }
     )
@@ -115,7 +114,6 @@ def compared(
                 path=variant.path,
                 options=variant.options,
                 nbatch_asked=record.nbatch_asked,
-                nbatch=model.nbatch,
                 closed_loop=paths.find(variant.path).closed_loop,
                 snippet=f"# {variant}",
                 **({"status": left.status, "detail": left.detail} if left else {}),

@@ -61,11 +61,12 @@ WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 def model_record(**fields: Any) -> ModelRecord:
     """Return a model's record: 10 simulations of 100 steps of 2 ms."""
     usual = {"model": "m", "status": Status.OK, "facts": FACTS, "nbatch": 10, "nstep": 100}
+    usual |= {"diverged": 0, "workload_digest": "w"}
     return ModelRecord(**{**usual, "hold": 1, "work": WORK, "reduced": False, **fields})
 
 
 def measurement(**fields: Any) -> MeasurementRecord:
-    """Return the record of a path that agrees: 10 simulations of 100 steps."""
+    """Return the record of a path that agrees."""
     usual: dict[str, Any] = {
         "model": "m",
         "path": "python_loop",
@@ -73,12 +74,6 @@ def measurement(**fields: Any) -> MeasurementRecord:
         "status": Status.OK,
         "agrees": True,
         "agreement": "bit-identical",
-        "nbatch": 10,
-        "nstep": 100,
-        "hold": 1,
-        "diverged": 0,
-        "workload_digest": "w",
-        "work": WORK,
         "snippet": "pass",
     }
     return MeasurementRecord(**{**usual, **fields})

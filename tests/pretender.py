@@ -90,6 +90,7 @@ class Pretender(AcceleratedPath):
             _nothing,
             _nothing,
             final_states,
+            workload=work,
             advance=advance,
             reload=_nothing,
             device=CPU,

@@ -1,18 +1,16 @@
 """Values that tests of tuning share: distances, and what present settings do."""
 
 from mjbench.commands.tune.accuracy import Distance, Units
-from mjbench.commands.tune.contact_and_energy import Physics
-from mjbench.commands.tune.reference import Present
+from mjbench.commands.tune.reference import CurrentSettings
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.starts import Starts, Window
 
-NOTHING = Physics(0.0, 0.0, 0.0, 0.0)
 PRESENT_ERROR = 0.02
 
 
 def apart(share):
-    """Return a distance of positions and velocities, in metres as large as its share."""
-    return Distance(share, Units(share, None), Units(share, None))
+    """Return a distance of positions, in metres as large as its share."""
+    return Distance(share, Units(share, None))
 
 
 def blocks(ratio):
@@ -25,7 +23,7 @@ def blocks(ratio):
 def present(error=PRESENT_ERROR, is_comparable=True, solver_limited=0.0):
     """Return what the present settings do, with an error."""
     window = Window(64, 248, 1.0, solver_limited, None, None, 0, None, {})
-    return Present(
+    return CurrentSettings(
         nrun=64,
         horizon_s=0.5,
         horizon_ncontrol=31,
@@ -36,9 +34,5 @@ def present(error=PRESENT_ERROR, is_comparable=True, solver_limited=0.0):
         error=apart(error),
         rounding=apart(1e-15),
         solver=apart(1e-2 if solver_limited else 1e-8),
-        motion_m=1.0,
-        motion_rad=None,
-        physics=NOTHING,
-        reference_physics=NOTHING,
         converged_error=apart(0.1 * error),
     )

@@ -70,9 +70,7 @@ def _models(run: "Run") -> "list[ModelResults]":
 
 
 def _advised(model: "ModelResults") -> "list[Advice]":
-    from mjbench.commands.compare import advice
-
-    rows = {row.loop: row for row in advice.advise(model)}
+    rows = {row.loop: row for row in model.advice}
     return [rows[loop] for loop in _NAMES]
 
 

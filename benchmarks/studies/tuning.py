@@ -157,10 +157,9 @@ def checked(
     if record.present is None:
         return promises
     measurements = CMeasurements(pool, source, StartPlan())
-    lengths = record.present.ncontrol, record.present.horizon_ncontrol
     settings = [tuple(each.settings) for each in record.front]
     for look in range(LOOKS):
-        measurements.present(plan.trials(2 + look, *lengths))
+        measurements.present(plan.trials(2 + look, record.present.ncontrol))
         if record.present.error is not None:
             measurements.reference(record.present.horizon_ncontrol)
         for number, attempt in enumerate(

@@ -19,8 +19,8 @@ from mjbench.commands.compare import show as report
 from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
 from mjbench.commands.compare.results import derive_all
 from mjbench.errors import Failure, failure_of
-from mjbench.host import isolate, machine, neighbours
-from mjbench.host.machine import CoreChange, ProcessorTime
+from mjbench.host import isolate, machine
+from mjbench.host.disturbance import Watch
 from mjbench.paired import launches
 from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
@@ -169,8 +169,7 @@ class ComparedModel:
         """
         self._pool, self._plan, self._name = pool, plan, source.name
         self._shares, self._of_sizes, self._observer = shares, of_sizes, observer
-        self._begin_s, self._processor_time = time.monotonic(), ProcessorTime.now()
-        self._cores = machine.allowed_cores()
+        self._begin_s, self._watch = time.monotonic(), Watch()
         self._children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
         self._race: RaceRecord | None = None
         self._is_complete = False
@@ -227,7 +226,7 @@ class ComparedModel:
 
     def _take_race(self, record: RaceRecord) -> None:
         """Take what a race has come to, and show it."""
-        self._race = self._with_disturbance(record)
+        self._race = replace(record, disturbance=self._watch.look())
         for unable in record.unable:
             index = self._plan.variants.index(record.variants[unable.variant])
             self._children.revise(index, unable.status, unable.detail)
@@ -236,18 +235,6 @@ class ComparedModel:
         text = f"{self._name}: launch {len(record.launches)}, {left} paths left"
         self._show_progress(text, min(1.0, max(_VERIFICATION_SHARE, spent)))
         self._show_known()
-
-    def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
-        earlier = self._race or record
-        names = sorted(
-            {*earlier.neighbours, *(each.command for each in neighbours.measuring_now())}
-        )
-        return replace(
-            record,
-            stolen_share=ProcessorTime.now().stolen_since(self._processor_time),
-            neighbours=names,
-            core_change=earlier.core_change or CoreChange.since(self._cores),
-        )
 
     def _run_accelerated(self) -> None:
         for index in self._plan.accelerated:
@@ -339,7 +326,8 @@ class ModelChildren:
         return position if record is None or record.status == Status.OK else None
 
     def _blank(self, position: int, status: Status, detail: str) -> MeasurementRecord:
-        return MeasurementRecord.of(self.source.name, self.plan.variants[position], status, detail)
+        variant = self.plan.variants[position]
+        return MeasurementRecord.of(self.source.name, variant, status, detail)
 
     def revise(self, position: int, status: Status, detail: str) -> None:
         """Change what became of a variant after the fact; its snippet and check stay."""
@@ -375,12 +363,6 @@ class ModelChildren:
                     ended, detail=accelerated_measurement.not_compiled(self.plan.limit_s)
                 )
             self.revise(position, ended.status, ended.detail)
-            return
-        assert self.reference is not None
-        digest = self.measured[position].workload_digest
-        if digest not in (None, self.reference.workload_digest):
-            detail = "it did not receive the workload of the paths before"
-            self.measured[position] = self._blank(position, Status.FAILED, detail)
 
     def model_record(self) -> ModelRecord:
         ended = self.ended or Failure(Status.INTERRUPTED, "")
@@ -395,7 +377,7 @@ class ModelChildren:
 
     def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
         """Return the records of all variants, in the plan's order; a race has timed some."""
-        model, untimed = self.model_record(), self._untimed(is_over)
+        untimed = self._untimed(is_over)
         records = []
         for position in range(len(self.plan.variants)):
             record = self.measured.get(position)
@@ -403,7 +385,7 @@ class ModelChildren:
                 record = self._blank(position, untimed.status, untimed.detail)
             elif record.status == Status.OK and position not in timed and not record.samples_s:
                 record = replace(record, status=untimed.status, detail=untimed.detail)
-            records.append(record.with_model(model))
+            records.append(replace(record, nbatch_asked=self.plan.nbatch))
         return tuple(records)
 
     def _untimed(self, is_over: bool) -> Failure:

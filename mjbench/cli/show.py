@@ -154,10 +154,10 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
 
 
 def _show_differences(old: Path, new: Path, options: ShowOptions) -> None:
-    from mjbench.commands.show.documents import ResultsDocument
     from mjbench.commands.show.kinds import RECORD_TYPES
     from mjbench.commands.show.run_differences import differences, differences_section
     from mjbench.results import runs
+    from mjbench.results.json_form import ResultsDocument
 
     with RunContext(options.json_file, [old, new]) as run:
         rows = differences(

@@ -47,8 +47,9 @@ def sweep(plan: Path, options: SweepOptions) -> None:
       mjbench sweep plan.toml
       mjbench sweep plan.toml --address auto
     """
-    from mjbench.commands.show.documents import ResultsDocument, SweepRow
+    from mjbench.commands.show.documents import SweepRow
     from mjbench.commands.sweep import measure as sweeps
+    from mjbench.results.json_form import ResultsDocument
 
     target = options.output or SWEEPS_FOLDER / plan.stem
     with RunContext(options.json_file, [plan]) as run:

@@ -5,7 +5,6 @@ This module runs in the environment of any release, with the packages of the pat
 
 import os
 import pickle
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -51,15 +50,12 @@ def compiled_step(
     Args:
       cache: folder of compiled programs, which processes of one environment share.
     """
-    path = _available(path_name)
+    path, workload = _loaded(source, path_name, workload_file)
     _use_cache(path, cache)
-    workload = _workload(path, source, workload_file)
     stored = {*cache.rglob("*")}
     compiled, took = _compiled(path, workload, Resources(workload), _requests(path))
     took = replace(took, is_cached=stored == {*cache.rglob("*")})
-    return PreparedCall(
-        compiled.clear, compiled.run, lambda: _result(compiled, workload), lambda: took
-    )
+    return PreparedCall(compiled.clear, compiled.run, lambda: _result(compiled), lambda: took)
 
 
 def compilation(source: ModelSource, path_name: str, workload_file: Path) -> PreparedCall:
@@ -68,8 +64,7 @@ def compilation(source: ModelSource, path_name: str, workload_file: Path) -> Pre
     Its result is that of `compiled_step`, too. MuJoCo Warp compiles once in a process, so only its
     first call is such.
     """
-    path = _available(path_name)
-    workload = _workload(path, source, workload_file)
+    path, workload = _loaded(source, path_name, workload_file)
     resources, requests = Resources(workload), _requests(path)
     last = list[tuple[Compiled, Compilation]]()
     reference_peaks(workload, resources)  # by which buffers are sized
@@ -85,7 +80,7 @@ def compilation(source: ModelSource, path_name: str, workload_file: Path) -> Pre
     return PreparedCall(
         prepare,
         lambda: last.append(_compiled(path, workload, resources, requests)),
-        lambda: _result(last[0][0], workload),
+        lambda: _result(last[0][0]),
         lambda: last[0][1],
     )
 
@@ -107,41 +102,28 @@ def _compiled(
     path: AcceleratedPath, workload: Workload, resources: Resources, requests: Sequence[str]
 ) -> tuple[Compiled, Compilation]:
     compiled = path.prepare(workload, {}, resources)
-    compiled.clear()
-    begin_s = time.perf_counter()
-    compiled.run()
-    first_run_s = time.perf_counter() - begin_s
-    programs = len(requests) or None
-    return compiled, Compilation(compiled.trace_s, compiled.compile_s, first_run_s, programs)
+    took = compiled.trace_s, compiled.compile_s, compiled.block_s()
+    return compiled, Compilation(*took, len(requests) or None)
 
 
-def _available(path_name: str) -> AcceleratedPath:
+def _loaded(source: ModelSource, path_name: str, file: Path) -> tuple[AcceleratedPath, Workload]:
     path = accelerated_path(path_name)
-    if reason := path.unavailable():
-        raise UnavailableError(reason)
     for name, value in path.environment().items():
         if value is None:
             os.environ.pop(name, None)
         else:
             os.environ[name] = value
-    return path
-
-
-def _workload(path: AcceleratedPath, source: ModelSource, file: Path) -> Workload:
     workload = restore(models.load(source), pickle.loads(file.read_bytes()))
-    if reason := path.unsuited(workload, {}):
+    if reason := path.cannot_run(workload, {}):
         raise UnavailableError(reason)
-    return workload
+    return path, workload
 
 
-def _result(compiled: Compiled, workload: Workload) -> dict[str, np.ndarray]:
+def _result(compiled: Compiled) -> dict[str, np.ndarray]:
     """Check where the last run ended; return what `compiled_step` says."""
-    states = compiled.final_states()
-    lost = (~np.isfinite(states.values) & (True if states.mask is None else states.mask)).any(1)
-    if lost.any():
-        raise MachineError(
-            f"{lost.sum()} of {workload.nbatch} simulations do not end in finite numbers"
-        )
+    workload = compiled.workload
+    if lost := compiled.lost():
+        raise MachineError(f"{lost} of {workload.nbatch} simulations do not end in finite numbers")
     after = compiled.advance(start_fields(workload), workload.control, 1).fields
     return {name: after[name].astype(np.float32) for name in _COMPARED}
 

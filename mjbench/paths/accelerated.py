@@ -18,6 +18,7 @@ import numpy as np
 
 from mjbench import extras, paths
 from mjbench.errors import InputError, one_line
+from mjbench.measuring import timing
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
 from mjbench.simulation import compat, reference_run
 from mjbench.simulation.accelerated_judgement import Precision
@@ -60,7 +61,9 @@ Advance = Callable[[Mapping[str, np.ndarray], np.ndarray, int], StepOutcome]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compiled(Prepared):
-    """A run that was compiled for one batch size and number of controls.
+    """A workload's run, compiled for its batch size and number of controls.
+
+    Whoever measures MJX or Warp warms up, times and checks it by this.
 
     Attributes:
       advance: the same program as `run`, called with any states, controls and number of steps.
@@ -75,6 +78,7 @@ class Compiled(Prepared):
         engine's cache; None where unknown. It compiles once more to fill a cache.
     """
 
+    workload: Workload
     advance: Advance
     reload: Callable[[], None]
     device: str
@@ -84,6 +88,16 @@ class Compiled(Prepared):
     buffer_sizes: Mapping[str, int]
     gpu_memory_bytes: Callable[[], int | None]
     cached_compile_s: Callable[[], float | None] = lambda: None
+
+    def block_s(self) -> float:
+        """Return the seconds of one run; the first run warms up."""
+        return timing.block_s(timing.Contender(self.run, before=self.clear))
+
+    def lost(self) -> int:
+        """Return how many simulations of the last run do not end in finite numbers."""
+        states = self.final_states()
+        is_known = True if states.mask is None else states.mask
+        return int((~np.isfinite(states.values) & is_known).any(axis=1).sum())
 
 
 class AcceleratedPath(SteppingPath):

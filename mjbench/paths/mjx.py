@@ -111,6 +111,7 @@ class Mjx(AcceleratedPath):
             program.run,
             program.clear,
             program.final_states,
+            workload=workload,
             advance=program.advance,
             reload=program.reload,
             device=device.platform if is_cpu else device.device_kind,

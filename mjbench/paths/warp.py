@@ -80,6 +80,7 @@ class Warp(AcceleratedPath):
             graph.run,
             graph.clear,
             graph.final_states,
+            workload=workload,
             advance=graph.advance,
             reload=graph.reload,
             device=CPU if device.is_cpu else device.name,

@@ -5,13 +5,32 @@ its properties the figures that follow from them. `in_json` says which of both i
 that of a dataclass without it has all its fields.
 """
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, TypeVar
 
+from mjbench.host.machine import Machine
 from mjbench.results import runs
 
 _T = TypeVar("_T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultsDocument:
+    """The document of a command whose results do not depend on one machine."""
+
+    schema: int = runs.SCHEMA
+    results: Sequence[object]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineResultsDocument:
+    """The document of a command that has only results, of one machine."""
+
+    schema: int = runs.SCHEMA
+    machine: Machine
+    results: Sequence[object]
 
 
 def in_json(
@@ -21,7 +40,7 @@ def in_json(
 
     Args:
       keys: in their order; without any, all fields.
-      attributes: field or property behind a key of another name.
+      attributes: field or property behind a key of another name, such as `model.nbatch`.
     """
 
     def declare(kind: Any) -> Any:
@@ -48,4 +67,7 @@ def _form(value: Any) -> Any:
         return [_form(item) for item in value]
     if not is_dataclass(value):
         return value
-    return {key: _form(getattr(value, name)) for key, name in _json_attributes(value).items()}
+    return {
+        key: _form(operator.attrgetter(name)(value))
+        for key, name in _json_attributes(value).items()
+    }

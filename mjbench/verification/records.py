@@ -5,7 +5,7 @@ apply.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from mjbench import paths
@@ -24,9 +24,6 @@ from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 from mjbench.verification.plan import Variant
-
-# How a variant ended, and not its model.
-_OWN_ENDING = {"status", "detail"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +79,7 @@ class ModelRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasurementRecord:
-    """One variant on one model; fields that `ModelRecord` has too are the same there.
+    """One variant on one model at one size, which is that of a `ModelRecord` (see `of_model`).
 
     Attributes:
       agrees: whether it does what the reference does; None where that was not compared or judged.
@@ -106,16 +103,6 @@ class MeasurementRecord:
     agreement: str = ""
     closed_loop: bool = False
     snippet: str = ""
-    nbatch: PositiveInt | None = None
-    nstep: PositiveInt | None = None
-    hold: PositiveInt | None = None
-    returns: Product | None = None
-    seed: Int64 | None = None
-    diverged: NonNegativeInt | None = None
-    warnings: Mapping[str, NonNegativeInt] | None = None
-    workload_digest: str | None = None
-    state_digest: str | None = None
-    work: Work | None = None
     nbatch_asked: PositiveInt | None = None
     precision: Precision | None = None
     device: str | None = None
@@ -128,10 +115,6 @@ class MeasurementRecord:
     versions: Mapping[str, str] | None = None
     buffer_sizes: Mapping[str, PositiveInt] | None = None
     samples_s: Sequence[PositiveFloat] = field(default=())
-
-    def __post_init__(self) -> None:
-        if self.samples_s and (self.nbatch is None or self.nstep is None):
-            raise ValueError("it was timed, but nbatch or nstep is missing")
 
     @property
     def is_accelerated(self) -> bool:
@@ -151,11 +134,6 @@ class MeasurementRecord:
             closed_loop=path.closed_loop,
             precision=path.precision if isinstance(path, AcceleratedPath) else None,
         )
-
-    def with_model(self, model: ModelRecord) -> "MeasurementRecord":
-        """Return the record with what the record of its model has, too, but how that ended."""
-        shared = {each.name for each in fields(self)} & {each.name for each in fields(model)}
-        return replace(self, **{name: getattr(model, name) for name in shared - _OWN_ENDING})
 
 
 class OfModel(Protocol):

@@ -14,7 +14,7 @@ import pytest
 from mjbench.errors import MachineError
 from mjbench.measuring.calls import Compilation, PreparedCall
 from mjbench.paired import accelerated_function
-from mjbench.paths.accelerated import accelerated_path
+from mjbench.paths.accelerated import CPU, Compiled, accelerated_path
 from mjbench.paths.base import States
 from mjbench.paths.warp import CACHE_VARIABLE
 from mjbench.paths.warp_buffers import OverflowedError
@@ -29,7 +29,22 @@ class Program:
         self.log: list[str] = []
         self.ends = States(simulations.initial_state.copy())
         self.overflows = False
-        self.trace_s, self.compile_s = 0.5, 1.0
+
+    def compiled(self, simulations: Workload) -> Compiled:
+        return Compiled(
+            self.run,
+            self.clear,
+            self.final_states,
+            workload=simulations,
+            advance=self.advance,
+            reload=self.clear,
+            device=CPU,
+            trace_s=0.5,
+            compile_s=1.0,
+            is_deterministic=True,
+            buffer_sizes={},
+            gpu_memory_bytes=lambda: None,
+        )
 
     def clear(self) -> None:
         self.log.append("clear")
@@ -65,19 +80,18 @@ def program(simulations: Workload) -> Program:
 def step(
     simulations: Workload, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> PreparedCall:
-    path = stub_path(lambda *_: program)
+    path = stub_path(lambda *_: program.compiled(simulations))
     monkeypatch.setattr(accelerated_function, "accelerated_path", lambda name: path)
     return accelerated_function.compiled_step(
         SOURCE, "mjx", stored(simulations, tmp_path), tmp_path
     )
 
 
-def stub_path(prepare: Callable[..., Program], **others: object) -> SimpleNamespace:
+def stub_path(prepare: Callable[..., Compiled], **others: object) -> SimpleNamespace:
     usual: dict[str, object] = {
         "packages": (),
-        "unavailable": lambda: None,
         "environment": dict,
-        "unsuited": lambda *_: None,
+        "cannot_run": lambda *_: None,
     }
     return SimpleNamespace(prepare=prepare, **(usual | others))
 
@@ -94,7 +108,7 @@ def test_compiling_anew_is_timed_without_what_a_process_has_kept(
     log: list[str] = []
     programs: list[Program] = []
 
-    def prepare(*_: object) -> Program:
+    def prepare(*_: object) -> Compiled:
         log.append("compile")
         (listener,) = listeners
         for event in (
@@ -104,7 +118,7 @@ def test_compiling_anew_is_timed_without_what_a_process_has_kept(
         ):
             listener(event, 0.1, name="step")
         programs.append(Program(simulations))
-        return programs[-1]
+        return programs[-1].compiled(simulations)
 
     path = stub_path(prepare, packages=("jax",), environment=lambda: {_CACHE: None})
     listeners: list[Callable[..., None]] = []
@@ -154,10 +168,10 @@ def test_a_program_is_of_the_cache_where_compiling_adds_nothing_to_it(
     cache = tmp_path / "cache"
     cache.mkdir()
 
-    def prepare(*_: object) -> Program:
+    def prepare(*_: object) -> Compiled:
         if is_new:
             (cache / "program").touch()
-        return Program(simulations)
+        return Program(simulations).compiled(simulations)
 
     path = stub_path(prepare)
     monkeypatch.setattr(accelerated_function, "accelerated_path", lambda name: path)

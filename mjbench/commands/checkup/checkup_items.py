@@ -114,7 +114,7 @@ def _of_paths(
 ) -> Iterator[CheckupItem]:
     """Yield the ways of stepping that `compare` advises, and the timer, unless settings have it."""
     command = f"mjbench compare {target}"
-    advised = [each for each in advice.advise(model_results) if each.speedup is not None]
+    advised = [each for each in model_results.advice if each.speedup is not None]
     for row in {str(each.variant): each for each in advised}.values():
         loops = {each.loop for each in advised if each.variant == row.variant}
         yield CheckupItem(
@@ -134,7 +134,7 @@ def _of_paths(
         if each.effect != Effect.APPROXIMATE
         for setting in each.settings
     ]
-    clock = advice.advise_clock(model_results)
+    clock = model_results.clock_advice
     if clock is not None and not any(setting.loop.is_clock_off for setting in settings):
         yield CheckupItem(
             action=f"turn off {engine_clock.TIMER_NAME}:"
@@ -150,7 +150,8 @@ def _of_paths(
 
 
 def _whose(row: Advice, loops: set[Loop]) -> str:
-    count = f"{row.nbatch} simulations at once" if row.nbatch else "many simulations at once"
+    nbatch = row.result.model_record.nbatch
+    count = f"{nbatch} simulations at once" if nbatch else "many simulations at once"
     if loops == {Loop.OPEN}:
         return f", for {count} with controls known beforehand"
     return f", for {count}" if Loop.OPEN in loops else f", for {count} in RL"

@@ -190,7 +190,7 @@ def _is_certain(run: Run) -> bool:
         return False
     if parts[0].kind != TargetKind.MODEL:
         return True
-    rows = [row for results in derive_all(run.records) for row in advice.advise(results)]
+    rows = [row for results in derive_all(run.records) for row in results.advice]
     searches = run.of_type(TuneRecord)
     is_decided = bool(rows) and all(row.is_certain for row in rows)
     return is_decided and bool(searches) and all(map(_is_decided, searches))
@@ -226,7 +226,7 @@ def _why_nothing(run: Run) -> str:
 
 
 def _why_no_path(results: ModelResults) -> str:
-    rows = advice.advise(results)
+    rows = results.advice
     if not rows:
         return "other ways of stepping were not timed"
     if all(row.is_certain for row in rows):
@@ -351,8 +351,8 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
             yield from _step_lines(run.of_type(ProfileRow))
         case CheckupPart.PATHS:
             for results in derive_all(run.records):
-                yield from map(advice.conclusion, advice.advise(results))
-                if (clock := advice.advise_clock(results)) is not None:
+                yield from map(advice.conclusion, results.advice)
+                if (clock := results.clock_advice) is not None:
                     yield advice.clock_conclusion(clock)
         case CheckupPart.SETTINGS:
             for record in run.of_type(TuneRecord):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjbench.commands.compare.accelerated_run_statistics import figure_measures
 from mjbench.commands.compare.accelerated_single_steps import (
     Budget,
     JudgedConstraints,
@@ -18,7 +19,14 @@ from mjbench.commands.compare.accelerated_single_steps import (
     judge_smooth,
     judge_warm_start,
 )
-from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
+from mjbench.commands.compare.accelerated_tolerances import (
+    SHADOW_FACTOR,
+    SMOOTH_LIMIT,
+    SOLUTION_LIMIT,
+    STILL_LIMIT,
+    UNCONSTRAINED_RUN_LIMIT,
+)
+from mjbench.paths.accelerated import Compiled, StepOutcome, start_fields
 from mjbench.simulation import agreement, compat, reference_trajectory
 from mjbench.simulation import workload as workloads
 from mjbench.simulation.accelerated_judgement import (
@@ -33,28 +41,12 @@ from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.reference_trajectory import COMPARED, MAX_SINGLE_STEPS, SingleSteps
 from mjbench.simulation.state_drift import Fields
 from mjbench.simulation.workload import Workload
-from mjbench.verification.accelerated_run_statistics import figure_measures
-from mjbench.verification.accelerated_tolerances import (
-    SHADOW_FACTOR,
-    SMOOTH_LIMIT,
-    SOLUTION_LIMIT,
-    STILL_LIMIT,
-    UNCONSTRAINED_RUN_LIMIT,
-)
 
 # Simulations followed step by step, spread over the batch. Single steps from their states are taken
 # again in every simulation that remains.
 FOLLOWED = 32
 # States in which smooth dynamics, contacts and the constraint problem are judged, at most.
 JUDGED_STATES = 64
-
-
-@dataclass(frozen=True, eq=False)
-class SteppingProgram:
-    """A compiled program, and the workload whose sizes it was compiled for."""
-
-    advance: Advance
-    workload: Workload
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +58,9 @@ class Programs:
       converged: the same with constraints, and a solver that goes on to the solution.
     """
 
-    timed: SteppingProgram
-    smooth: SteppingProgram
-    converged: SteppingProgram
-    is_deterministic: bool
+    timed: Compiled
+    smooth: Compiled
+    converged: Compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +89,10 @@ def probe_workload(model: mujoco.MjModel, workload: Workload) -> Workload:
 
 
 def check_run(
-    workload: Workload,
-    programs: Programs,
-    precision: Precision,
-    on_state: Callable[[], None] = lambda: None,
+    programs: Programs, precision: Precision, on_state: Callable[[], None] = lambda: None
 ) -> CheckedRun:
     """Judge compiled programs; `on_state` is called before each constraint problem."""
-    check = _Check(workload, programs, precision)
+    workload, check = programs.timed.workload, _Check(programs, precision)
     constraints = check.constraints(on_state)
     parts = [check.inputs(), check.smooth(), constraints.contacts, constraints.constraints]
     if workload.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART):
@@ -127,8 +115,9 @@ def check_run(
 class _Check:
     """The reference run, and what the compiled programs make of it."""
 
-    def __init__(self, workload: Workload, programs: Programs, precision: Precision):
-        self._workload, self._programs, self._precision = workload, programs, precision
+    def __init__(self, programs: Programs, precision: Precision):
+        self._programs, self._precision = programs, precision
+        self._workload = workload = programs.timed.workload
         self._is_float32 = precision == Precision.FLOAT32
         self._timed = programs.timed.advance
         self._starts = start_fields(workload)
@@ -203,7 +192,7 @@ class _Check:
             qacc(cold),
             qacc(1.0 + np.abs(steps.state[:, place])),
             qacc(cold),
-            self._programs.is_deterministic,
+            self._programs.timed.is_deterministic,
         )
 
     def run(self, has_same_contacts: bool) -> JudgedPart:
@@ -253,7 +242,7 @@ class _Check:
 
 
 def take_single_steps(
-    program: SteppingProgram, singles: SingleSteps, repeats: bool = False
+    program: Compiled, singles: SingleSteps, repeats: bool = False
 ) -> StepOutcome:
     """Take single steps by a compiled program, as many at a time as it has simulations."""
     nbatch, count = program.workload.nbatch, len(singles.state)
@@ -307,38 +296,36 @@ def _step_errors(
     )
 
 
-def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRun) -> str:
+def timed_end_problem(compiled: Compiled, checked: CheckedRun) -> str:
     """Return how the last timed block ended elsewhere than the checked run; empty if it did not.
 
     What does not repeat to the last bit may differ as rounding to float32 does in C: by the
     farthest simulation where all motion is unconstrained. In contact some simulations diverge from
     each other after any difference, and which ones is chance: there the median counts.
     """
-    return _end_problem(
-        workload, compiled, checked, checked.final_fields, is_exact=compiled.is_deterministic
-    )
+    return _end_problem(compiled, checked, checked.final_fields, compiled.is_deterministic)
 
 
-def reordered_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRun) -> str:
+def reordered_end_problem(compiled: Compiled, checked: CheckedRun) -> str:
     """Return how one more block of reordered simulations ends elsewhere; empty if it does not.
 
     A path that replays the result of an earlier block does. The order may change how numbers are
     rounded, on a CPU, too.
     """
+    workload = compiled.workload
     order = workloads.draw_order(workload.nbatch, np.random.default_rng(workload.seed))
     workload.reorder(order)
     compiled.reload()
     compiled.clear()
     compiled.run()
     expected = {name: values[order] for name, values in checked.final_fields.items()}
-    problem = _end_problem(workload, compiled, checked, expected, is_exact=False)
+    problem = _end_problem(compiled, checked, expected, is_exact=False)
     return f"once the simulations are reordered, {problem}" if problem else ""
 
 
-def _end_problem(
-    workload: Workload, compiled: Compiled, checked: CheckedRun, expected: Fields, is_exact: bool
-) -> str:
+def _end_problem(compiled: Compiled, checked: CheckedRun, expected: Fields, is_exact: bool) -> str:
     """Return how the last block ended elsewhere than expected; empty if it did not."""
+    workload = compiled.workload
     reached = workloads.fields(workload.model, compiled.final_states().values)
     errors = agreement.max_relative_error(reached, expected, COMPARED)
     lost = sum(finite_or_none(error) is None for error in errors)

@@ -7,15 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjbench.simulation.accelerated_judgement import (
-    EngineAnswer,
-    PairContacts,
-    Precision,
-    finite_or_none,
-)
-from mjbench.simulation.constraint_problem import ConstraintProblem
-from mjbench.simulation.contacts import Contacts
-from mjbench.verification.accelerated_tolerances import (
+from mjbench.commands.compare.accelerated_tolerances import (
     BORDER,
     CLOSE_EFFECT,
     CLOSE_QUANTILE,
@@ -25,6 +17,14 @@ from mjbench.verification.accelerated_tolerances import (
     SAME_PLACE,
     SAME_TANGENT_DEGREES,
 )
+from mjbench.simulation.accelerated_judgement import (
+    EngineAnswer,
+    PairContacts,
+    Precision,
+    finite_or_none,
+)
+from mjbench.simulation.constraint_problem import ConstraintProblem
+from mjbench.simulation.contacts import Contacts
 
 # What a contact without a geom is of.
 _FLEX = "flex"

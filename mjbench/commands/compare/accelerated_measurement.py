@@ -9,15 +9,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjbench import paths
 from mjbench.commands.compare.accelerated_agreement import (
-    CheckedRun,
     Programs,
-    SteppingProgram,
     check_run,
     probe_workload,
     reordered_end_problem,
@@ -26,10 +25,8 @@ from mjbench.commands.compare.accelerated_agreement import (
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.measuring import timing
 from mjbench.paths.accelerated import (
     CPU,
-    AcceleratedPath,
     Compiled,
     StepOutcome,
     accelerated_path,
@@ -46,6 +43,7 @@ from mjbench.simulation.accelerated_judgement import (
 )
 from mjbench.simulation.constraint_problem import converging, without_constraints
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.verification import selection
@@ -101,157 +99,137 @@ def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     block, so that an interrupt leaves what was timed; the last one counts. The path disagrees where
     single steps do, the run, or the end of the timed blocks.
     """
-    name, variant = request.source.name, request.variant
-    path = accelerated_path(variant.path)
-    channel.doing(f"loading {name}")
-    model = models.load(request.source)
-    workload, resources = load_workload(model, request.workload_file)
-    channel.doing(f"preparing {path.name} on {name}")
-    channel.allow_silence(COMPILER_PATIENCE * request.limit_s)
-    record = MeasurementRecord.of(name, variant)
-    reason = _reason_not_to_run(path, workload, resources, request)
-    if reason:
-        channel.send(dataclasses.replace(record, status=Status.UNAVAILABLE, detail=reason))
-        return
-    channel.doing(f"compiling {path.name} for {name}")
-    compiled = path.prepare(workload, variant.options, resources)
-    record = dataclasses.replace(
-        record,
-        nbatch=workload.nbatch,
-        nstep=workload.nstep,
-        workload_digest=workload.digest(),
-        snippet=path.snippet(workload, {**variant.options, **compiled.buffer_sizes}),
-        device=compiled.device,
-        trace_s=compiled.trace_s,
-        compile_s=compiled.compile_s,
-        buffer_sizes=dict(compiled.buffer_sizes),
-        versions=machine.package_versions(path.distributions),
-    )
-    channel.send(record)
-    case = _Case(path, workload, resources, compiled, request, channel)
-    record = _judged_and_timed(case, record)
-    record = dataclasses.replace(
-        record,
-        memory_bytes=machine.peak_memory_bytes(),
-        gpu_memory_bytes=compiled.gpu_memory_bytes(),
-    )
-    channel.send(record)
-    if record.agrees and request.is_named:
-        channel.doing(f"compiling {path.name} again, with its cache")
-        channel.allow_silence(COMPILER_PATIENCE * request.limit_s)
-        channel.send(dataclasses.replace(record, cached_compile_s=compiled.cached_compile_s()))
-    resources.close()
+    _Measurement(request, channel).run()
 
 
-@dataclass(frozen=True, eq=False)
-class _Case:
-    path: AcceleratedPath
-    workload: Workload
-    resources: paths.Resources
-    compiled: Compiled
-    request: AcceleratedRequest
-    channel: Channel
+class _Measurement:
+    """One path on one model: compiled, judged, warmed up and timed; its record grows meanwhile."""
 
-    def programs(self) -> Programs:
-        return Programs(
-            self._program(self.workload, self.compiled),
-            self._compiled(without_constraints(self.workload.model), "smooth dynamics"),
-            self._compiled(converging(self.workload.model), "the constraint problem"),
-            self.compiled.is_deterministic,
+    def __init__(self, request: AcceleratedRequest, channel: Channel):
+        self._request, self._channel, self._variant = request, channel, request.variant
+        self._path = accelerated_path(request.variant.path)
+        self._record = MeasurementRecord.of(request.source.name, request.variant)
+
+    def run(self) -> None:
+        request, path, options = self._request, self._path, self._variant.options
+        self._channel.doing(f"loading {request.source.name}")
+        workload, resources = load_workload(models.load(request.source), request.workload_file)
+        self._begin(f"preparing {path.name} on {request.source.name}", COMPILER_PATIENCE)
+        if reason := self._reason_not_to_run(workload, resources):
+            self._send(status=Status.UNAVAILABLE, detail=reason)
+            return
+        self._channel.doing(f"compiling {path.name} for {request.source.name}")
+        compiled = path.prepare(workload, options, resources)
+        self._send(
+            snippet=path.snippet(workload, {**options, **compiled.buffer_sizes}),
+            device=compiled.device,
+            trace_s=compiled.trace_s,
+            compile_s=compiled.compile_s,
+            buffer_sizes=dict(compiled.buffer_sizes),
+            versions=machine.package_versions(path.distributions),
         )
+        try:
+            self._judge_and_time(compiled, reference_peaks(workload, resources))
+        except OverflowedError as error:
+            part = JudgedPart(PartName.BUFFERS, EngineAnswer.NO, reason=str(error))
+            self._record = dataclasses.replace(self._record, samples_s=())
+            self._judge(EngineJudgement.of(path.precision, [part]))
+        self._send(
+            memory_bytes=machine.peak_memory_bytes(),
+            gpu_memory_bytes=compiled.gpu_memory_bytes(),
+        )
+        if self._record.agrees and request.is_named:
+            self._begin(f"compiling {path.name} again, with its cache", COMPILER_PATIENCE)
+            self._send(cached_compile_s=compiled.cached_compile_s())
+        resources.close()
 
-    def allow_silence(self) -> None:
-        self.channel.allow_silence(self.request.limit_s)
+    def _reason_not_to_run(self, workload: Workload, resources: paths.Resources) -> str | None:
+        """Return why the path cannot run the workload, or is not worth trying unasked."""
+        path = self._path
+        reason = path.unavailable() or path.cannot_return(workload.returns)
+        if reason:
+            return reason
+        device_kind = path.device_kind()  # before `unsuited`: it says where there is no device
+        reason = path.unsuited(workload, self._variant.options)
+        if reason or self._request.is_named or device_kind != CPU:
+            return reason
+        return selection.why_left_out_on_a_cpu(workload, resources)
 
-    def _compiled(self, model: mujoco.MjModel, name: str) -> SteppingProgram:
-        variant, peaks = self.request.variant, reference_peaks(self.workload, self.resources)
-        self.channel.doing(f"compiling {variant.path} for {name}")
-        self.channel.allow_silence(COMPILER_PATIENCE * self.request.limit_s)
-        steps = probe_workload(model, self.workload)
-        return self._program(steps, self.path.compile(steps, variant.options, peaks))
+    def _judge_and_time(self, compiled: Compiled, peaks: Peaks) -> None:
+        model = compiled.workload.model
+        programs = Programs(
+            self._with_a_limit(compiled),
+            self._probe(compiled, without_constraints(model), "smooth dynamics", peaks),
+            self._probe(compiled, converging(model), "the constraint problem", peaks),
+        )
+        self._channel.doing(f"judging {self._variant.path} on {self._request.source.name}")
+        checked = check_run(programs, self._path.precision, self._allow_silence)
+        self._judge(checked.judgement)
+        if not self._record.agrees:
+            return
+        self._send()
+        self._begin(f"timing {self._variant}", 2)
+        for samples_s in _steady_s(compiled):
+            # a sign of life, too: each block has the limit to itself
+            self._send(samples_s=samples_s)
+        problem = timed_end_problem(compiled, checked)
+        if not problem:
+            self._channel.doing(f"reordering the simulations of {self._variant}")
+            problem = reordered_end_problem(compiled, checked)
+        if problem:
+            self._judge(checked.judgement.with_failed_run(problem))
 
-    def _program(self, workload: Workload, compiled: Compiled) -> SteppingProgram:
+    def _probe(
+        self, compiled: Compiled, model: mujoco.MjModel, name: str, peaks: Peaks
+    ) -> Compiled:
+        self._begin(f"compiling {self._variant.path} for {name}", COMPILER_PATIENCE)
+        steps = probe_workload(model, compiled.workload)
+        return self._with_a_limit(self._path.compile(steps, self._variant.options, peaks))
+
+    def _with_a_limit(self, compiled: Compiled) -> Compiled:
+        """Return a program each of whose calls may take the limit, so that a hang ends soon."""
+
         def advance(
             fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
         ) -> StepOutcome:
-            # each call has the limit to itself, so that a program that hangs is killed soon
-            self.allow_silence()
+            self._allow_silence()
             return compiled.advance(fields, control, nstep)
 
-        return SteppingProgram(advance, workload)
+        return dataclasses.replace(compiled, advance=advance)
 
+    def _judge(self, judgement: EngineJudgement) -> None:
+        is_wrong = judgement.answer == EngineAnswer.NO
+        self._record = dataclasses.replace(
+            self._record,
+            status=Status.DISAGREES if is_wrong else self._record.status,
+            detail=judgement.reason if is_wrong else self._record.detail,
+            agrees=judgement.agrees,
+            agreement=judgement.summary,
+            judgement=judgement,
+        )
 
-def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementRecord:
-    try:
-        programs = case.programs()
-        case.channel.doing(f"judging {case.request.variant.path} on {record.model}")
-        checked = check_run(case.workload, programs, case.path.precision, case.allow_silence)
-        record = _judged(record, checked.judgement)
-        if not record.agrees:
-            return record
-        case.channel.send(record)
-        return _timed(case, record, checked)
-    except OverflowedError as error:
-        part = JudgedPart(PartName.BUFFERS, EngineAnswer.NO, reason=str(error))
-        return _judged(record, EngineJudgement.of(case.path.precision, [part]))
+    def _begin(self, text: str, limits: float) -> None:
+        self._channel.doing(text)
+        self._allow_silence(limits)
 
+    def _allow_silence(self, limits: float = 1) -> None:
+        self._channel.allow_silence(limits * self._request.limit_s)
 
-def _timed(case: _Case, record: MeasurementRecord, checked: CheckedRun) -> MeasurementRecord:
-    variant = case.request.variant
-    case.channel.doing(f"timing {variant}")
-    case.channel.allow_silence(2 * case.request.limit_s)
-    for samples_s in _steady_s(case.compiled):
-        record = dataclasses.replace(record, samples_s=samples_s)
-        case.channel.send(record)  # a sign of life, too: each block has the limit to itself
-    problem = timed_end_problem(case.workload, case.compiled, checked)
-    if not problem:
-        case.channel.doing(f"reordering the simulations of {variant}")
-        problem = reordered_end_problem(case.workload, case.compiled, checked)
-    if not problem:
-        return record
-    return _judged(record, checked.judgement.with_failed_run(problem))
-
-
-def _judged(record: MeasurementRecord, judged: EngineJudgement) -> MeasurementRecord:
-    is_wrong = judged.answer == EngineAnswer.NO
-    return dataclasses.replace(
-        record,
-        status=Status.DISAGREES if is_wrong else record.status,
-        detail=judged.reason if is_wrong else record.detail,
-        agrees=judged.agrees,
-        agreement=judged.summary,
-        judgement=judged,
-    )
+    def _send(self, **changes: Any) -> None:
+        self._record = dataclasses.replace(self._record, **changes)
+        self._channel.send(self._record)
 
 
 def _steady_s(compiled: Compiled) -> Iterator[tuple[float, ...]]:
     """Yield the seconds of all steady blocks so far, after each; one before them warms up."""
-    contender = timing.Contender(compiled.run, before=compiled.clear)
-    timing.block_s(contender)
+    compiled.block_s()
     end = time.perf_counter() + STEADY_S
     samples_s: tuple[float, ...] = ()
     while len(samples_s) < MIN_BLOCKS or (
         time.perf_counter() <= end and len(samples_s) < MAX_BLOCKS
     ):
-        samples_s = (*samples_s, timing.block_s(contender))
+        samples_s = (*samples_s, compiled.block_s())
         yield samples_s
-
-
-def _reason_not_to_run(
-    path: AcceleratedPath,
-    workload: Workload,
-    resources: paths.Resources,
-    request: AcceleratedRequest,
-) -> str | None:
-    """Return why the path cannot run the workload, or is not worth trying unasked; else None."""
-    reason = path.unavailable() or path.cannot_return(workload.returns)
-    if reason:
-        return reason
-    device_kind = path.device_kind()  # before `unsuited`: it says where there is no device
-    reason = path.unsuited(workload, request.variant.options)
-    if reason or request.is_named or device_kind != CPU:
-        return reason
-    return selection.why_left_out_on_a_cpu(workload, resources)
 
 
 def not_compiled(limit_s: float) -> str:

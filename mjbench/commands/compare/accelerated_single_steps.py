@@ -13,6 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjbench.commands.compare.accelerated_contacts import ContactJudge
+from mjbench.commands.compare.accelerated_tolerances import (
+    CONTACT_LIMIT,
+    MAX_ROUNDING_EFFECT,
+    ROUNDING_FACTOR,
+    SETTINGS_FACTOR,
+    SETTINGS_LIMIT,
+    SMOOTH_LIMIT,
+    SOLUTION_LIMIT,
+)
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import agreement, compat, reference_trajectory
 from mjbench.simulation import workload as workloads
@@ -30,15 +39,6 @@ from mjbench.simulation.constraint_problem import ConstraintProblem, Solution, w
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.reference_trajectory import COMPARED, SingleSteps
 from mjbench.simulation.state_drift import Fields
-from mjbench.verification.accelerated_tolerances import (
-    CONTACT_LIMIT,
-    MAX_ROUNDING_EFFECT,
-    ROUNDING_FACTOR,
-    SETTINGS_FACTOR,
-    SETTINGS_LIMIT,
-    SMOOTH_LIMIT,
-    SOLUTION_LIMIT,
-)
 
 # Seconds after which no further state is judged; two passes have as many each.
 JUDGING_S = 15.0

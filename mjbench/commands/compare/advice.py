@@ -4,18 +4,21 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mjbench import paths
-from mjbench.commands.compare.results import ModelResults, PathResult
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
 from mjbench.paths.base import nthread
 from mjbench.results import formats
+from mjbench.results.json_form import in_json
 from mjbench.simulation import engine_clock
 from mjbench.units import count_of
 from mjbench.verification.plan import Variant, describe_options
+
+if TYPE_CHECKING:  # results have their advice
+    from mjbench.commands.compare.results import ModelResults, PathResult
 
 # A number of threads is enough where it reaches this share of the best speed-up.
 ENOUGH = 0.95
@@ -45,45 +48,70 @@ class Reason(StrEnum):
     """It compiles, and what that takes pays within the steps asked for."""
 
 
+@in_json(
+    *("model", "nbatch", "loop", "path", "options", "speedup", "reason", "is_certain"),
+    *("rivals", "rival_speedup", "most_gain", "unable", "break_even", "difference"),
+    *("realtime_factor", "snippet"),
+    **{name: f"result.{name}" for name in ("model", "difference", "realtime_factor")},
+    nbatch="result.model_record.nbatch",
+    rivals="rival_variants",
+)
 @dataclass(frozen=True)
 class Advice:
     """The path to use on one model, at one size.
 
     Attributes:
-      speedup: over the plain loop, the same as in the path's row; None for the plain loop itself.
+      result: of the path.
       is_certain: whether no other path can be faster by 2 %, and nothing disturbed the race.
-      rivals: paths that may be as fast, each with its options, the fastest by estimate first;
-        `rival_speedup` is how many times as fast as the plain loop the first one was.
+      rivals: results of paths that may be as fast, the fastest by estimate first.
       most_gain: share by which one of them may be faster than the fastest, at most; None where
         launches are too few to say.
       unable: paths that left the race because they could not go on, or that are not advised because
         they take seconds to start, each with the reason.
       break_even: when compiling pays for an accelerated path that is faster, in one line; empty
         without one.
-      difference: what the path computes otherwise than C, where it is close; empty otherwise.
     """
 
-    model: str
-    nbatch: int | None
     loop: Loop
-    path: str
-    options: Mapping[str, Any]
-    speedup: Ratio | None
+    result: "PathResult"
     reason: Reason
     is_certain: bool
-    rivals: Sequence[Variant]
-    rival_speedup: float | None
-    most_gain: float | None
-    unable: Sequence[str]
-    break_even: str
-    difference: str
-    realtime_factor: float | None
-    snippet: str
+    rivals: Sequence["PathResult"] = ()
+    most_gain: float | None = None
+    unable: Sequence[str] = ()
+    break_even: str = ""
+
+    @property
+    def path(self) -> str:
+        return self.result.path
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        return self.result.options
 
     @property
     def variant(self) -> Variant:
         """The path with its options."""
-        return Variant(self.path, self.options)
+        return self.result.variant
+
+    @property
+    def speedup(self) -> Ratio | None:
+        """Over the plain loop, the same as in the path's row; None of the plain loop itself."""
+        return self.result.interval
+
+    @property
+    def snippet(self) -> str:
+        return self.result.snippet
+
+    @property
+    def rival_variants(self) -> list[Variant]:
+        return [each.variant for each in self.rivals]
+
+    @property
+    def rival_speedup(self) -> float | None:
+        """How many times as fast as the plain loop the first rival was."""
+        speedup = self.rivals[0].speedup if self.rivals else None
+        return speedup.estimate if speedup else None
 
 
 @dataclass(frozen=True)
@@ -119,24 +147,7 @@ class ThreadAdvice:
     is_certain: bool
 
 
-@dataclass(frozen=True)
-class _Choice:
-    """A path that follows from what is known, and the fields of `Advice` that say why."""
-
-    result: PathResult
-    reason: Reason
-    is_certain: bool
-    rivals: Sequence[PathResult] = ()
-    most_gain: float | None = None
-    break_even: str = ""
-
-    @property
-    def fastest(self) -> PathResult:
-        """The fastest by estimate of it and its rivals."""
-        return max([self.result, *self.rivals], key=lambda result: result.steps_per_s or 0.0)
-
-
-def advise(model_results: ModelResults) -> list[Advice]:
+def advise(model_results: "ModelResults") -> list[Advice]:
     """Return the advice on a model at one size, for open and for closed loop.
 
     Paths whose steps could not be judged are no candidates. There is no advice without a race.
@@ -146,15 +157,18 @@ def advise(model_results: ModelResults) -> list[Advice]:
         return []
     advice = []
     for loop, standing in race.standings.items():
-        choice = _Choice(base, Reason.ALONE, is_certain=not model_results.disturbances)
-        if _others_timed(model_results, loop):
-            choice = _choose(model_results, race, standing, base)
-        choice = _with_accelerated(choice, loop, model_results)
-        advice.append(_advice(loop, choice, _unable(model_results, race, loop, choice)))
+        choice = Advice(loop, base, Reason.ALONE, is_certain=not model_results.disturbances)
+        if any(
+            result.is_timed and result.serves(loop) and result.is_judged and result.path != BASE
+            for result in model_results.results
+        ):
+            choice = _choose(model_results, race, loop, standing, base)
+        choice = _with_accelerated(choice, model_results)
+        advice.append(replace(choice, unable=_unable(model_results, race, choice)))
     return advice
 
 
-def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
+def advise_clock(model_results: "ModelResults") -> ClockAdvice | None:
     """Return what turning MuJoCo's timer off gains, where that is certain and worth a line."""
     gain = model_results.race.timer_gain if model_results.race is not None else None
     if gain is None:
@@ -163,8 +177,12 @@ def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
 
 
 def _choose(
-    model_results: ModelResults, race: RaceRecord, standing: Standing, base: PathResult
-) -> _Choice:
+    model_results: "ModelResults",
+    race: RaceRecord,
+    loop: Loop,
+    standing: Standing,
+    base: "PathResult",
+) -> Advice:
     winner = race.winner(standing)
     chosen = model_results.timed(race.variants[winner]) or base
     has_figures = race.has_final_figures(chosen.variant)
@@ -182,49 +200,38 @@ def _choose(
     rivals = [each for each in contenders if each is not None and each not in (chosen, base)]
     rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
     most_gain = standing.most_gain if math.isfinite(standing.most_gain) else None
-    return _Choice(chosen, reason, is_certain, rivals, most_gain)
+    return Advice(loop, chosen, reason, is_certain, rivals, most_gain)
 
 
-def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
-    return any(
-        result.serves(loop) and result.is_judged and result.path != BASE
-        for result in model_results.results
-        if result.is_timed
-    )
-
-
-def _unable(
-    model_results: ModelResults, race: RaceRecord, loop: Loop, choice: _Choice
-) -> list[str]:
+def _unable(model_results: "ModelResults", race: RaceRecord, choice: Advice) -> list[str]:
     """Return the paths that may be faster and are not advised, each with the reason."""
     results = {str(result.variant): result for result in model_results.results}
     unable = [
         f"{result.variant} left: {each.detail}"
         for each in race.unable
-        if (result := results.get(str(race.variants[each.variant]))) and result.serves(loop)
+        if (result := results.get(str(race.variants[each.variant]))) and result.serves(choice.loop)
     ]
     slow = (model_results.timed(race.variants[i]) for i in race.slow)
     unable += [
         f"{result.variant} is faster, but takes seconds to start"
         for result in slow
-        if result is not None and result.serves(loop) and result.rate_over(choice.result) > 1
+        if result is not None and result.serves(choice.loop) and result.rate_over(choice.result) > 1
     ]
     return unable
 
 
-def _with_accelerated(choice: _Choice, loop: Loop, model_results: ModelResults) -> _Choice:
+def _with_accelerated(choice: Advice, model_results: "ModelResults") -> Advice:
     """Return an accelerated path instead where compiling it pays; otherwise say when it would.
 
-    It pays after so many steps that it would be faster in all than the path that it displaces, and
-    than those that may be faster than that one.
+    Compiling pays once its total time is below that of the chosen path and of its rivals.
     """
-    displaced = choice.fastest
+    displaced = max([choice.result, *choice.rivals], key=lambda result: result.steps_per_s or 0.0)
     total_steps, step_ns = model_results.total_steps, displaced.step_ns or 0.0
     faster = [
         result
         for result in model_results.results
         if result.compile_s is not None and result.is_timed and result.is_judged
-        if result.serves(loop) and result.rate_over(displaced) > 1 + MARGIN
+        if result.serves(choice.loop) and result.rate_over(displaced) > 1 + MARGIN
     ]
     if not faster or total_steps is None:
         return choice
@@ -232,7 +239,7 @@ def _with_accelerated(choice: _Choice, loop: Loop, model_results: ModelResults) 
     if paying:
         best = max(paying, key=lambda result: result.steps_per_s or 0.0)
         text = f"compiling pays after {best.pays_after_steps(step_ns):,.0f} steps"
-        return _Choice(best, Reason.PAYS, is_certain=False, break_even=text)
+        return Advice(choice.loop, best, Reason.PAYS, is_certain=False, break_even=text)
     first = min(faster, key=lambda result: result.pays_after_steps(step_ns))
     break_even = (
         f"{first.variant} would pay after {first.pays_after_steps(step_ns):,.0f} steps;"
@@ -241,30 +248,7 @@ def _with_accelerated(choice: _Choice, loop: Loop, model_results: ModelResults) 
     return replace(choice, break_even=break_even)
 
 
-def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
-    result, rivals = choice.result, choice.rivals
-    rival_speedup = rivals[0].speedup if rivals else None
-    return Advice(
-        model=result.model,
-        nbatch=result.nbatch,
-        loop=loop,
-        path=result.path,
-        options=result.options,
-        speedup=result.interval,
-        reason=choice.reason,
-        is_certain=choice.is_certain,
-        rivals=[each.variant for each in rivals],
-        rival_speedup=rival_speedup.estimate if rival_speedup else None,
-        most_gain=choice.most_gain,
-        unable=unable,
-        break_even=choice.break_even,
-        difference=result.difference,
-        realtime_factor=result.realtime_factor,
-        snippet=result.snippet,
-    )
-
-
-def advise_threads(model_results: ModelResults) -> list[ThreadAdvice]:
+def advise_threads(model_results: "ModelResults") -> list[ThreadAdvice]:
     """Return the advice on each path of which one thread and two other numbers were timed."""
     race = model_results.race
     if race is None:
@@ -279,7 +263,7 @@ def advise_threads(model_results: ModelResults) -> list[ThreadAdvice]:
     return advice
 
 
-def _thread_advice(race: RaceRecord, own: Sequence[PathResult]) -> ThreadAdvice:
+def _thread_advice(race: RaceRecord, own: Sequence["PathResult"]) -> ThreadAdvice:
     fastest: dict[int, PathResult] = {}
     for result in own:
         count = nthread(result.options)
@@ -293,7 +277,7 @@ def _thread_advice(race: RaceRecord, own: Sequence[PathResult]) -> ThreadAdvice:
     chosen = fastest[enough]
     return ThreadAdvice(
         model=chosen.model,
-        nbatch=chosen.nbatch,
+        nbatch=chosen.model_record.nbatch,
         path=chosen.path,
         nthread=enough,
         most_tried=max(fastest),
@@ -306,7 +290,7 @@ def _thread_advice(race: RaceRecord, own: Sequence[PathResult]) -> ThreadAdvice:
 def conclusion(advice: Advice, names_size: bool = False) -> str:
     """Return which path to use, and why; `names_size`: for how many simulations."""
     gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
-    begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
+    begin = f"{_LOOPS[advice.loop]}{_size(advice.result.model_record.nbatch, names_size)}"
     path = described(advice.variant)
     return "; ".join([f"{begin}: {path}{gain}", *_reasons(advice)])
 
@@ -347,8 +331,8 @@ def _reasons(advice: Advice) -> list[str]:
             reasons.append("no other path was timed for it")
     if not advice.is_certain and advice.reason != Reason.PAYS:
         reasons.append(f"not certain{_doubt(advice)}")
-    if advice.difference:
-        reasons.append(f"close to C, not the same: {advice.difference}")
+    if advice.result.difference:
+        reasons.append(f"close to C, not the same: {advice.result.difference}")
     return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
 
 
@@ -358,19 +342,14 @@ def _doubt(advice: Advice) -> str:
         return ""
     rivals = f"{len(advice.rivals)} other paths"
     if len(advice.rivals) <= _MOST_RIVALS:
-        rivals = " or ".join(map(described, advice.rivals))
+        rivals = " or ".join(map(described, advice.rival_variants))
     most = f" by up to {max(1, round(100 * advice.most_gain))} %" if advice.most_gain else ""
-    return f": {rivals} may be faster{most}{_first_rival(advice)}"
-
-
-def _first_rival(advice: Advice) -> str:
-    """Return how fast the first rival of the plain loop was; empty beside another path."""
-    factor = advice.rival_speedup
-    if advice.reason != Reason.NO_GAIN or factor is None or factor < 1 + MARGIN:
-        return ""
-    name = described(advice.rivals[0])
-    verb = "were" if name[0].isdigit() else "was"  # such as "2 worker processes"
-    return f"; {name} {verb} {formats.factor(factor)} times as fast, but not certainly"
+    doubt, factor = f": {rivals} may be faster{most}", advice.rival_speedup
+    if advice.reason == Reason.NO_GAIN and factor is not None and factor >= 1 + MARGIN:
+        name = described(advice.rivals[0].variant)
+        verb = "were" if name[0].isdigit() else "was"  # such as "2 worker processes"
+        doubt += f"; {name} {verb} {formats.factor(factor)} times as fast, but not certainly"
+    return doubt
 
 
 def _times(speedup: Ratio, baseline: str) -> str:

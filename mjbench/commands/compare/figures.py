@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Iterator, Sequence
 
-from mjbench.commands.compare.advice import advise
 from mjbench.commands.compare.results import ModelResults
 from mjbench.paired.race_record import Loop
 from mjbench.results import charts, formats
@@ -55,9 +54,9 @@ def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
 def advice_figure(models: Sequence[ModelResults]) -> Figure:
     """Return the speed-ups of what is advised, with their intervals, the largest first."""
     advised = [
-        (f"{row.model}, {row.loop.value} loop", row.speedup, row.loop)
+        (f"{row.result.model}, {row.loop.value} loop", row.speedup, row.loop)
         for model_results in models
-        for row in advise(model_results)
+        for row in model_results.advice
         if row.speedup is not None
     ]
     advised.sort(key=lambda row: -row[1].estimate)
@@ -87,9 +86,9 @@ def crossover_figure(name: str, models: Sequence[ModelResults]) -> Figure:
             for model_results in models
             if model_results.model.model == name
             for result in model_results.results
-            if result.steps_per_s and result.nbatch
+            if result.steps_per_s and result.model_record.nbatch
         ],
-        (Column("simulations", formats.count), lambda result: result.nbatch),
+        (Column("simulations", formats.count), lambda result: result.model_record.nbatch),
         (Column("steps per second", formats.count), lambda result: result.steps_per_s),
         (Column("path"), lambda result: str(result.variant)),
     )

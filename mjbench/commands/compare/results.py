@@ -1,21 +1,29 @@
-"""Results of paths, derived from the records of a comparison: speed-ups, and break-even.
+"""What a comparison comes to: results of paths, what disturbed them, and advice.
 
 A speed is derived only for a measurement whose final states agree.
 """
 
+import functools
 import math
 import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.host import conditions
+from mjbench.commands.compare.advice import (
+    Advice,
+    ClockAdvice,
+    ThreadAdvice,
+    advise,
+    advise_clock,
+    advise_threads,
+)
+from mjbench.host import conditions, disturbance
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.results.json_form import in_json
 from mjbench.results.runs import Record
 from mjbench.simulation.accelerated_judgement import EngineAnswer
-from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.verification.plan import Variant
 from mjbench.verification.records import MeasurementRecord, ModelRecord, of_model
@@ -28,19 +36,28 @@ _FALLING = (
 )
 
 
+# Facts of the model that the JSON form of each of its results has.
+_OF_MODEL = (
+    *("nbatch", "nstep", "hold", "returns", "seed", "starts", "diverged", "warnings"),
+    *("workload_digest", "state_digest", "work"),
+)
+
+
 @in_json(
     *("model", "path", "options", "status", "detail", "agrees", "agreement", "closed_loop"),
-    *("nbatch", "nstep", "hold", "returns", "starts", "diverged", "warnings"),
-    *("steps_per_s", "step_ns", "realtime_factor", "speedup", "launches", "work", "snippet"),
+    *_OF_MODEL,
+    *("steps_per_s", "step_ns", "realtime_factor", "speedup", "launches", "snippet"),
     *("nbatch_asked", "precision", "device", "trace_s", "compile_s", "cached_compile_s"),
     *("memory_bytes", "gpu_memory_bytes", "judgement", "versions", "buffer_sizes"),
     *("overtakes_after_steps", "disturbances"),
+    **{name: f"model_record.{name}" for name in _OF_MODEL},
 )
 @dataclass(frozen=True, kw_only=True)
 class PathResult(MeasurementRecord):
     """What a comparison says of one variant; None is what cannot be said.
 
     Attributes:
+      model_record: what is known of the model, such as the size of the work.
       steps_per_s: steps of all simulations per second.
       step_ns: nanoseconds of one step of one simulation: that of the plain loop over `speedup`; of
         a path that compiles, the median of its own blocks.
@@ -53,7 +70,7 @@ class PathResult(MeasurementRecord):
       disturbances: what disturbed its race, a clause each; empty where nothing did.
     """
 
-    starts: Starts | None = None
+    model_record: ModelRecord
     steps_per_s: float | None = None
     step_ns: float | None = None
     realtime_factor: float | None = None
@@ -164,24 +181,16 @@ class ModelResults:
 
     @property
     def disturbances(self) -> list[str]:
-        race, lines = self.race, list[str]()
-        stolen = (race.stolen_share if race else None) or 0.0
-        if stolen >= conditions.NOTABLE_STOLEN:
-            lines.append(f"the host took {100 * stolen:.0f} % of the processor time for others")
-        if race and race.neighbours:
-            others = ", ".join(f"mjbench {name}" for name in race.neighbours)
-            lines.append(f"{others} measured on this machine at the same time")
-        if race and race.core_change:
-            lines.append(str(race.core_change))
+        clauses = self.race.disturbance.clauses if self.race is not None else []
         if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
-            lines.append(f"threads had {self.cores}")
-        return lines
+            clauses.append(f"threads had {self.cores}")
+        return clauses
 
     @property
     def cautions(self) -> list[str]:
         sentences = []
         if self.disturbances:
-            sentences.append(disturbed(self.disturbances))
+            sentences.append(disturbance.sentence(self.disturbances))
         model = self.model
         if model.facts is None or model.work is None or not model.facts.can_fall:
             return sentences
@@ -197,6 +206,18 @@ class ModelResults:
         """Return the result of a variant; None where it was not timed."""
         return next((r for r in self.results if r.variant == variant and r.is_timed), None)
 
+    @functools.cached_property
+    def advice(self) -> list[Advice]:
+        return advise(self)
+
+    @functools.cached_property
+    def clock_advice(self) -> ClockAdvice | None:
+        return advise_clock(self)
+
+    @functools.cached_property
+    def thread_advice(self) -> list[ThreadAdvice]:
+        return advise_threads(self)
+
     @property
     def total_steps(self) -> int | None:
         """The steps that the user will take: those asked for, or one block; None if unknown."""
@@ -206,12 +227,8 @@ class ModelResults:
 def derive(
     model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
 ) -> ModelResults:
-    base_ns = race.base_step_ns if race is not None else None
-    results = [_result(model, m, base_ns, _speedup(m, race, base_ns)) for m in measurements]
-    derived = ModelResults(model, tuple(results), race)
-    disturbances = derived.disturbances
-    marked = (replace(result, disturbances=disturbances) for result in results)
-    return replace(derived, results=tuple(marked))
+    untimed = ModelResults(model, (), race)
+    return replace(untimed, results=tuple(_result(untimed, each) for each in measurements))
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:
@@ -233,67 +250,31 @@ def path_results(records: Sequence[Record]) -> Iterator[PathResult]:
         yield from model_results.results
 
 
-def _result(
-    model: ModelRecord,
-    record: MeasurementRecord,
-    base_ns: float | None,
-    speedup: tuple[Ratio, int] | None,
-) -> PathResult:
-    untimed = PathResult(**vars(record), starts=model.starts)
-    ratio, launches = speedup or (None, 1)
+def _result(derived: ModelResults, record: MeasurementRecord) -> PathResult:
+    """Return the result of a variant; an accelerated path is timed alone, in one process."""
+    model, race = derived.model, derived.race
+    base_ns = race.base_step_ns if race is not None else None
+    result = PathResult(**vars(record), model_record=model, disturbances=derived.disturbances)
+    speedup, launches = None, 1
     if not record.agrees or record.status != Status.OK:
-        return untimed
-    if record.is_accelerated and record.samples_s:
-        step_ns = 1e9 * _step_s(record)
-    elif ratio is not None and base_ns is not None:
-        step_ns = base_ns / ratio.estimate
+        return result
+    if record.samples_s and model.block_steps:
+        step_ns = 1e9 * statistics.median(record.samples_s) / model.block_steps
+        speedup = Ratio(base_ns / step_ns, None, None) if base_ns is not None else None
+    elif race is not None and base_ns is not None and (own := race.speedup(result.variant)):
+        speedup, launches = own, race.launch_count(result.variant)
+        step_ns = base_ns / own.estimate
     else:
-        return untimed
+        return result
     timestep = model.facts.timestep if model.facts else 0.0
     timed = replace(
-        untimed,
+        result,
         steps_per_s=1e9 / step_ns,
         step_ns=step_ns,
         # a stored timestep may be one by which no time passes
         realtime_factor=1e9 * timestep / step_ns if 0 < timestep < math.inf else None,
-        speedup=ratio,
+        speedup=speedup,
         launches=launches,
     )
-    if base_ns is None:
-        return timed
-    break_even = timed.pays_after_steps(base_ns)
-    overtakes_after_steps = break_even if math.isfinite(break_even) else None
-    return replace(timed, overtakes_after_steps=overtakes_after_steps)
-
-
-def _speedup(
-    record: MeasurementRecord, race: RaceRecord | None, base_ns: float | None
-) -> tuple[Ratio, int] | None:
-    """Return the speed-up of a variant over the plain loop, and from how many launches it is.
-
-    An accelerated path is timed alone, so its speed-up is a ratio of medians.
-    """
-    if record.is_accelerated:
-        if not record.samples_s or base_ns is None:
-            return None
-        return Ratio(1e-9 * base_ns / _step_s(record), None, None), 1
-    if race is None:
-        return None
-    variant = Variant(record.path, record.options)
-    speedup = race.speedup(variant)
-    return None if speedup is None else (speedup, race.launch_count(variant))
-
-
-def _step_s(record: MeasurementRecord) -> float:
-    return statistics.median(record.samples_s) / steps_per_block(record)
-
-
-def steps_per_block(record: MeasurementRecord) -> int:
-    """Return the steps of one block, all simulations together."""
-    assert record.nbatch is not None and record.nstep is not None, "a timed record has its sizes"
-    return record.nbatch * record.nstep
-
-
-def disturbed(disturbances: Sequence[str]) -> str:
-    """Return what disturbed a measurement, as a sentence, and what to do."""
-    return f"Disturbed: {'; '.join(disturbances)}. Measure again."
+    break_even = math.inf if base_ns is None else timed.pays_after_steps(base_ns)
+    return replace(timed, overtakes_after_steps=break_even if math.isfinite(break_even) else None)

@@ -6,9 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from mjbench.commands.compare import figures as comparison_figures
 from mjbench.commands.compare.advice import (
     Advice,
-    advise,
-    advise_clock,
-    advise_threads,
     clock_conclusion,
     conclusion,
     thread_conclusion,
@@ -24,6 +21,7 @@ from mjbench.paired.race_record import MAX_LAUNCHES, MIN_LAUNCHES
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.results import formats
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Snippet, Tone
+from mjbench.results.json_form import json_form
 from mjbench.results.runs import Run
 from mjbench.results.starts import starts_lines
 from mjbench.simulation import engine_clock
@@ -107,7 +105,7 @@ def model_section(sizes: Sequence[ModelResults]) -> Section:
             *judgement_tables([result for each in timed for result in each.results]),
         ],
         notes=list(dict.fromkeys(about)),
-        snippets=[*_snippets([advice for each in timed for advice in advise(each)])],
+        snippets=[*_snippets([advice for each in timed for advice in each.advice])],
     )
 
 
@@ -160,22 +158,22 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         if result.status == Status.DISAGREES:
             text = f"{result.variant} does other work than the plain loop: {result.agreement}"
             yield Conclusion(f"{sized}{text}", Tone.BAD, subject)
-    for advice in advise(model_results):
+    for advice in model_results.advice:
         tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
         tone = tone if advice.is_certain else Tone.UNSURE
         yield Conclusion(conclusion(advice, names_size), tone, subject)
     for result in model_results.results:
         if sentence := judgement_conclusion(result):
             yield Conclusion(f"{sized}{sentence}", Tone.NEUTRAL, subject)
-    for row in advise_threads(model_results):
+    for row in model_results.thread_advice:
         tone = Tone.GOOD if row.is_certain else Tone.UNSURE
         yield Conclusion(thread_conclusion(row, names_size), tone, subject)
-    if (clock := advise_clock(model_results)) is not None:
+    if (clock := model_results.clock_advice) is not None:
         yield Conclusion(clock_conclusion(clock, names_size), Tone.GOOD, subject)
 
 
 def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
-    advice = [row for model_results in models for row in advise(model_results)]
+    advice = [row for model_results in models for row in model_results.advice]
     speedups = [row.speedup.estimate if row.speedup else 1.0 for row in advice]
     ncertain = sum(row.is_certain for row in advice)
     ends = dict.fromkeys(formats.factor(end) for end in (min(speedups), max(speedups)))
@@ -188,15 +186,18 @@ def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
 
 
 def advice_table(models: Sequence[ModelResults]) -> DataTable:
-    advice = [row for model_results in models for row in advise(model_results)]
-    sizes = {(row.model, row.nbatch) for row in advice}
+    advice = [row for model_results in models for row in model_results.advice]
+    sizes = {(row.result.model, row.result.model_record.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
-    names = formats.short_names([row.model for row in advice])
+    names = formats.short_names([row.result.model for row in advice])
     return DataTable.of(
         "Advice",
         advice,
-        (Column("model"), lambda row: names[row.model]),
-        (Column("simulations", formats.count), lambda row: row.nbatch if has_sizes else None),
+        (Column("model"), lambda row: names[row.result.model]),
+        (
+            Column("simulations", formats.count),
+            lambda row: row.result.model_record.nbatch if has_sizes else None,
+        ),
         (Column("loop", leaves=2), lambda row: row.loop.value),
         (Column("advised"), lambda row: f"{mark(row.is_certain)} {row.variant}"),
         (
@@ -204,7 +205,7 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
             lambda row: row.speedup.estimate if row.speedup else 1.0,
         ),
         (Column("95 %", formats.ends), lambda row: row.speedup),
-        (Column("× real time", times_real_time, leaves=1), lambda row: row.realtime_factor),
+        (Column("× real time", times_real_time, leaves=1), lambda row: row.result.realtime_factor),
     )
 
 
@@ -214,11 +215,11 @@ def flat_rows(models: Sequence[ModelResults]) -> Iterator[Mapping[str, object]]:
     `advised` is `certain` or `not certain` for a path that is advised, for open or closed loop.
     """
     for model_results in models:
-        certain = {str(row.variant): row.is_certain for row in advise(model_results)}
+        certain = {str(row.variant): row.is_certain for row in model_results.advice}
         for result in model_results.results:
             is_certain = certain.get(str(result.variant))
             advised = "" if is_certain is None else "certain" if is_certain else "not certain"
-            yield {**vars(result), "advised": advised}
+            yield {**json_form(result), "advised": advised}
 
 
 def mark(is_certain: bool) -> str:
@@ -232,7 +233,7 @@ def marks(model_results: ModelResults) -> dict[str, str]:
     """
     return {
         str(row.variant): mark(row.is_certain)
-        for row in sorted(advise(model_results), key=lambda row: not row.is_certain)
+        for row in sorted(model_results.advice, key=lambda row: not row.is_certain)
     }
 
 
@@ -294,7 +295,10 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
         [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
         (Column(""), lambda row: row[0]),
         (Column("path", wraps=True), lambda row: str(row[1].variant)),
-        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
+        (
+            Column("simulations", formats.count),
+            lambda row: row[1].model_record.nbatch if has_sizes else None,
+        ),
         (Column("ns/step", formats.count), lambda row: row[1].step_ns),
         (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
         (Column("95 %", formats.ends), lambda row: row[1].interval),
@@ -384,7 +388,7 @@ def notes(model_results: ModelResults) -> list[str]:
     ]
     lines += [
         f"{result.path}: {keyword_arguments(result.buffer_sizes).removeprefix(', ')} suffice for"
-        f" {result.nbatch} simulations like these: twice what this run needed at most"
+        f" {result.model_record.nbatch} simulations like these: twice what this run needed at most"
         for result in results
         if result.buffer_sizes and result.agrees
     ]
@@ -398,7 +402,7 @@ def _race_notes(model_results: ModelResults) -> list[str]:
     lines = []
     if model_results.model.status == Status.OK and not _unlike(model_results):
         lines.append("All paths agree with the plain loop.")
-    if advise_clock(model_results) is not None:
+    if model_results.clock_advice is not None:
         lines.append(engine_clock.OFF_NOTE)
     race = model_results.race
     if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):

@@ -8,9 +8,6 @@ from mjbench.commands.compare.advice import (
     Advice,
     ClockAdvice,
     ThreadAdvice,
-    advise,
-    advise_clock,
-    advise_threads,
 )
 from mjbench.commands.compare.crossovers import Crossover, crossovers
 from mjbench.commands.compare.results import ModelResults, PathResult
@@ -21,23 +18,6 @@ from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
 from mjbench.results.runs import SCHEMA, Run
 from mjbench.status import Status
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResultsDocument:
-    """The document of a command whose results do not depend on one machine."""
-
-    schema: int = SCHEMA
-    results: Sequence[object]
-
-
-@dataclass(frozen=True, kw_only=True)
-class MachineResultsDocument:
-    """The document of a command that has only results, of one machine."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[object]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,14 +34,14 @@ class CompareDocument:
 
     @classmethod
     def of(cls, machine: Machine, models: Sequence[ModelResults]) -> "CompareDocument":
-        results = [result for model_results in models for result in model_results.results]
+        results = [result for model in models for result in model.results]
         return cls(
             machine=machine,
             results=results,
-            advice=[advice for model_results in models for advice in advise(model_results)],
-            clock=[clock for m in models if (clock := advise_clock(m)) is not None],
+            advice=[advice for model in models for advice in model.advice],
+            clock=[model.clock_advice for model in models if model.clock_advice is not None],
             crossovers=crossovers(results),
-            threads=[advice for m in models for advice in advise_threads(m)],
+            threads=[advice for model in models for advice in model.thread_advice],
         )
 
 

@@ -5,14 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mjbench.commands.compare.results import PathResult, derive_all, steps_per_block
+from mjbench.commands.compare.results import PathResult, derive_all
 from mjbench.errors import InputError
 from mjbench.host.machine import Machine
 from mjbench.measuring import stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU
 from mjbench.results import formats
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
@@ -86,28 +85,24 @@ def identity(record: MeasurementRecord, machine: Machine) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class _Timed:
-    """A measurement, the machine that did it, and seconds of a step in each launch or block."""
+    """A result, the machine that measured it, and seconds of a step in each launch or block."""
 
-    record: MeasurementRecord
+    result: PathResult
     machine: Machine
     step_s: Sequence[float]
-    result: PathResult | None
-
-    def cautions(self, name: str) -> list[str]:
-        """Return what to know before its figures; `name` says which of the two it is."""
-        disturbances = self.result.disturbances if self.result else ()
-        return [f"{name}: {text}" for text in disturbances]
 
 
 def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
-    old, new = before.record, after.record
+    old, new = before.result, after.result
     status, detail, ratio = Status.OK, "", None
-    cautions = [*before.cautions("OLD"), *after.cautions("NEW")]
+    cautions = [f"OLD: {text}" for text in old.disturbances]
+    cautions += [f"NEW: {text}" for text in new.disturbances]
     try:
-        if new.workload_digest != old.workload_digest:
+        if new.model_record.workload_digest != old.model_record.workload_digest:
             raise InputError("not comparable: their workloads differ")
-        if new.returns != old.returns:
-            raise InputError(f"not comparable: one returns {old.returns}, the other {new.returns}")
+        returns = [each.model_record.returns for each in (old, new)]
+        if returns[0] != returns[1]:
+            raise InputError(f"not comparable: one returns {returns[0]}, the other {returns[1]}")
         # how many times faster the old one is: new time over old
         speedup = stats.unpaired(
             TimedBlocks(after.step_s, identity(new, after.machine)),
@@ -121,7 +116,7 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
         new.model,
         new.path,
         new.options,
-        new.nbatch,
+        new.model_record.nbatch,
         status,
         detail,
         ratio,
@@ -143,27 +138,17 @@ def _verdict(ratio: Ratio | None) -> Verdict | None:
 
 def _timed(run: Run) -> dict[_Key, _Timed]:
     """Return what a run timed, by what must be the same to be compared; the last of each."""
-    models = derive_all(run.records)
-    results = {_key(r): (r, each.race) for each in models for r in each.results}
     timed: dict[_Key, _Timed] = {}
-    for record in run.of_type(MeasurementRecord):
-        result, race = results.get(_key(record), (None, None))
-        step_s = _step_s(record, race)
-        if record.agrees and record.status == Status.OK and step_s:
-            timed[_key(record)] = _Timed(record, run.header.machine, step_s, result)
+    for model_results in derive_all(run.records):
+        model, race = model_results.model, model_results.race
+        for result in filter(lambda each: each.is_timed, model_results.results):
+            options = repr(sorted(result.options.items()))
+            step_s = race.step_s(result.variant) if race is not None else []
+            if result.samples_s and model.block_steps:
+                step_s = [seconds / model.block_steps for seconds in result.samples_s]
+            key = (model.model, result.path, options, model.nbatch)
+            timed[key] = _Timed(result, run.header.machine, step_s)
     return timed
-
-
-def _key(record: MeasurementRecord) -> _Key:
-    return record.model, record.path, repr(sorted(record.options.items())), record.nbatch
-
-
-def _step_s(record: MeasurementRecord, race: RaceRecord | None) -> Sequence[float]:
-    """Return the seconds of a step in each launch, or in each block of one process."""
-    if record.samples_s:
-        steps = steps_per_block(record)
-        return [seconds / steps for seconds in record.samples_s]
-    return race.step_s(Variant(record.path, record.options)) if race is not None else ()
 
 
 def differences_section(rows: Sequence[RunDifference]) -> Section:

@@ -20,11 +20,11 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Units:
-    """A quantity of the degrees of freedom, in the units they have; None where there are none.
+    """A length and an angle of the degrees of freedom; None where there are none.
 
     Attributes:
-      m: of slides and of the positions of free bodies, in m, or in m/s.
-      rad: of hinges, balls and the orientations of free bodies, in rad, or in rad/s.
+      m: of slides and of the positions of free bodies.
+      rad: of hinges, balls and the orientations of free bodies.
     """
 
     m: AnyFloat | None
@@ -45,19 +45,13 @@ class Distance:
     Attributes:
       share: of positions, as a share of the motion; the larger of the two units.
       position: in m and rad.
-      velocity: in m/s and rad/s.
     """
 
     share: AnyFloat
     position: Units
-    velocity: Units
 
     def larger(self, other: "Distance") -> "Distance":
-        return Distance(
-            max(self.share, other.share),
-            self.position.larger(other.position),
-            self.velocity.larger(other.velocity),
-        )
+        return Distance(max(self.share, other.share), self.position.larger(other.position))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +115,9 @@ def distance(
     model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
 ) -> Distance:
     position = _largest_rms(_position_errors(model, reference.qpos, runs), scale.is_rad)
-    velocity = _largest_rms(runs.qvel - reference.qvel, scale.is_rad)
     return Distance(
         bound(shares(model, scale, runs, reference)),
         Units(*(None if v is None else bound(v) for v in position)),
-        Units(*(None if v is None else bound(v) for v in velocity)),
     )
 
 

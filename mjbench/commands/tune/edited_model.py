@@ -13,7 +13,6 @@ from mjbench.simulation import compat, model_options, models
 from mjbench.simulation.models import ModelSource
 
 _COMPILED = ".mjb"
-_KEYWORDS = {"true": 1, "false": 0}
 
 
 def compiled(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
@@ -80,7 +79,13 @@ def _apply(source: ModelSource, spec: Any, edit: Edit) -> None:
             exclude = spec.add_exclude()
             exclude.bodyname1, exclude.bodyname2 = edit.name, edit.value
     elif edit.part == Part.COMPILER:
-        _set_compiler(source, spec, edit)
+        try:
+            setattr(spec.compiler, edit.name, edit.value == "true")
+        except AttributeError:
+            version = mujoco.mj_versionString()
+            raise InputError(
+                f"{_label(source, [edit])}: MuJoCo {version} has no such attribute"
+            ) from None
     else:
         _set_option(source, spec.option, edit)
 
@@ -91,22 +96,6 @@ def _set_option(source: ModelSource, options: Any, edit: Edit) -> None:
         set_one(options, edit.name, edit.value)
     except InputError as error:
         raise InputError(f"{source.name}: {error}") from error
-
-
-def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
-    present = getattr(getattr(spec, "compiler", None), edit.name, None)
-    if not isinstance(present, bool | int | float):
-        raise InputError(
-            f"{_label(source, [edit])}: MuJoCo {mujoco.mj_versionString()} has no such attribute"
-            " that is a number, true or false"
-        )
-    try:  # some releases have integers for true and false
-        number = _KEYWORDS.get(edit.value, edit.value)
-        value = _KEYWORDS[edit.value] if isinstance(present, bool) else float(number)
-    except (KeyError, ValueError):
-        kind = "true or false" if isinstance(present, bool) else "a number, true or false"
-        raise InputError(f"{_label(source, [edit])}: its value is {kind}") from None
-    setattr(spec.compiler, edit.name, type(present)(value))
 
 
 def _is_excluded(spec: Any, edit: Edit) -> bool:

@@ -5,15 +5,14 @@ Whatever steps the model runs in a process of its own: a setting may crash MuJoC
 
 import math
 import pickle
-import random
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from mjbench.commands.tune import edited_model, knobs, mesh_notes, reference, usual_regime
 from mjbench.commands.tune.mesh_notes import MeshNote
-from mjbench.commands.tune.reference import HOLD, Baseline, Present, TrialPlan
+from mjbench.commands.tune.reference import HOLD, Baseline, CurrentSettings, TrialPlan
 from mjbench.commands.tune.result import Attempt, fresh_ratio, log_ratio
 from mjbench.commands.tune.setting_launch import (
     SearchFiles,
@@ -21,10 +20,9 @@ from mjbench.commands.tune.setting_launch import (
     run_launch,
     stage_shares,
 )
-from mjbench.commands.tune.settings import Setting, Settings
+from mjbench.commands.tune.settings import Setting
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
-from mjbench.paired.launches import StopRule, Targets
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
@@ -33,10 +31,6 @@ from mjbench.status import Status
 
 # Seconds of silence after which a child is killed.
 SILENCE_S = 120.0
-# A launch of a few settings takes at least this share of the time of one of all: it starts a
-# process.
-SHARE_OF_START = 0.25
-
 # Seconds that the present runs and the reference may take at least: they have many steps.
 RUNS_SILENCE_S = 600.0
 
@@ -67,7 +61,7 @@ class CMeasurements:
         plan = seed, self._starts, self._hold, computing_s
         return isolate.call(look, self._source, *plan, limit_s=self._limit_s)
 
-    def present(self, plan: TrialPlan) -> tuple[Present, Mapping[str, float], float]:
+    def present(self, plan: TrialPlan) -> tuple[CurrentSettings, Mapping[str, float], float]:
         """Draw the trials of launches; return what the present settings do from there.
 
         Returns:
@@ -75,7 +69,7 @@ class CMeasurements:
         """
         return isolate.call(run_present, self._source, plan, self._files, limit_s=self._long_s)
 
-    def reference(self, horizon_ncontrol: int | None = None) -> Present:
+    def reference(self, horizon_ncontrol: int | None = None) -> CurrentSettings:
         """Run the reference, to a horizon if there is one; return what the present settings do."""
         files = self._files, horizon_ncontrol
         return isolate.call(run_reference, self._source, *files, limit_s=self._long_s)
@@ -105,84 +99,10 @@ class CMeasurements:
         return begun
 
 
-# -- launches until a rule has enough ------------------------------------------------------------
-
-SettingLaunch = Mapping[int, Attempt]
+# -- what launches say together -----------------------------------------------------------------
 
 
-@dataclass
-class SettingTargets(Targets[SettingLaunch]):
-    """Settings to time; each launch has them in an order of its own, and new starts.
-
-    The first one keeps the order, in which the likely gains come first: time may run out.
-    """
-
-    try_settings: Callable[[SettingLaunchRequest], Sequence[Attempt]]
-    settings: Sequence[Settings]
-    timed_s: float
-    left_s: Callable[[], float]
-    rng: random.Random
-    is_first: bool = True
-
-    def launch(self, positions: Sequence[int]) -> SettingLaunch:
-        """See `Targets.launch`; a setting that fails has a status."""
-        order = list(positions)
-        if not self.is_first:
-            self.rng.shuffle(order)
-        self.is_first = False
-        settings, seed = [self.settings[i] for i in order], self.rng.randrange(2**31)
-        request = SettingLaunchRequest(
-            settings, self.timed_s, seed=seed, stop_after_s=self.left_s()
-        )
-        return dict(zip(order, self.try_settings(request), strict=False))
-
-
-@dataclass
-class SettingRule(StopRule[SettingLaunch]):
-    """Launch settings a number of times, or until time is up; those that fail leave.
-
-    Attributes:
-      least: launches that are begun in any case.
-      end_s: after the least, no launch is begun that would end later than this, by `clock`.
-      stays: whether a setting is in the next launch, after its launches so far.
-    """
-
-    count: int
-    least: int
-    most: int
-    end_s: float
-    clock: Callable[[], float]
-    stays: Callable[[Sequence[Attempt]], bool] = lambda attempts: True
-    attempts: dict[int, list[Attempt]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self._left = list(range(self.count))
-        self._begin_s = self._launch_s = 0.0
-        self._ndone = 0
-
-    def next_targets(self) -> Sequence[int]:
-        self._begin_s = self.clock()
-        is_late = self._begin_s + self._launch_s > self.end_s
-        if self._ndone >= self.most or (self._ndone >= self.least and is_late):
-            return []
-        return self._left
-
-    def add(self, launch: SettingLaunch) -> None:
-        """See `StopRule.add`; settings that were not begun in time leave."""
-        before = len(self._left)
-        for position, attempt in launch.items():
-            self.attempts.setdefault(position, []).append(attempt)
-        self._left = [
-            i
-            for i in self._left
-            if i in launch and launch[i].status == Status.OK and self.stays(self.attempts[i])
-        ]
-        spent_s = self.clock() - self._begin_s
-        self._launch_s = spent_s * max(len(self._left) / max(1, before), SHARE_OF_START)
-        self._ndone += 1
-
-
-def together_known(attempts: Sequence[Attempt]) -> Attempt:
+def summary(attempts: Sequence[Attempt]) -> Attempt:
     """Return what several launches of a setting say: the median of its time, or how it failed."""
     last = attempts[-1]
     if last.status != Status.OK:
@@ -200,7 +120,7 @@ def with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
 
 def with_figures(attempt: Attempt, launched: Sequence[Attempt]) -> Attempt:
     """Return an attempt with the ratio of launches that did not choose it."""
-    known = together_known(launched)
+    known = summary(launched)
     if known.status != Status.OK:
         return Attempt(attempt.settings, known.status, known.detail)
     ratio = fresh_ratio(known.launches)
@@ -228,7 +148,7 @@ def look(
 
 def run_present(
     source: ModelSource, plan: TrialPlan, files: SearchFiles, channel: Channel
-) -> tuple[Present, Mapping[str, float], float]:
+) -> tuple[CurrentSettings, Mapping[str, float], float]:
     channel.doing(f"running {source.name} with its present settings")
     model = edited_model.compiled(source, ())
     baseline = reference.present_runs(model, plan)
@@ -240,7 +160,7 @@ def run_present(
 
 def run_reference(
     source: ModelSource, files: SearchFiles, horizon_ncontrol: int | None, channel: Channel
-) -> Present:
+) -> CurrentSettings:
     channel.doing(f"running the reference of {source.name}")
     model = models.load(ModelSource(source.name, files.model))
     baseline: Baseline = pickle.loads(files.baseline.read_bytes())

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from mjbench.commands.tune.accuracy import Distance
-from mjbench.commands.tune.reference import REFINEMENT, Present
+from mjbench.commands.tune.reference import REFINEMENT, CurrentSettings
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.commands.tune.settings import label
 from mjbench.results.formats import short_percent
@@ -51,7 +51,7 @@ def left_out(record: TuneRecord) -> Iterator[str]:
         yield f"There was no time for {untried} of settings: give a longer --budget"
 
 
-def _basis(present: Present) -> Iterator[str]:
+def _basis(present: CurrentSettings) -> Iterator[str]:
     if present.error is None or present.solver is None:
         yield (
             f"No reference was run, so errors are unknown: settings were compared with the present"

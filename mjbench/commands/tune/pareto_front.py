@@ -2,11 +2,10 @@
 
 import itertools
 import math
-import random
 from collections.abc import Sequence
 
 from mjbench.commands.tune.result import Attempt, Effect, allowed_error
-from mjbench.commands.tune.settings import NO_CHANGE, Setting, label
+from mjbench.commands.tune.settings import NO_CHANGE, Setting, Settings
 
 # Recommendations at most.
 FRONT = 6
@@ -15,68 +14,33 @@ FRONT = 6
 DISTINCT, DISTINCT_BEYOND = 0.98, 0.9
 
 
-def combinations(
-    faster: Sequence[Attempt], most: int, rng: random.Random
-) -> list[tuple[Setting, ...]]:
-    """Return settings to try together, one of each knob at most; those most likely to help first.
+def combinations(faster: Sequence[Attempt]) -> list[Settings]:
+    """Return settings to try together, one of each knob; those most likely to help first.
 
     They are the fastest of each knob among the free settings, among those and the equivalent ones,
-    and among all; each other setting together with all that cost no accuracy; and random choices of
-    the others. None is a setting alone.
+    and among all; and each other setting, and each pair of them, with all that cost no accuracy.
+    None is a setting alone.
     """
-    chosen: dict[frozenset[str], tuple[Setting, ...]] = {}
-
-    def add(settings: Sequence[Attempt]) -> None:
-        combination = _fastest_by_knob(settings)
-        if len(combination) > 1:
-            chosen.setdefault(frozenset(each.label for each in combination), combination)
-
     free = [each for each in faster if effect_of(each) == Effect.FREE]
     exact = [each for each in faster if effect_of(each) != Effect.APPROXIMATE]
     others = [each for each in faster if effect_of(each) == Effect.APPROXIMATE]
-    for group in (free, exact, faster):
-        add(group)
-    pairs = itertools.combinations(others, 2)
-    samples = [
-        rng.sample(others, rng.randint(1, len(others))) for _ in range(4 * most if others else 0)
-    ]
-    for sample in (*([each] for each in others), *pairs, *samples):
-        knobs = {_knob(each) for each in sample}
-        add([*(each for each in exact if _knob(each) not in knobs), *sample])
-    return list(chosen.values())[:most]
+    chosen = [_fastest_by_knob(group) for group in (free, exact, faster)]
+    chosen += [_fastest_by_knob([each], exact) for each in others]
+    chosen += [_fastest_by_knob(pair, exact) for pair in itertools.combinations(others, 2)]
+    return list(dict.fromkeys(each for each in chosen if len(each) > 1))
 
 
-def _knob(alone: Attempt) -> str:
-    (setting,) = alone.settings
-    return setting.knob
+def _fastest_by_knob(*groups: Sequence[Attempt]) -> Settings:
+    """Return a setting of each knob: of the first group that has one, the fastest.
 
-
-def _fastest_by_knob(settings: Sequence[Attempt]) -> tuple[Setting, ...]:
-    """Return the fastest setting of each knob; the loop's own settings exclude each other."""
+    The settings of the loop exclude each other.
+    """
     by_knob: dict[str, Setting] = {}
-    for each in sorted(settings, key=lambda each: each.ratio.estimate if each.ratio else 1.0):
-        (setting,) = each.settings
-        by_knob.setdefault(setting.knob if setting.loop == NO_CHANGE else "loop", setting)
+    for group in groups:
+        for each in sorted(group, key=lambda each: each.ratio.estimate if each.ratio else 1.0):
+            (setting,) = each.settings
+            by_knob.setdefault(setting.knob if setting.loop == NO_CHANGE else "loop", setting)
     return tuple(setting for _, setting in sorted(by_knob.items()))
-
-
-def by_exactness(
-    attempts: Sequence[Attempt], faster: Sequence[Attempt]
-) -> tuple[list[Attempt], list[Attempt]]:
-    """Return the attempts without settings that are approximate alone, and the others."""
-    exact = {label(each.settings) for each in faster if effect_of(each) != Effect.APPROXIMATE}
-    without = [each for each in attempts if all(one.label in exact for one in each.settings)]
-    return without, [each for each in attempts if each not in without]
-
-
-def better_half(attempts: Sequence[Attempt]) -> list[Attempt]:
-    """Return half of the attempts: front after front, each from the fastest on."""
-    left, better = list(attempts), list[Attempt]()
-    while left and 2 * len(better) < len(attempts):
-        front = [one for one in left if not any(_dominates(other, one) for other in left)]
-        better += sorted(front, key=time_ratio_of)
-        left = [one for one in left if one not in front]
-    return better[: (len(attempts) + 1) // 2]
 
 
 def pareto_front(
@@ -121,10 +85,6 @@ def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTI
         front.append(attempt)
 
 
-def rank_of(attempt: Attempt) -> tuple[int, float]:
-    return effect_of(attempt).rank, time_ratio_of(attempt)
-
-
 def effect_of(attempt: Attempt) -> Effect:
     assert attempt.accuracy is not None, "it did not fail"
     return attempt.accuracy.effect
@@ -143,8 +103,3 @@ def error_of(attempt: Attempt) -> float:
 def time_ratio_of(attempt: Attempt) -> float:
     assert attempt.time_ratio is not None, "it was timed"
     return attempt.time_ratio
-
-
-def _dominates(one: Attempt, other: Attempt) -> bool:
-    pair = (time_ratio_of(one), error_of(one)), (time_ratio_of(other), error_of(other))
-    return all(mine <= theirs for mine, theirs in zip(*pair, strict=True)) and pair[0] != pair[1]

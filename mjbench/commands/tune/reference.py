@@ -17,10 +17,9 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt
 from mjbench.commands.tune import accuracy, trajectories
 from mjbench.commands.tune.accuracy import Distance, Motion
-from mjbench.commands.tune.contact_and_energy import Physics, physics
 from mjbench.commands.tune.solver_convergence import converged, mostly_converges
 from mjbench.commands.tune.trajectories import Trajectories, Trials
 from mjbench.errors import InputError
@@ -66,7 +65,6 @@ class TrialPlan:
 
     Attributes:
       ncontrol: controls of a run; None for as many as can be afforded.
-      horizon_ncontrol: controls over which errors are compared; None to see how many can be.
       reference_s: seconds of computing for the reference, which limit the length of runs.
     """
 
@@ -74,12 +72,11 @@ class TrialPlan:
     starts: StartPlan
     hold: int = HOLD
     ncontrol: int | None = None
-    horizon_ncontrol: int | None = None
     reference_s: float = REFERENCE_S
 
 
 @dataclass(frozen=True)
-class Present:
+class CurrentSettings:
     """What the present settings do, beside the reference; None is what was not measured.
 
     Attributes:
@@ -91,8 +88,6 @@ class Present:
       rounding: distance of runs from starts that differ in the last place.
       solver: distance of runs with the same timestep and a converged solver.
       converged_error: of these, from the reference.
-      motion_m: how far the model moves, in m; None without such degrees of freedom.
-      motion_rad: in rad.
     """
 
     nrun: NonNegativeInt
@@ -105,10 +100,6 @@ class Present:
     error: Distance | None
     rounding: Distance
     solver: Distance | None
-    motion_m: AnyFloat | None
-    motion_rad: AnyFloat | None
-    physics: Physics
-    reference_physics: Physics | None
     converged_error: Distance | None = None
 
     @property
@@ -151,7 +142,7 @@ class Baseline:
     twin: Trajectories
     same_ncontrol: int
     reference: Trajectories | None
-    facts: Present
+    facts: CurrentSettings
 
     def only(self, nrun: int) -> "Baseline":
         """Return some runs, from first to last; the facts are still those of all."""
@@ -176,7 +167,7 @@ def present_runs(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
     trials, present, twin = trials.only(healthy), present.only(healthy), twin.only(healthy)
     scale = accuracy.motion(model, _initial_qpos(model, trials), present)
     ncontrol = trials.ncontrol
-    facts = Present(
+    facts = CurrentSettings(
         nrun=trials.nrun,
         horizon_s=ncontrol * trials.control_s,
         horizon_ncontrol=ncontrol,
@@ -187,10 +178,6 @@ def present_runs(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
         error=None,
         rounding=accuracy.distance(model, scale, twin, present),
         solver=None,
-        motion_m=scale.position.m,
-        motion_rad=scale.position.rad,
-        physics=physics(model, trials.initial_state, present.points),
-        reference_physics=None,
     )
     rounding = accuracy.bounds_over_time(model, scale, twin, present)
     is_same = np.logical_and.accumulate(rounding <= SAME_SHARE / ROUNDING_FACTOR)
@@ -228,9 +215,6 @@ def with_reference(
         rounding=apart(twin, present),
         solver=apart(solver, present),
         converged_error=apart(solver, reference),
-        motion_m=scale.position.m,
-        motion_rad=scale.position.rad,
-        reference_physics=physics(model, trials.initial_state, reference.points),
     )
     return replace(runs, motion=scale, reference=within, facts=facts)
 

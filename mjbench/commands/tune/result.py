@@ -15,9 +15,8 @@ from mjbench.bounds import (
     PositiveFloat,
 )
 from mjbench.commands.tune.accuracy import Distance
-from mjbench.commands.tune.contact_and_energy import Physics
 from mjbench.commands.tune.mesh_notes import MeshNote
-from mjbench.commands.tune.reference import Present
+from mjbench.commands.tune.reference import CurrentSettings
 from mjbench.commands.tune.settings import Setting
 from mjbench.measuring import launch_stats, stats
 from mjbench.measuring.ratio import Ratio
@@ -57,7 +56,6 @@ class Accuracy:
     Attributes:
       error: distance from the reference, within the horizon; None without a reference.
       distance: from the runs with present settings, within the horizon.
-      physics: of the states along the runs; None without a reference.
       run_errors: of each run from the reference, as a share of the motion.
       changed_sensors: how many sensors have other data although the motion is the same.
       sensor_share: by how much the data of the other sensors differ then at most, as a share of the
@@ -67,7 +65,6 @@ class Accuracy:
     effect: Effect
     error: Distance | None
     distance: Distance
-    physics: Physics | None
     run_errors: Sequence[AnyFloat]
     changed_sensors: NonNegativeInt = 0
     sensor_share: NonNegativeFloat = 0.0
@@ -165,7 +162,7 @@ class TuneRecord:
     seed: Int64 = 0
     max_error: PositiveFloat | None = None
     only: Effect = Effect.APPROXIMATE
-    present: Present | None = None
+    present: CurrentSettings | None = None
     attempts: Sequence[Attempt] = ()
     no_reference: str = ""
     untried: NonNegativeInt = 0

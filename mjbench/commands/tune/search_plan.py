@@ -36,11 +36,7 @@ class SearchPlan:
     hold: int = HOLD
     skip: tuple[str, ...] = ()
 
-    def trials(
-        self, look: int, ncontrol: int | None = None, horizon_ncontrol: int | None = None
-    ) -> TrialPlan:
+    def trials(self, look: int, ncontrol: int | None = None) -> TrialPlan:
         """Return the starts and controls of a look: 0 for the search, 1 for the second look."""
         reference_s = min(REFERENCE_S, REFERENCE_SHARE * self.budget_s)
-        return TrialPlan(
-            self.seed + look, self.starts, self.hold, ncontrol, horizon_ncontrol, reference_s
-        )
+        return TrialPlan(self.seed + look, self.starts, self.hold, ncontrol, reference_s)

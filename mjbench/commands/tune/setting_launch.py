@@ -21,7 +21,6 @@ from mjbench import paths
 from mjbench.commands.profile import measure as profile
 from mjbench.commands.profile.loop_starts import StartsInTurn
 from mjbench.commands.tune import accuracy, edited_model, trajectories
-from mjbench.commands.tune.contact_and_energy import physics
 from mjbench.commands.tune.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, log_ratio
 from mjbench.commands.tune.settings import (
@@ -180,22 +179,13 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
     if effect != Effect.APPROXIMATE and not runs.has_sensors_of(baseline.present):
         effect = Effect.EQUIVALENT
         sensors = trajectories.sensor_change(model, runs, baseline.present)
-    error, along, run_errors = None, None, list[float]()
+    error, run_errors = None, list[float]()
     if baseline.reference is not None:
         error = accuracy.distance(model, scale, within, baseline.reference)
-        along = physics(model, baseline.trials.initial_state, runs.points)
         run_errors = accuracy.shares(model, scale, within, baseline.reference).tolist()
     effect = Effect.APPROXIMATE if sensors.changed else effect
     apart = accuracy.distance(model, scale, within, present)
-    return Accuracy(
-        effect,
-        error,
-        apart,
-        along,
-        run_errors,
-        changed_sensors=sensors.changed,
-        sensor_share=sensors.share,
-    )
+    return Accuracy(effect, error, apart, run_errors, sensors.changed, sensors.share)
 
 
 def _effect(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Effect:

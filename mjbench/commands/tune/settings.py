@@ -41,7 +41,7 @@ class Part(enum.StrEnum):
     FLAG = "flag"
     """An attribute of `<option><flag>`: `enable` or `disable`."""
     COMPILER = "compiler"
-    """An attribute of `<compiler>`."""
+    """An attribute of `<compiler>` that is true or false."""
     EXCLUDE = "exclude"
     """An `<exclude>` of `<contact>` more, between two bodies."""
 

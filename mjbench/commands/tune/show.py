@@ -5,7 +5,7 @@ from xml.sax.saxutils import quoteattr
 
 from mjbench.commands.tune import knobs
 from mjbench.commands.tune.notes import in_units, notes, percent
-from mjbench.commands.tune.reference import SAME_SHARE, Present
+from mjbench.commands.tune.reference import SAME_SHARE, CurrentSettings
 from mjbench.commands.tune.result import (
     SAME_ERROR,
     Accuracy,
@@ -102,7 +102,7 @@ def slow_lines(settings: Sequence[Setting]) -> list[str]:
     ]
 
 
-def _front_figure(record: TuneRecord, present: Present) -> Figure:
+def _front_figure(record: TuneRecord, present: CurrentSettings) -> Figure:
     """Return time against error: what was tried from all starts, and what was confirmed."""
     judged = [(row, row.accuracy) for row in record.attempts if row.accuracy is not None]
     most = max((len(accuracy.run_errors) for _, accuracy in judged), default=0)
@@ -143,14 +143,16 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     )
 
 
-def _front_rows(record: TuneRecord, present: Present) -> Iterator[tuple[Recommendation, bool]]:
+def _front_rows(
+    record: TuneRecord, present: CurrentSettings
+) -> Iterator[tuple[Recommendation, bool]]:
     """Yield the present settings, then the front, with whether each is advised."""
     yield Recommendation((), Ratio(1.0, None, None), present.error), False
     listed = advised(record)
     yield from ((each, each in listed) for each in record.front)
 
 
-def _front_table(record: TuneRecord, present: Present) -> DataTable:
+def _front_table(record: TuneRecord, present: CurrentSettings) -> DataTable:
     four_digits = formats.digits(4)
     return DataTable.of(
         "Confirmed from new starts",

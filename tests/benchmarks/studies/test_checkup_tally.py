@@ -7,7 +7,7 @@ import example_environment_records as environments
 import pytest
 from example_races import BATCH_STEP, ROLLOUT, THREADS, Entrant, compared, raced
 from set_files import MACHINE
-from tuning_values import NOTHING, apart, present
+from tuning_values import apart, present
 
 from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial, trial
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
@@ -40,7 +40,7 @@ def tuned(*front: Recommendation, **fields: Any) -> TuneRecord:
 
 def free(times: float, *settings: Setting, effect: Effect = Effect.FREE) -> Recommendation:
     ratio = Ratio(1 / times, 0.99 / times, 1.01 / times)
-    accuracy = Accuracy(effect, apart(0.0), apart(0.0), NOTHING, [0.0])
+    accuracy = Accuracy(effect, apart(0.0), apart(0.0), [0.0])
     return Recommendation(settings, ratio, apart(0.0), (), effect, accuracy)
 
 

@@ -1,7 +1,7 @@
 """What is measured together: the fastest way of stepping, the timer, and free settings."""
 
 from example_races import PLAIN, ROLLOUT, raced
-from tuning_values import NOTHING, apart
+from tuning_values import apart
 
 from mjbench.commands.checkup import combination
 from mjbench.commands.tune.result import Accuracy, Effect, Recommendation, TuneRecord
@@ -15,7 +15,7 @@ PROCESSES = Variant("processes", {"processes": 2})
 
 
 def recommended(effect: Effect, *settings: Setting) -> Recommendation:
-    accuracy = Accuracy(effect, apart(0.0), apart(0.0), NOTHING, [0.0])
+    accuracy = Accuracy(effect, apart(0.0), apart(0.0), [0.0])
     return Recommendation(settings, Ratio(0.8, 0.7, 0.9), apart(0.0), (), effect, accuracy)
 
 

@@ -8,7 +8,7 @@ import pytest
 from example_races import BATCH_STEP, ROLLOUT, compared, raced
 from set_files import MACHINE
 from step_profiles import step_profile
-from tuning_values import NOTHING, apart, blocks, present
+from tuning_values import apart, blocks, present
 from verdict_records import FASTER, SAME
 
 from mjbench.commands.checkup import checkup_items
@@ -62,7 +62,7 @@ def of_paths(*entrants: Any, **fields: Any) -> list[Record]:
 
 
 def recommended(effect: Effect, ratio: float, error: float, *settings: Setting) -> Recommendation:
-    accuracy = Accuracy(effect, apart(error), apart(error), NOTHING, [error])
+    accuracy = Accuracy(effect, apart(error), apart(error), [error])
     interval = Ratio(ratio, ratio - 0.01, ratio + 0.01)
     return Recommendation(settings, interval, apart(error), (), effect, accuracy)
 

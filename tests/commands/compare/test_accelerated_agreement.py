@@ -11,7 +11,6 @@ from pretender import MODEL, Pretender, Pretender32, make_workload
 from mjbench.commands.compare.accelerated_agreement import (
     CheckedRun,
     Programs,
-    SteppingProgram,
     check_run,
     probe_workload,
     reordered_end_problem,
@@ -30,15 +29,14 @@ def compiled_run(workload: Workload, wrong: str = "") -> Compiled:
 
 
 def checked_run(workload: Workload, path: Pretender) -> CheckedRun:
-    def program(steps: Workload) -> SteppingProgram:
-        return SteppingProgram(path.compile(steps, {}, Peaks(0, 0)).advance, steps)
+    def program(steps: Workload) -> Compiled:
+        return path.compile(steps, {}, Peaks(0, 0))
 
     smooth, converged = (
         program(probe_workload(model, workload))
         for model in (without_constraints(workload.model), converging(workload.model))
     )
-    programs = Programs(program(workload), smooth, converged, is_deterministic=True)
-    return check_run(workload, programs, path.precision)
+    return check_run(Programs(program(workload), smooth, converged), path.precision)
 
 
 @functools.cache
@@ -132,7 +130,7 @@ def test_every_simulation_of_a_large_batch_takes_a_step_that_is_judged(
 def test_timed_blocks_that_do_nothing_are_reported_in_contact_on_a_gpu_too(wrong: str) -> None:
     workload = make_workload("humanoid")
     compiled = dataclasses.replace(compiled_run(workload, wrong), is_deterministic=False)
-    problem = timed_end_problem(workload, compiled, faultless(Pretender, "humanoid"))
+    problem = timed_end_problem(compiled, faultless(Pretender, "humanoid"))
     assert bool(problem) == bool(wrong)
 
 
@@ -143,7 +141,7 @@ def test_a_timed_block_that_ends_elsewhere_than_the_checked_run_is_reported(
 ) -> None:
     workload = make_workload()
     compiled = dataclasses.replace(compiled_run(workload, wrong), is_deterministic=exact)
-    reported = timed_end_problem(workload, compiled, faultless(Pretender, MODEL))
+    reported = timed_end_problem(compiled, faultless(Pretender, MODEL))
     assert reported.startswith(problem)
     assert bool(reported) == bool(problem)
 
@@ -155,6 +153,6 @@ def test_a_block_that_replays_an_earlier_one_is_reported_once_simulations_are_re
 ) -> None:
     workload = make_workload(model)
     compiled, checked = compiled_run(workload, wrong), faultless(Pretender, model)
-    assert timed_end_problem(workload, compiled, checked) == ""
-    problem = reordered_end_problem(workload, compiled, checked)
+    assert timed_end_problem(compiled, checked) == ""
+    problem = reordered_end_problem(compiled, checked)
     assert problem.startswith("once the simulations are reordered, ") == bool(wrong), problem

@@ -64,8 +64,6 @@ def test_what_moves_without_contact_keeps_to_the_tolerances(
     assert record.compile_s is not None
     assert record.compile_s > 0
     assert record.device
-    # the very same workload, in the child and on its device
-    assert record.workload_digest == workload.digest()
     assert record.memory_bytes is not None
     assert record.memory_bytes > 2**20
     assert record.versions is not None

@@ -11,7 +11,6 @@ from example_records import PAIR
 from pretender import Pretender32, make_workload
 
 from mjbench.commands.compare.accelerated_agreement import (
-    SteppingProgram,
     probe_workload,
     take_single_steps,
 )
@@ -53,7 +52,7 @@ def converged_steps(workload: Workload) -> tuple[SingleSteps, StepOutcome]:
     singles = reference_trajectory.single_steps(workload, run, 64, rounded=True)
     probe = probe_workload(converging(workload.model), workload)
     compiled = Pretender32().compile(probe, {}, Peaks(0, 0))
-    return singles, take_single_steps(SteppingProgram(compiled.advance, probe), singles)
+    return singles, take_single_steps(compiled, singles)
 
 
 def judged(workload: Workload, singles: SingleSteps, outcome: StepOutcome) -> JudgedConstraints:
@@ -113,8 +112,7 @@ def test_a_state_in_which_c_is_far_from_the_solution_excuses_no_other(error: flo
     model.opt.iterations = 1
     workload = dataclasses.replace(workload, model=model)
     singles, converged = converged_steps(workload)
-    user = Pretender32().compile(workload, {}, Peaks(0, 0))
-    timed = take_single_steps(SteppingProgram(user.advance, workload), singles)
+    timed = take_single_steps(Pretender32().compile(workload, {}, Peaks(0, 0)), singles)
     is_free = singles.constraints == 0
     assert 0 < is_free.sum() < len(is_free)
     qacc = timed.qacc * np.where(is_free, 1.0 + error, 1.0)[:, None]

@@ -28,8 +28,10 @@ from mjbench.commands.compare.advice import (
     conclusion,
     thread_conclusion,
 )
-from mjbench.commands.compare.results import ModelResults, derive
+from mjbench.commands.compare.results import ModelResults, PathResult, derive
+from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import CoreChange
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
@@ -45,6 +47,12 @@ def sentences(model_results: ModelResults, names_size: bool = False) -> list[str
 
 def chosen(model_results: ModelResults) -> list[tuple[str, Reason, bool]]:
     return [(each.path, each.reason, each.is_certain) for each in advise(model_results)]
+
+
+def timed(model_results: ModelResults, variant: Variant) -> PathResult:
+    result = model_results.timed(variant)
+    assert result is not None
+    return result
 
 
 def compiled(speedup: float) -> MeasurementRecord:
@@ -129,16 +137,15 @@ def test_rivals_are_listed_the_fastest_first_and_one_alone_is_named() -> None:
     advice = advise(model_results)[0]
     assert not advice.is_certain
     assert advice.rivals
-    assert Variant(advice.path, advice.options) not in advice.rivals
-    by_variant = {str(result.variant): result for result in model_results.results}
-    speeds = [by_variant[str(rival)].steps_per_s or 0.0 for rival in advice.rivals]
+    assert advice.result not in advice.rivals
+    speeds = [rival.steps_per_s or 0.0 for rival in advice.rivals]
     assert speeds == sorted(speeds, reverse=True)
     for count, doubt in (
         (0, "; not certain"),
         (1, "; not certain: mujoco.rollout on 2 threads may be faster by up to 4 %"),
         (3, "; not certain: 3 other paths may be faster by up to 4 %"),
     ):
-        rivals = [ROLLOUT, POOL, BATCH_STEP][:count]
+        rivals = [timed(model_results, each) for each in (ROLLOUT, POOL, BATCH_STEP)][:count]
         assert conclusion(replace(advice, rivals=rivals, most_gain=0.04)).endswith(doubt)
 
 
@@ -146,7 +153,7 @@ def test_beside_the_plain_loop_the_fastest_rival_is_said_with_how_fast_it_was() 
     model_results = derived(raced([(ROLLOUT, 20.0), (POOL, 19.0)], spread=2.0, launches=2))
     advice = advise(model_results)[0]
     assert (advice.path, advice.is_certain) == ("python_loop", False)
-    first = next(each for each in model_results.results if each.variant == advice.rivals[0])
+    first = advice.rivals[0]
     assert first.speedup is not None
     assert advice.rival_speedup == first.speedup.estimate > 2
     doubt = conclusion(advice).split("; ")[-1]
@@ -154,10 +161,11 @@ def test_beside_the_plain_loop_the_fastest_rival_is_said_with_how_fast_it_was() 
         r"mujoco\.rollout on 2 threads.* was \d+.* times as fast, but not certainly",
         doubt,
     )
-    processes = Variant("processes", {"processes": 2})
+    processes = replace(first, path="processes", options={"processes": 2})
     doubt = conclusion(replace(advice, rivals=[processes])).split("; ")[-1]
     assert doubt.startswith("2 worker processes were ")
-    assert "times as fast" not in conclusion(replace(advice, rival_speedup=1.01))
+    slow = replace(first, speedup=Ratio(1.01, None, None))
+    assert "times as fast" not in conclusion(replace(advice, rivals=[slow]))
     assert "times as fast" not in conclusion(replace(advice, reason=Reason.FASTER))
 
 
@@ -172,7 +180,7 @@ def test_the_plain_loop_is_no_rival_of_a_path_that_is_certainly_faster() -> None
 
 def test_a_disturbed_race_makes_nothing_certain_where_only_the_plain_loop_was_timed() -> None:
     assert chosen(derived(raced([]))) == [("python_loop", Reason.ALONE, True)] * 2
-    disturbed = derived(raced([], stolen_share=0.2))
+    disturbed = derived(raced([], disturbance=Disturbance(stolen_share=0.2)))
     assert chosen(disturbed) == [("python_loop", Reason.ALONE, False)] * 2
 
 
@@ -186,9 +194,9 @@ def test_one_launch_makes_nothing_certain() -> None:
     "disturbance",
     [
         {"cores": 1.2},
-        {"stolen_share": 0.2},
-        {"neighbours": ["latency"]},
-        {"core_change": CoreChange(2, 1)},
+        {"disturbance": Disturbance(stolen_share=0.2)},
+        {"disturbance": Disturbance(["latency"])},
+        {"disturbance": Disturbance(core_change=CoreChange(2, 1))},
     ],
 )
 def test_a_disturbed_race_makes_nothing_certain(disturbance: dict[str, Any]) -> None:
@@ -275,7 +283,7 @@ def test_the_advice_of_a_path_that_is_close_says_what_differs() -> None:
     close = replace(JUDGED, answer=EngineAnswer.CLOSE, reason="contacts: box–box: 4 instead of 8")
     record = replace(compiled(4.0), judgement=close)
     advice = advise(derived(raced([(THREADS, 0.8)]), more=[record], total_steps=50_000_000))[0]
-    assert (advice.path, advice.difference) == ("mjx", "contacts: box–box: 4 instead of 8")
+    assert (advice.path, advice.result.difference) == ("mjx", "contacts: box–box: 4 instead of 8")
     assert "close to C, not the same: contacts: box–box: 4 instead of 8" in conclusion(advice)
 
 

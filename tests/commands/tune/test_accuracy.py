@@ -38,7 +38,6 @@ def test_the_largest_distance_of_a_run_counts():
     apart = accuracy.distance(SLIDE_AND_HINGE, scale, runs, reference)
     assert apart.position == Units(pytest.approx(0.3), pytest.approx(0.2))
     assert apart.share == pytest.approx(0.3)
-    assert apart.velocity == Units(0.0, 0.0)
 
 
 def test_orientations_differ_by_their_angle():

@@ -1,20 +1,18 @@
 """The search, with measurements that are planted."""
 
 import math
-import random
 from dataclasses import replace
 
 import pytest
-from tuning_values import NOTHING, PRESENT_ERROR, apart, blocks, present
+from tuning_values import PRESENT_ERROR, apart, blocks, present
 
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune import pareto_front
 from mjbench.commands.tune import show as tuning
-from mjbench.commands.tune.c_search import RUNG_NRUN, SCREENS, CSearch
+from mjbench.commands.tune.c_search import FEW_NRUN, LEAST_LAUNCHES, MOST_LAUNCHES, SCREENS, CSearch
 from mjbench.commands.tune.knobs import KNOBS
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, TuneRecord, log_ratio
 from mjbench.commands.tune.search_plan import SearchPlan
-from mjbench.commands.tune.setting_launch import SettingLaunchRequest
 from mjbench.commands.tune.settings import LoopChange, Setting
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
@@ -89,7 +87,7 @@ class Planted:
             error = PRESENT_ERROR + sum(each[2] for each in of_each)
             changed = max(self.changed_sensors.get(label, 0) for label in labels)
             apart_from = apart(error) if self.has_reference else None
-            accuracy = Accuracy(effect, apart_from, apart(error), NOTHING, [error] * 64, changed)
+            accuracy = Accuracy(effect, apart_from, apart(error), [error] * 64, changed)
             attempt = replace(attempt, accuracy=accuracy)
         if request.timed_s:
             noise = 1 + 0.002 * (len(self.asked) % 3)
@@ -196,7 +194,7 @@ def test_a_setting_that_crashes_is_one_row_and_the_rest_goes_on():
 def test_a_setting_that_crashes_later_is_no_candidate_any_more(failing_nrun):
     class CrashesLater(Planted):
         def attempt(self, settings, request):
-            is_known = any(nrun == RUNG_NRUN for _, _, nrun in self.asked)
+            is_known = any(nrun == FEW_NRUN for _, _, nrun in self.asked)
             attempt = super().attempt(settings, request)
             if is_known and request.nrun == failing_nrun:
                 return Attempt(settings, Status.CRASHED, "killed by SIGSEGV")
@@ -469,7 +467,7 @@ def test_where_errors_cannot_be_compared_nothing_that_changes_the_motion_is_reco
 
 
 def faster(label, effect, ratio, **keywords):
-    accuracy = Accuracy(effect, apart(0.1), apart(0.1), NOTHING, [0.1] * 64)
+    accuracy = Accuracy(effect, apart(0.1), apart(0.1), [0.1] * 64)
     settings = (setting(label, **keywords),)
     return Attempt(settings, Status.OK, accuracy=accuracy, ratio=Ratio(ratio, None, None))
 
@@ -482,7 +480,7 @@ def test_combinations_have_one_setting_of_each_knob():
         faster("timestep=4", APPROXIMATE, 0.25),
         faster("cone=pyramidal", APPROXIMATE, 0.9),
     ]
-    drawn = pareto_front.combinations(of_knobs, 100, random.Random(0))
+    drawn = pareto_front.combinations(of_knobs)
     for combination in drawn:
         knobs = [each.knob for each in combination]
         assert len(knobs) == len(set(knobs)) > 1
@@ -490,6 +488,7 @@ def test_combinations_have_one_setting_of_each_knob():
     assert len(as_labels) == len(drawn)
     assert ("cone=pyramidal", "solver=PGS", "timestep=4") in as_labels
     assert ("solver=CG", "timestep=2") in as_labels
+    assert ("cone=pyramidal", "solver=CG", "timestep=2") in as_labels
 
 
 def test_settings_of_the_loop_exclude_each_other():
@@ -497,17 +496,18 @@ def test_settings_of_the_loop_exclude_each_other():
         faster("clock off", FREE, 0.9, loop=LoopChange(is_clock_off=True)),
         faster("engine threads", FREE, 0.8, loop=LoopChange(engine_threads=2)),
     ]
-    assert pareto_front.combinations(of_loop, 10, random.Random(0)) == []
+    assert pareto_front.combinations(of_loop) == []
 
 
-def test_half_of_the_combinations_go_on_from_the_front():
-    planted = Planted(
-        a_1=(APPROXIMATE, 0.5, 0.1),
-        b_1=(APPROXIMATE, 0.6, 0.2),
-        c_1=(APPROXIMATE, 0.9, 0.0),
-        d_1=(APPROXIMATE, 0.95, 0.3),
-    )
-    planted.seed, planted.has_reference = 0, True
-    request = SettingLaunchRequest([(setting(label),) for label in planted.effects], 0.1, None)
-    done = planted.launch(request)
-    assert [each.settings[0].label for each in pareto_front.better_half(done)] == ["a=1", "c=1"]
+def test_settings_are_launched_until_time_is_up_and_at_least_some_times():
+    planted = Planted(jacobian_dense=(FREE, 0.9, 0.0))
+    for budget_s, most in ((5.0, LEAST_LAUNCHES), (1000.0, MOST_LAUNCHES)):
+        (attempt,) = searched(planted, budget_s=budget_s).attempts
+        assert len(attempt.launches) == most
+
+
+def test_a_setting_that_seems_slower_is_launched_once():
+    planted = Planted(jacobian_dense=(FREE, 1.2, 0.0), island_disable=(FREE, 1.02, 0.0))
+    attempts = {row.settings[0].label: row for row in searched(planted).attempts}
+    assert len(attempts["jacobian=dense"].launches) == 1
+    assert len(attempts["island=disable"].launches) == SCREENS

@@ -18,9 +18,8 @@ CG = Edit(Part.OPTION, "solver", "CG")
 NO_ISLAND = Edit(Part.FLAG, "island", "disable")
 SLEEP = Edit(Part.FLAG, "sleep", "enable")
 FUSE = Edit(Part.COMPILER, "fusestatic", "true")
-MASS = Edit(Part.COMPILER, "boundmass", "700")
 EDITS = (
-    *(CG, NO_ISLAND, SLEEP, FUSE, MASS),
+    *(CG, NO_ISLAND, SLEEP, FUSE),
     Edit(Part.OPTION, "integrator", "implicitfast"),
     Edit(Part.OPTION, "cone", "elliptic"),
     Edit(Part.OPTION, "jacobian", "sparse"),
@@ -86,10 +85,6 @@ def test_flags_that_a_model_sets_are_taken_back(tmp_path: Path) -> None:
     assert (model.opt.disableflags, model.opt.enableflags) == (0, 0)
 
 
-def test_an_edit_of_the_compiler_changes_what_is_compiled(source: ModelSource) -> None:
-    assert edited_model.compiled(source, [MASS]).body_mass[1] == 700
-
-
 def test_a_pair_that_an_included_file_excludes_is_not_excluded_again(source: ModelSource) -> None:
     pairs = [Edit(Part.EXCLUDE, one, other) for one, other in ("ba", "ac", "ca")]
     assert edited_model.compiled(source, pairs).nexclude == 2
@@ -143,13 +138,13 @@ def test_a_release_without_mjspec_can_have_options_alone(
         (Edit(Part.OPTION, "disableflags", "1"), "flags are attributes of <flag>"),
         (Edit(Part.FLAG, "islands", "enable"), "flag islands: MuJoCo .* has no such flag"),
         (Edit(Part.FLAG, "island", "true"), "flag island: 'true' is not enable or disable"),
-        (Edit(Part.COMPILER, "speed", "1"), "compiler speed=1: MuJoCo .* has no such attribute"),
-        (Edit(Part.COMPILER, "meshdir", "x"), "compiler meshdir=x: MuJoCo .* no such attribute"),
-        (Edit(Part.COMPILER, "fusestatic", "1"), "fusestatic=1: its value is true or false"),
-        (Edit(Part.COMPILER, "boundmass", "x"), "boundmass=x: its value is a number"),
+        (Edit(Part.COMPILER, "speed", "true"), "compiler speed=true: MuJoCo .* no such attribute"),
         (Edit(Part.EXCLUDE, "a", "nobody"), "with exclude a nobody: MuJoCo cannot compile it"),
         (Edit(Part.FLAG, "ipc", "enable"), "with flag ipc=enable: MuJoCo cannot compile it"),
-        (Edit(Part.COMPILER, "settotalmass", "3"), "settotalmass=3: MuJoCo warns: .* deprecated"),
+        (
+            Edit(Part.COMPILER, "settotalmass", "true"),
+            "true: MuJoCo warns: .* deprecated",
+        ),
     ],
 )
 def test_what_mujoco_rejects_is_one_line_that_names_the_setting(

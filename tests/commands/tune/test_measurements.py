@@ -18,9 +18,9 @@ from mjbench.commands.tune import (
     solver_convergence,
     trajectories,
 )
-from mjbench.commands.tune.measurements import CMeasurements, SettingRule
+from mjbench.commands.tune.measurements import CMeasurements
 from mjbench.commands.tune.reference import TrialPlan
-from mjbench.commands.tune.result import Attempt, Effect
+from mjbench.commands.tune.result import Effect
 from mjbench.commands.tune.setting_launch import SettingLaunchRequest
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting, option
 from mjbench.errors import InputError
@@ -226,35 +226,3 @@ def test_a_baseline_of_fewer_runs_has_the_same_facts(cartpole):
     assert some.trials.nrun == len(some.present.qpos) == len(some.reference.qpos) == 5
     assert some.facts == baseline.facts
     assert dataclasses.replace(some.facts, nrun=1) != baseline.facts
-
-
-def rule(least, most, clock, end_s=10.0, stays=lambda attempts: True):
-    return SettingRule(3, least, most, end_s, clock, stays)
-
-
-def launched(rule, now, statuses=(Status.OK,) * 3, seconds=1.0):
-    """Launch what a rule asks for; return it."""
-    positions = list(rule.next_targets())
-    now[0] += seconds
-    setting = (option("jacobian", "dense"),)
-    rule.add({i: Attempt(setting, statuses[i]) for i in positions})
-    return positions
-
-
-def test_a_rule_launches_until_time_is_up_and_at_least_some_times():
-    now = [0.0]
-    until_late = rule(1, 100, lambda: now[0], end_s=4.5)
-    assert [launched(until_late, now) for _ in range(4)] == [[0, 1, 2]] * 4
-    assert not until_late.next_targets()  # it would end late
-    late = rule(2, 100, lambda: now[0], end_s=0.0)
-    assert [launched(late, now) for _ in range(2)] == [[0, 1, 2]] * 2
-    assert not late.next_targets()
-
-
-def test_a_setting_that_fails_or_is_refused_leaves():
-    now = [0.0]
-    some = rule(3, 3, lambda: now[0], stays=lambda attempts: len(attempts) < 2)
-    assert launched(some, now, (Status.OK, Status.CRASHED, Status.OK)) == [0, 1, 2]
-    assert launched(some, now) == [0, 2]
-    assert not some.next_targets()
-    assert [len(some.attempts[i]) for i in range(3)] == [2, 1, 2]

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from tuning_values import NOTHING, apart, blocks, present
+from tuning_values import apart, blocks, present
 
 from mjbench.commands.tune import show as tuning
 from mjbench.commands.tune.result import (
@@ -34,7 +34,7 @@ EXCLUDES = Setting(
 
 
 def recommended(effect, ratio, share, *settings, is_allowed=True):
-    accuracy = Accuracy(effect, apart(share), apart(share), NOTHING, [share] * 64)
+    accuracy = Accuracy(effect, apart(share), apart(share), [share] * 64)
     interval = Ratio(ratio, ratio - 0.01, ratio + 0.01)
     return Recommendation(
         settings, interval, apart(share), (), effect, accuracy, is_allowed=is_allowed
@@ -108,7 +108,7 @@ def test_flags_and_excludes_are_written_as_mjcf_has_them():
 
 
 def tried(knob, label, effect=Effect.FREE, changed_sensors=0, stages=None, **keywords):
-    accuracy = Accuracy(effect, None, apart(0.0), None, [], changed_sensors)
+    accuracy = Accuracy(effect, None, apart(0.0), [], changed_sensors)
     setting = Setting(knob, label, **keywords)
     ratio = Ratio(0.5, 0.49, 0.51)
     return Attempt((setting,), Status.OK, "", accuracy, 0.5, ratio, stages=stages or {})

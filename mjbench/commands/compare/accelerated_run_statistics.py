@@ -10,12 +10,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.paths.accelerated import Advance, start_fields
-from mjbench.simulation import compat, reference_trajectory
-from mjbench.simulation.accelerated_judgement import Measure, Precision, finite_or_none
-from mjbench.simulation.reference_trajectory import Trajectory
-from mjbench.simulation.workload import Workload
-from mjbench.verification.accelerated_tolerances import (
+from mjbench.commands.compare.accelerated_tolerances import (
     CLOSE_SHARE,
     FIGURE_ROUNDING,
     LARGEST_SHARE,
@@ -23,6 +18,11 @@ from mjbench.verification.accelerated_tolerances import (
     SHADOW_FACTOR,
     TOGETHER_SHARE,
 )
+from mjbench.paths.accelerated import Advance, start_fields
+from mjbench.simulation import compat, reference_trajectory
+from mjbench.simulation.accelerated_judgement import Measure, Precision, finite_or_none
+from mjbench.simulation.reference_trajectory import Trajectory
+from mjbench.simulation.workload import Workload
 
 # Points of a run at which its figures are compared, at most.
 MAX_POINTS = 6

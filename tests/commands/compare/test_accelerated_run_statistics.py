@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from mjbench.commands.compare.accelerated_run_statistics import RunFigure
 from mjbench.simulation.accelerated_judgement import Measure, Precision
-from mjbench.verification.accelerated_run_statistics import RunFigure
 
 NPOINT, NSIM = 6, 16
 FORCE_N = "contact forces, N"
