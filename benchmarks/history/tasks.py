@@ -28,7 +28,7 @@ from mjbench.paired import cores, target_pair
 from mjbench.paired.operations import Operation
 from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.run_sizes import Sizes
-from mjbench.paired.target_pair import StepWork
+from mjbench.paired.target_pair import StepPair
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
@@ -132,7 +132,7 @@ class StepTask(ReleaseTask):
         super().__init__(releases)
         self.model = model
         self._targets = Target(releases[0], model), Target(releases[1], model)
-        self._work: StepWork | None = None
+        self._pair: StepPair | None = None
         self._digest = ""
 
     @property
@@ -141,37 +141,39 @@ class StepTask(ReleaseTask):
 
     @property
     def nsection(self) -> int:
-        return self._work.nsection if self._work else 1
+        return self._pair.nsection if self._pair else 1
 
     def prepare(self, pool: WorkerPool) -> None:
         try:
-            self._work = StepWork(pool, self._targets, SIZES, TimeLimit(), ROLES)
+            pair = StepPair(pool, self._targets, SIZES, TimeLimit(), roles=ROLES)
+            pair.fix_work()
         except InputError as error:
             # if the reference can do it, the release lacks something; if not, the model is wrong
             reference = self._targets[0]
-            target_pair.prepare(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
+            target_pair.prepare_simulations(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
             raise UnavailableError(str(error)) from error
-        file = self._work.prepared.workloads[0]
+        self._pair = pair
+        file = pair.prepared.workloads[0]
         workload: PortableWorkload = pickle.loads(file.read_bytes())
         self._digest = workload.digest()
 
     def equip(self, processes: Processes) -> None:
-        assert self._work is not None, "a task is prepared before it is timed"
-        self._work.equip(processes)
+        assert self._pair is not None, "a task is prepared before it is timed"
+        self._pair.equip(processes)
         with contextlib.ExitStack() as waiting:  # for both, also where one cannot read it
             for process in processes:
                 waiting.callback(process.wait)
 
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
-        assert self._work is not None, "a task is prepared before it is timed"
-        return self._work.lay_out(pair)
+        assert self._pair is not None, "a task is prepared before it is timed"
+        return self._pair.lay_out(pair)
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
         common = self._common(self.model.name, problem, seconds)
         record = StepRatioRecord(**vars(common), workload=self._digest)
-        if self._work is None:
+        if self._pair is None:
             return record
-        check = self._work.prepared.work_check
+        check = self._pair.prepared.work
         return replace(
             record,
             work=check.candidate,
@@ -187,9 +189,9 @@ class StepTask(ReleaseTask):
         )
 
     def close(self) -> None:
-        if self._work is not None:
-            self._work.close()
-            self._work.prepared.workloads[0].unlink(missing_ok=True)
+        if self._pair is not None:
+            self._pair.close()
+            self._pair.prepared.workloads[0].unlink(missing_ok=True)
 
 
 class OperationTask(ReleaseTask):

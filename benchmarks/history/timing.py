@@ -21,7 +21,7 @@ from mjbench.measuring.timing import Progress
 from mjbench.paired import cores, moved_check
 from mjbench.paired.launches import StopRule, Targets
 from mjbench.paired.launches import launch as launch_until_enough
-from mjbench.paired.moved_check import Averaging
+from mjbench.paired.moved_check import PlacementControl
 from mjbench.paired.pair_launches import ProcessPair, ProcessPairs, time_quads
 from mjbench.paired.records import section_numbers
 from mjbench.paired.time_limit import ending_of, quad_count
@@ -146,7 +146,7 @@ class _Measurement(Targets[float], StopRule[float]):
     ):
         self._pool, self._tasks, self._clock = pool, tasks, clock
         self._on_launch, self._fixed = on_launch, launches
-        self._averaging: Averaging | None = None
+        self._placement: PlacementControl | None = None
         self._pairs: ProcessPairs | None = None
         self._count, self._launches_s = 0, 0.0  # of all turns
         self._turns_s = 0.0  # with all that belongs to launches
@@ -169,7 +169,7 @@ class _Measurement(Targets[float], StopRule[float]):
             self._tasks[position].failure = failure
 
     def records(self) -> list[RatioRecord]:
-        problem = self._averaging.problem if self._averaging else ""
+        problem = self._placement.problem if self._placement else ""
         seconds = self._turns_s / len(self._tasks)
         return [task.record(problem, seconds) for task in self._tasks]
 
@@ -188,11 +188,11 @@ class _Measurement(Targets[float], StopRule[float]):
     def prepare(self) -> None:
         """Begin a turn; in the first, prepare all tasks."""
         reference, release = self._tasks[0].releases
-        is_first = self._averaging is None
-        if self._averaging is None:
-            self._averaging = moved_check.averaging(self._pool, reference, release)
+        is_first = self._placement is None
+        if self._placement is None:
+            self._placement = moved_check.placement_control(self._pool, reference, release)
         names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
-        placements = self._averaging.placements()
+        placements = self._placement.placements()
         self._pairs = ProcessPairs(self._pool, (reference, release), names, placements)
         if not is_first:
             return

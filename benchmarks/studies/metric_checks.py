@@ -142,9 +142,10 @@ def decide(pool: WorkerPool, case: Case) -> VerdictRow:
     """Return the verdict on a case."""
     plan = VerdictPlan(sizes=Sizes(metric=case.metric), as_shipped=True)
     if isinstance(case.candidate, Target):
-        return verdict.decide(pool, baseline(), case.candidate, plan).row()
+        return verdict.decide_pair(pool, baseline(), case.candidate, plan).row()
     plan = replace(plan, time_limit_s=COMPILING_S)
-    return function_verdict.decide(pool, _compiled(pool, case.candidate, plan.sizes), plan).row()
+    targets = _compiled(pool, case.candidate, plan.sizes)
+    return function_verdict.decide_function(pool, targets, plan).row()
 
 
 def _compiled(pool: WorkerPool, model: CompiledModel, sizes: Sizes) -> FunctionTargets:

@@ -134,7 +134,7 @@ def decide(pool: WorkerPool, top: Path, number: int, case: Case) -> VerdictRecor
     function = function_sides.parse_function(f"bench.py::{case.function}", top, top)
     comparison = RevisionComparison(repository, baseline, candidate, [function], top)
     (targets,) = function_sides.check_out(pool, comparison)
-    return function_verdict.decide(pool, targets, VerdictPlan())
+    return function_verdict.decide_function(pool, targets, VerdictPlan())
 
 
 def is_wrong(case: Case, record: VerdictRecord) -> bool:

@@ -117,20 +117,20 @@ def compare_once() -> None:
 def launch_once(pool: "WorkerPool") -> None:
     """Launch a pair of workers once."""
     from mjbench.paired.run_sizes import Sizes
-    from mjbench.paired.target_pair import TargetPair
+    from mjbench.paired.target_pair import pair_of
     from mjbench.paired.targets import Target
     from mjbench.releases import release_names
     from mjbench.simulation import models
 
     target = Target(release_names.parse_release(release_names.INSTALLED), models.resolve(MODEL))
-    pair = TargetPair(pool, target, target, Sizes(nbatch=1, nstep=1))
+    pair = pair_of(pool, (target, target), Sizes(nbatch=1, nstep=1))
     try:
         pair.prepare()
         pair.launch()
     finally:
         pair.close()
-        if pair.work and pair.work.baseline_workload:
-            pair.work.baseline_workload.unlink()  # it would last as long as the pool
+        if pair.baseline_workload:
+            pair.baseline_workload.unlink()  # it would last as long as the pool
 
 
 def main() -> int:

@@ -21,8 +21,9 @@ from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.host import child, platforms
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, Verdict
+from mjbench.paired.records import VerdictRecord
 from mjbench.paired.targets import Target
-from mjbench.paired.verdict import PairedResult, VerdictPlan
+from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_names
 from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
@@ -126,10 +127,10 @@ def run(
 
 
 def trial(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
-    return record_of(case, verdict.decide(pool, case.baseline, case.candidate, plan))
+    return record_of(case, verdict.decide_pair(pool, case.baseline, case.candidate, plan))
 
 
-def record_of(case: Case, result: PairedResult) -> TrialRecord:
+def record_of(case: Case, row: VerdictRecord) -> TrialRecord:
     """Return the record of a trial.
 
     Raises:
@@ -137,14 +138,13 @@ def record_of(case: Case, result: PairedResult) -> TrialRecord:
       MachineError: a target failed, or time ran out before the first launch.
       KeyboardInterrupt: it was interrupted.
     """
-    row = result.row()
     if row.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
     if row.status != Status.OK or row.verdict is None or row.ratio is None:
         raise (InputError if row.status == Status.INPUT else MachineError)(row.detail)
     averaged = row.placement is not None and row.placement.averaged
-    used = [launch for launch in result.launches if launch.placements.is_moved == averaged]
-    others = [launch for launch in result.launches if launch.placements.is_moved != averaged]
+    used = [launch for launch in row.samples if launch.placements.is_moved == averaged]
+    others = [launch for launch in row.samples if launch.placements.is_moved != averaged]
     return TrialRecord(
         **vars(case.row()),
         verdict=row.verdict,

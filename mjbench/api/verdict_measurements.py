@@ -27,10 +27,10 @@ from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.paired import targets, verdict
 from mjbench.paired.metrics import METRICS, Measured, Metric
-from mjbench.paired.records import TargetRow, VerdictRecord, finished
+from mjbench.paired.records import Judgement, TargetRow, VerdictRecord, finished
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
-from mjbench.paired.verdict import Judgement, VerdictPlan
+from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE, find
 from mjbench.releases import packages
@@ -128,7 +128,7 @@ def _decide_targets(
     pool: WorkerPool, pair: tuple[Target, Target], plan: VerdictPlan, on_progress: Progress
 ) -> VerdictRecord:
     name = f"{pair[1].model.name}, MuJoCo {pair[1].release.version}"
-    return verdict.decide(pool, *pair, plan, _shown_launch(name, on_progress)).record()
+    return verdict.decide_pair(pool, *pair, plan, _shown_launch(name, on_progress))
 
 
 def _of_instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measurement:
@@ -239,7 +239,7 @@ def _decide_functions(
 ) -> VerdictRecord:
     name = " ".join(filter(None, (pair[1].function, pair[1].path)))
     on_progress(name, 0.0)
-    return function_verdict.decide(pool, pair, plan, _shown_launch(name, on_progress))
+    return function_verdict.decide_function(pool, pair, plan, _shown_launch(name, on_progress))
 
 
 def _measurement(

@@ -41,7 +41,7 @@ class ReleaseComparison(Measured):
     @property
     def family(self) -> Family:
         """Which are slower, faster or undecided when one allows for their number."""
-        return family.decide(self.verdicts, self.confidence)
+        return family.adjust_for_family(self.verdicts, self.confidence)
 
 
 def versions(

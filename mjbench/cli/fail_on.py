@@ -61,7 +61,7 @@ class FailOn:
         if code != ExitCode.OK:
             return code
         rows = [row for row in rows if row.status != Status.NEW]  # there was nothing to find out
-        decided = family.decide(rows, confidence)
+        decided = family.adjust_for_family(rows, confidence)
         is_there = {
             GateFinding.SLOWER: bool(decided.slower),
             GateFinding.FASTER: bool(decided.faster),

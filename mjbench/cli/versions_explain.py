@@ -1,5 +1,6 @@
 """`mjbench versions --explain`: what changed from one release to another, by function."""
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -107,9 +108,8 @@ def _compare_times(
     from mjbench.paired import verdict
 
     baseline, candidate = targets
-    result = verdict.decide(pool, baseline, candidate, plan)
-    if result.status == Status.INTERRUPTED:
+    use_workload = functools.partial(counter.use_workload, baseline.model)
+    record = verdict.decide_pair(pool, baseline, candidate, plan, use_workload=use_workload)
+    if record.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
-    if result.workload_file:
-        counter.use_workload(baseline.model, result.workload_file)
-    return result.row()
+    return record.row()

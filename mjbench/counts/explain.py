@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from mjbench.counts import counted_program
 from mjbench.counts.function_differences import function_differences
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.records import (
-    ExplainRecord,
-)
+from mjbench.counts.records import ExplainRecord
+from mjbench.errors import Failure
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.metrics import Metric
-from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
-from mjbench.paired.verdict import exact_verdict
+from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow, WorkDifference
+from mjbench.paired.verdict import judge_exactly
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation import changed_work, state_drift
 from mjbench.simulation.models import ModelSource
@@ -47,41 +46,38 @@ def explain_change(
     )
 
 
-def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) -> VerdictRow:
-    """Return one model's row of `mjbench versions --metric instructions --json`.
+def instruction_verdict(
+    baseline: ModelCount, candidate: ModelCount, min_effect: float
+) -> VerdictRecord:
+    """Return the verdict on one model, by the instructions of the engine.
 
     Instructions are exact, so there is no inconclusive verdict; the interval is how far two counts
     of the same work may differ.
     """
-    failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
+    both = (baseline, candidate)
+    failed = next((c for c in both if c.status != Status.OK), None)
     ratio = None if failed else _ratio(baseline, candidate)
-    work = None
-    if not failed and baseline.work and candidate.work:
-        work = Pair(baseline.work, candidate.work)
-    drift = _drift(baseline, candidate)
-    details = [f"MuJoCo {c.release}: {c.detail}" for c in (baseline, candidate) if c.detail]
-    path = counted_program.PATH
-    return VerdictRow(
-        model=candidate.model,
-        path=path,
-        metric=Metric.INSTRUCTIONS,
-        old=baseline.release,
-        new=candidate.release,
-        sides=[
-            TargetRow(c.release, c.model, path, options={}, model_options={}, build=c.build)
-            for c in (baseline, candidate)
-        ],
-        status=failed.status if failed else Status.OK,
-        detail="; ".join(details),
-        verdict=exact_verdict(ratio.estimate, min_effect) if ratio else None,
-        ratio=ratio,
-        changed_work=None if failed else bool(work_changes(baseline, candidate, None)),
-        work=work,
-        drift=drift.one_step if drift else None,
-        run_drift=drift.runs if drift else (),
-        diverged=Pair(baseline.diverged, candidate.diverged),
-        warnings=Pair(baseline.warnings or {}, candidate.warnings or {}),
+    details = [f"MuJoCo {c.release}: {c.detail}" for c in both if c.detail]
+    old, new = (
+        TargetRow(c.release, c.model, counted_program.PATH, {}, {}, build=c.build) for c in both
+    )
+    return VerdictRecord.of(
+        (old, new),
+        Metric.INSTRUCTIONS,
+        Failure(failed.status if failed else Status.OK, "; ".join(details)),
+        judge_exactly(ratio, min_effect) if ratio else None,
+        _work(baseline, candidate),
         seconds=baseline.seconds + candidate.seconds,
+    )
+
+
+def _work(baseline: ModelCount, candidate: ModelCount) -> WorkDifference:
+    return WorkDifference(
+        baseline.work,
+        candidate.work,
+        _drift(baseline, candidate),
+        (baseline.diverged, candidate.diverged),
+        (baseline.warnings or {}, candidate.warnings or {}),
     )
 
 
@@ -144,5 +140,4 @@ def verdicts(
         for count in counter.count(comparison.baseline, new) if new else ():
             baselines[count.model] = count
         for count in counter.count(candidate, missing) if missing else ():
-            row = verdict_row(baselines[count.model], count, comparison.min_effect)
-            yield VerdictRecord(**vars(row))
+            yield instruction_verdict(baselines[count.model], count, comparison.min_effect)

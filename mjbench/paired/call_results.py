@@ -48,7 +48,7 @@ class Leaf:
 
 
 @dataclass(frozen=True)
-class ResultsCheck:
+class ResultsDifference:
     """How the results of two processes compare."""
 
     outcome: ResultsOutcome
@@ -106,10 +106,10 @@ def _array(value: Any) -> np.ndarray | LargeArray:
 
 def compare(
     baseline: Sequence[Sequence[Leaf]], candidate: Sequence[Sequence[Leaf]]
-) -> ResultsCheck:
+) -> ResultsDifference:
     """Return how the results of the first calls of both compare, call by call."""
     if not any(baseline) and not any(candidate):
-        return ResultsCheck(ResultsOutcome.NONE, "the function returns nothing")
+        return ResultsDifference(ResultsOutcome.NONE, "the function returns nothing")
     largest, unknown = 0.0, ""
     for number, (old, new) in enumerate(zip(baseline, candidate, strict=True), 1):
         if [leaf.place for leaf in old] != [leaf.place for leaf in new]:
@@ -124,14 +124,14 @@ def compare(
             else:
                 largest = max(largest, difference)
     if unknown:
-        return ResultsCheck(ResultsOutcome.NONE, unknown)
+        return ResultsDifference(ResultsOutcome.NONE, unknown)
     if largest:
-        return ResultsCheck(ResultsOutcome.ROUNDING, f"they differ by {largest:.0e} at most")
-    return ResultsCheck(ResultsOutcome.SAME)
+        return ResultsDifference(ResultsOutcome.ROUNDING, f"they differ by {largest:.0e} at most")
+    return ResultsDifference(ResultsOutcome.SAME)
 
 
-def _different(number: int, text: str) -> ResultsCheck:
-    return ResultsCheck(ResultsOutcome.DIFFERENT, f"call {number} returns {text}")
+def _different(number: int, text: str) -> ResultsDifference:
+    return ResultsDifference(ResultsOutcome.DIFFERENT, f"call {number} returns {text}")
 
 
 def _difference(old: _Value, new: _Value) -> tuple[float | None, str]:

@@ -5,13 +5,8 @@ import math
 import random
 import time
 from collections.abc import Collection, Iterable, Iterator
-from typing import TYPE_CHECKING
 
 from mjbench.host import machine, platforms, topology
-from mjbench.paired.worker import Worker
-
-if TYPE_CHECKING:
-    from mjbench.paired.worker_pool import WorkerProcess
 
 # The cores that this process may use; read before it pins itself to one of them.
 USABLE = platforms.affinity()
@@ -63,12 +58,6 @@ def _share(core: int, probe_s: float) -> float:
 def countable(nthread: int) -> int:
     """Return how many cores as many threads can get: those beyond the usable cores do not count."""
     return min(machine.usable_cores(), nthread)
-
-
-def count(process: "WorkerProcess", nthread: int) -> float | None:
-    """Return how many cores threads get in a process now; None of one thread, which has its own."""
-    nthread = countable(nthread)
-    return process.call(Worker.count_cores, nthread) if nthread > 1 else None
 
 
 def usable(core: int | None) -> list[int]:

@@ -1,8 +1,8 @@
-"""Launch targets until a stop rule has enough: the loop for several that are timed in turn.
+"""Launch targets until a stop rule has enough: the one loop of launches.
 
 A launch is a fresh process, or one for each of two sides, which measures some of the targets once.
-`race` launches ways of stepping, and `env.vectors` vectorised forms. `verdict` launches a
-baseline and a candidate by itself, until it is certain (see `pair_launches`).
+`verdict` launches a baseline and a candidate, `race` ways of stepping, and `env.vectors` vectorised
+forms.
 """
 
 import contextlib
@@ -10,14 +10,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
-from mjbench.errors import Failure
+from mjbench.errors import Failure, MachineError
 from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 from mjbench.status import Status
 
 LaunchT = TypeVar("LaunchT")
 
 
-class UnableError(Exception):
+class UnableError(MachineError):
     """A target cannot go on: it cannot run, ended its process, or returned something wrong."""
 
     def __init__(self, position: int, status: Status, detail: str):
@@ -73,6 +73,8 @@ def launch(
 ) -> Failure:
     """Launch targets until a rule ends it, something fails, time is up, or Ctrl-C is pressed.
 
+    A failure to close the targets hides neither an earlier failure nor a fault of the program.
+
     Args:
       on_launch: called after each launch, when the rule has taken it into account; what it raises
         ends the launches as their own errors do.
@@ -80,17 +82,30 @@ def launch(
     Returns:
       How it ended: `OK` with an empty line where the rule ended it.
     """
+    ended: BaseException | None = None
     try:
-        with contextlib.closing(targets):
-            targets.prepare()
-            while positions := rule.next_targets():
-                try:
-                    rule.add(targets.launch(positions))
-                except UnableError as error:
-                    rule.withdraw(error)
-                on_launch()
-    except UnableError as error:
-        return Failure(error.status, error.detail)
+        _launch_all(targets, rule, on_launch)
     except ENDING_ERRORS as error:
-        return ending_of(error)
-    return Failure(Status.OK, "")
+        ended = error
+    except BaseException:
+        with contextlib.suppress(*ENDING_ERRORS):
+            targets.close()
+        raise
+    try:
+        targets.close()
+    except ENDING_ERRORS as error:
+        if ended is None or isinstance(error, KeyboardInterrupt):
+            ended = error
+    return Failure(Status.OK, "") if ended is None else ending_of(ended)
+
+
+def _launch_all(
+    targets: Targets[LaunchT], rule: StopRule[LaunchT], on_launch: Callable[[], None]
+) -> None:
+    targets.prepare()
+    while positions := rule.next_targets():
+        try:
+            rule.add(targets.launch(positions))
+        except UnableError as error:
+            rule.withdraw(error)
+        on_launch()

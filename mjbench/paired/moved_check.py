@@ -100,32 +100,35 @@ def _compare(
 
 
 @dataclass(frozen=True)
-class Averaging:
+class PlacementControl:
     """How the launches of a comparison place the libraries of both targets.
 
     Attributes:
-      problem: why they cannot be; empty where they are, or were not to be.
+      averages: whether they average over placements, and do not take the builds as shipped.
+      problem: why they cannot; empty where they do, or were not to.
     """
 
-    is_on: bool
+    averages: bool
     problem: str = ""
 
     def placements(self) -> Iterator[PlacementPair]:
-        if self.is_on:
+        if self.averages:
             return placement.schedule(random.Random())
         return itertools.repeat(AS_SHIPPED)
 
     def launches_with(self, judged: int) -> int:
         """Return the number of launches that hold at least `judged` ones for a verdict."""
-        return placement.launches_with(judged) if self.is_on else judged
+        return placement.launches_with(judged) if self.averages else judged
 
 
-def averaging(pool: WorkerPool, baseline: ReleaseSpec, candidate: ReleaseSpec) -> Averaging:
+def placement_control(
+    pool: WorkerPool, baseline: ReleaseSpec, candidate: ReleaseSpec
+) -> PlacementControl:
     """Return that placements are averaged, if the libraries of both releases can be moved."""
     for release in (baseline, candidate):
         try:
             check(pool, release)
         except ImmovableError as error:
             problem = f"the code of MuJoCo {release.version} cannot be moved: {error}"
-            return Averaging(False, problem)
-    return Averaging(True)
+            return PlacementControl(False, problem)
+    return PlacementControl(True)

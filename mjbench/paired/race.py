@@ -200,7 +200,7 @@ class RaceLaunches(Targets[RaceLaunch]):
             )
             self._pool.wait_for(process, self._release)
             most_threads = max(nthread(self._variants[i].options) for i in positions)
-            had = cores.count(process, most_threads)
+            had = process.count_cores(most_threads)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
                 path, options = self._variants[position].path, self._variants[position].options

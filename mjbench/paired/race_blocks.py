@@ -66,14 +66,13 @@ def equip(
     assert worker.final_state is not None, "a race is run with final states to compare"
     rng = np.random.default_rng(worker.rng.randrange(2**32))
     workload = worker.workload.returning(returns)
-    worker.race = RaceBlocks(ReferenceCase.of_states(workload, worker.final_state), rng)
+    worker.extend(RaceBlocks(ReferenceCase.of_states(workload, worker.final_state), rng))
 
 
 @activity("preparing a run")
 def prepare(worker: Worker, path_name: str, options: Mapping[str, Any]) -> None:
     """Prepare a path after the others; check what it returns, and run a short one once more."""
-    race = worker.race
-    assert race is not None, "equip comes first"
+    race = worker.extension(RaceBlocks)
     worker.scattered.append(memory_layout.scattered(worker.rng))
     path, workload = paths.find(path_name), race.case.workload
     if reason := path.cannot_run(workload, options):
@@ -99,8 +98,7 @@ def time_block(worker: Worker, number: int, reorders: bool) -> TimedBlock:
       number: its place in the order of preparation.
       reorders: whether a round begins.
     """
-    race = worker.race
-    assert race is not None, "equip comes first"
+    race = worker.extension(RaceBlocks)
     if reorders:
         collect_garbage()
         race.case.reorder(race.rng)

@@ -4,6 +4,7 @@ Field names are the keys of the JSON format (docs/formats.md); there the baselin
 candidate `new`, as on the command line.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -19,16 +20,19 @@ from mjbench.bounds import (
     PositiveInt,
     TwoOf,
 )
+from mjbench.errors import Failure
 from mjbench.measuring import stats
 from mjbench.measuring.calls import Compilation
 from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.stats import Estimate
+from mjbench.paired.call_results import ResultsDifference
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
+from mjbench.simulation import changed_work
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.state_drift import RunDrift
+from mjbench.simulation.state_drift import RunDrift, StateDrift
 from mjbench.status import FINISHED, Status
 
 _Value = TypeVar("_Value")
@@ -65,6 +69,11 @@ class TargetRow:
     commit: str = ""
     tree: str = ""
     packages: str = ""
+
+    @property
+    def label(self) -> str:
+        """What the side is called beside the other one."""
+        return self.revision or self.packages or self.release
 
 
 @dataclass(frozen=True)
@@ -149,6 +158,68 @@ class CompilationFigures:
 def _median(samples: Iterable[float]) -> Estimate | None:
     values = [*samples]
     return stats.median_of(values) if values else None
+
+
+@dataclass(frozen=True)
+class WorkDifference:
+    """What both targets do, and how it differs.
+
+    Attributes:
+      baseline: None where it is not known.
+      drift: how far qpos, qvel and act differ; None where the models differ in size.
+      diverged: simulations that diverged in the baseline, and in the candidate; none of those is
+        timed.
+      warnings: how many other simulations raised each warning, in the baseline, and in the
+        candidate.
+      nbatch: simulations that are timed; 0 where none is.
+      candidate_starts: where those of the candidate came from; None where both start alike.
+    """
+
+    baseline: Work | None
+    candidate: Work | None
+    drift: StateDrift | None
+    diverged: tuple[int, int]
+    warnings: tuple[Mapping[str, int], Mapping[str, int]]
+    nbatch: int = 0
+    nstep: int = 0
+    starts: Starts | None = None
+    candidate_starts: Starts | None = None
+    timesteps_s: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def log_scale(self) -> float:
+        """What to add to the log ratio of a step's time for that of a simulated second's."""
+        return math.log(self.timesteps_s[0] / self.timesteps_s[1])
+
+    @property
+    def changes(self) -> list[str]:
+        """How the work changed, in a few words each; empty where it is the same."""
+        one_step = self.drift.one_step if self.drift else None
+        return changed_work.work_changes(self.baseline, self.candidate, one_step, self.diverged)
+
+    @property
+    def works(self) -> Pair[Work] | None:
+        if self.baseline is None or self.candidate is None:
+            return None
+        return Pair(self.baseline, self.candidate)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What launches show about the ratio of candidate time to baseline time.
+
+    Attributes:
+      enough: whether more launches are unnecessary for the verdict and precision asked for.
+      e_slower: e-value against "not slower" (see `launch_stats.Fit.e_values`); 1 is no evidence,
+        and None that none is needed.
+    """
+
+    verdict: Verdict
+    ratio: Ratio
+    launches: int
+    enough: bool
+    e_slower: float | None = 1.0
+    e_faster: float | None = 1.0
 
 
 @dataclass(frozen=True)
@@ -327,9 +398,68 @@ class VerdictRecord(VerdictRow):
     samples: Sequence[LaunchRow] = ()
     control_samples: Sequence[LaunchRow] = ()
 
+    @classmethod
+    def of(
+        cls,
+        sides: tuple[TargetRow, TargetRow],
+        metric: Metric,
+        ending: Failure,
+        judgement: Judgement | None = None,
+        work: WorkDifference | None = None,
+        results: ResultsDifference | None = None,
+        launches: Sequence[LaunchRow] = (),
+        seconds: float = 0.0,
+    ) -> "VerdictRecord":
+        """Return the verdict on two sides.
+
+        Args:
+          ending: how the launches ended; `OK` also where time ran out.
+          judgement: of the launches; None without any.
+        """
+        baseline, candidate = sides
+        undecided = Verdict.INCONCLUSIVE if ending.status == Status.OK else None
+        works = work.works if work else None
+        drift = work.drift if work else None
+        is_changed = bool(work.changes) if work and works else None
+        return cls(
+            model=candidate.model,
+            path=candidate.path,
+            old=baseline.label,
+            new=candidate.label,
+            sides=sides,
+            metric=metric,
+            status=ending.status,
+            detail=ending.detail,
+            verdict=judgement.verdict if judgement else undecided,
+            ratio=judgement.ratio if judgement else None,
+            e_slower=_bounded(judgement.e_slower) if judgement else None,
+            e_faster=_bounded(judgement.e_faster) if judgement else None,
+            changed_work=results.is_changed if results else is_changed,
+            work=works,
+            drift=drift.one_step if drift else None,
+            run_drift=drift.runs if drift else (),
+            diverged=Pair(*work.diverged) if work else None,
+            warnings=Pair(*work.warnings) if work else None,
+            nbatch=(work and work.nbatch) or None,
+            nstep=(work and work.nstep) or None,
+            starts=work.starts if work else None,
+            candidate_starts=work.candidate_starts if work else None,
+            timesteps_s=Pair(*work.timesteps_s) if work and work.log_scale else None,
+            launches=len(launches),
+            pairs=2 * sum(len(launch.orders) for launch in launches),
+            seconds=seconds,
+            results=results.outcome if results else None,
+            results_detail=results.detail if results else "",
+            samples=launches,
+        )
+
     def row(self) -> VerdictRow:
         """Return the verdict without its samples."""
         return VerdictRow(**{f.name: getattr(self, f.name) for f in fields(VerdictRow)})
+
+
+def _bounded(e_value: float | None) -> float | None:
+    return None if e_value is None else min(e_value, MAX_E_VALUE)
 
 
 def finished(records: Sequence[object]) -> list[VerdictRecord]:

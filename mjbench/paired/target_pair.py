@@ -18,12 +18,8 @@ from mjbench.errors import InputError
 from mjbench.paired import memory_blocks, operations
 from mjbench.paired.call_results import Leaf, compare
 from mjbench.paired.metrics import METRICS, Measured
-from mjbench.paired.pair_launches import (
-    LaunchedPair,
-    PairWork,
-    ProcessPair,
-    WorkCheck,
-)
+from mjbench.paired.pair_launches import PairTargets, ProcessPair
+from mjbench.paired.records import WorkDifference
 from mjbench.paired.run_sizes import RUN_S, RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
@@ -52,28 +48,8 @@ ROLES = "baseline", "candidate"
 DRAWN_PER_RUN = 8
 
 
-class TargetPair(LaunchedPair):
+class TargetPair(PairTargets):
     """Two targets; files are removed at the end, but the baseline's workload."""
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        baseline: Target,
-        candidate: Target,
-        sizes: Sizes | None = None,
-        time_limit: TimeLimit | None = None,
-    ):
-        self._targets, self._sizes = (baseline, candidate), sizes or Sizes()
-        releases, names = (baseline.release, candidate.release), describe(self._targets)
-        super().__init__(pool, releases, names, time_limit or TimeLimit())
-
-    def _new_work(self) -> PairWork:
-        kind = _WORK[METRICS[self._sizes.metric].measured]
-        return kind(self._pool, self._targets, self._sizes, self.time_limit)
-
-
-class StepWork(PairWork):
-    """The simulations that two targets step, as often as it takes."""
 
     def __init__(
         self,
@@ -81,17 +57,35 @@ class StepWork(PairWork):
         targets: tuple[Target, Target],
         sizes: Sizes,
         time_limit: TimeLimit,
+        as_shipped: bool = True,
         roles: tuple[str, str] = ROLES,
     ):
-        """Load the models, and make sure that both targets can do it; see `prepare`."""
-        super().__init__(sizes.metric)
-        self._targets, self._sizes = targets, sizes
-        self.nthread = max(target.nthread for target in targets)
-        self.prepared = prepare(pool, targets, sizes, time_limit, roles)
-        self.nsection, self.work_check = self.prepared.nsection, self.prepared.work_check
-        self.baseline_workload = self.prepared.workloads[0]
+        baseline, candidate = targets
+        names, releases = describe(targets, roles), (baseline.release, candidate.release)
+        super().__init__(pool, releases, names, sizes.metric, time_limit, as_shipped)
+        self._targets, self._sizes, self._roles = targets, sizes, roles
+
+    def _remove_at_the_end(self, *files: Path) -> None:
+        for file in files:
+            self._closing.callback(file.unlink, missing_ok=True)
+
+
+class StepPair(TargetPair):
+    """The simulations that two targets step, as often as it takes."""
+
+    prepared: "Preparation"
+
+    def fix_work(self) -> None:
+        """Load the models, and make sure that both targets can do it."""
+        prepared = prepare_simulations(
+            self._pool, self._targets, self._sizes, self._time_limit, self._roles
+        )
+        self._remove_at_the_end(*prepared.models, prepared.workloads[1])
+        self.nthread = max(target.nthread for target in self._targets)
+        self.prepared, self.nsection, self.work = prepared, prepared.nsection, prepared.work
+        self.baseline_workload = prepared.workloads[0]
         # Simulations may differ in how much slower they are, so they are timed equally often.
-        self._times_drawn = [0] * self.prepared.nsim
+        self._times_drawn = [0] * prepared.nsim
         self._drawn: list[int] = []
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
@@ -103,11 +97,10 @@ class StepWork(PairWork):
 
     def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
         if is_new_run or self.nsection == 1:
-            nbatch = self.prepared.work_check.nbatch
-            self._drawn = draw_least(self._times_drawn, nbatch)
+            self._drawn = draw_least(self._times_drawn, self.prepared.work.nbatch)
         return super().lay_out(pair)
 
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+    def _prepare_blocks(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         target = self._targets[i]
         return process.call(
             Worker.prepare,
@@ -122,71 +115,69 @@ class StepWork(PairWork):
             nsection=self.nsection,
         )
 
-    def close(self) -> None:
-        """Remove all files but the baseline's workload."""
-        for file in (*self.prepared.models, self.prepared.workloads[1]):
-            file.unlink(missing_ok=True)
 
-
-class MemoryWork(StepWork):
+class MemoryPair(StepPair):
     """The simulations of two targets, whose processes are compared by their memory."""
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """Tell the processes nothing: all that one loads is part of its peak."""
 
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+    def _prepare_blocks(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         target, workload = self._targets[i], self.prepared.workloads[i]
         options = dict(target.model_options)
         return process.call(memory_blocks.prepare_peak, target.model.path, options, workload)
 
 
-class OperationWork(PairWork):
+class OperationPair(TargetPair):
     """An operation around the step, on the models of two targets (see `operations`)."""
 
-    def __init__(
-        self,
-        pool: WorkerPool,
-        targets: tuple[Target, Target],
-        sizes: Sizes,
-        time_limit: TimeLimit,
-    ):
+    def fix_work(self) -> None:
         """Load the models, and choose how often a block does it."""
-        super().__init__(sizes.metric)
-        with loaded(pool, targets, time_limit) as (processes, models):
-            self._models = models
-            reads_source = METRICS[sizes.metric].reads_source
-            self._files = [target.model.path for target in targets] if reads_source else [*models]
+        with loaded(self._pool, self._targets, self._time_limit) as (processes, models):
+            self._remove_at_the_end(*models)
+            reads_source = self._metric.reads_source
+            self._files = [each.model.path for each in self._targets] if reads_source else models
             once = [self._ready(process, i, (), 1) for i, process in enumerate(processes)]
             slower_s = 1e-9 * max(each.ns for each in once)
             self._repeats = min(max(1, round(RUN_S / slower_s)), MAX_REPEATS)
-            time_limit.check_first_launch(self.launch_s(1e-9 * sum(each.ns for each in once)))
+            once_s = 1e-9 * sum(each.ns for each in once)
+            self._time_limit.check_first_launch(self.launch_s(once_s))
             timed = [
                 self._ready(process, i, (), self._repeats) for i, process in enumerate(processes)
             ]
         old, new = ([[Leaf("", each.result)]] for each in timed)
         self.results = compare(old, new)
 
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+    def _prepare_blocks(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         return self._ready(process, i, allowed, self._repeats).ns
-
-    def close(self) -> None:
-        for file in self._models:
-            file.unlink(missing_ok=True)
 
     def _ready(
         self, process: WorkerProcess, i: int, allowed: Sequence[int], repeats: int
     ) -> ReadyOperation:
         source = ModelSource("", self._files[i])
-        prepare = functools.partial(operations.OF_METRIC[self._metric], source, repeats)
+        prepare = functools.partial(operations.OF_METRIC[self._sizes.metric], source, repeats)
         return process.call(Worker.prepare_operation, prepare, allowed)
 
 
 # What two targets do, by how a metric is measured.
-_WORK: Mapping[Measured, type[StepWork | OperationWork]] = {
-    Measured.STEPS: StepWork,
-    Measured.OPERATION: OperationWork,
-    Measured.MEMORY: MemoryWork,
+_PAIRS: Mapping[Measured, type[TargetPair]] = {
+    Measured.STEPS: StepPair,
+    Measured.OPERATION: OperationPair,
+    Measured.MEMORY: MemoryPair,
 }
+
+
+def pair_of(
+    pool: WorkerPool,
+    targets: tuple[Target, Target],
+    sizes: Sizes | None = None,
+    time_limit: TimeLimit | None = None,
+    as_shipped: bool = True,
+) -> TargetPair:
+    """Return two targets to launch, which do what a metric is of."""
+    sizes = sizes or Sizes()
+    kind = _PAIRS[METRICS[sizes.metric].measured]
+    return kind(pool, targets, sizes, time_limit or TimeLimit(), as_shipped)
 
 
 def draw_least(times_drawn: list[int], count: int) -> list[int]:
@@ -205,15 +196,13 @@ class Preparation:
       workloads: files of the `PortableWorkload`s, final states included.
       nsim: simulations in each workload file.
       nsection: sections that the run is divided into (see `loop_sections`); 1 for no division.
-      step_s: seconds of a step of the target that is slower, at the start, as they were then.
     """
 
     models: tuple[Path, Path]
     workloads: tuple[Path, Path]
     nsim: int
     nsection: int
-    step_s: float
-    work_check: WorkCheck
+    work: WorkDifference
 
 
 @dataclass(frozen=True)
@@ -222,7 +211,6 @@ class _ChosenSizes:
 
     sizes: Sizes
     run: RunSize
-    step_s: float
     faster_step_s: float | None
     request: SampleRequest
     sleep_alike: bool
@@ -239,7 +227,7 @@ def describe(targets: Sequence[Target], roles: tuple[str, str] = ROLES) -> tuple
     return baseline, candidate
 
 
-def prepare(
+def prepare_simulations(
     pool: WorkerPool,
     targets: tuple[Target, Target],
     sizes: Sizes,
@@ -332,7 +320,7 @@ def _choose_sizes(
         lead_in=whole_holds(LEAD_IN, sizes.hold) if any(sleeps) and is_plain_loop else 0,
         perturbs=sizes.perturbs,
     )
-    return _ChosenSizes(sizes, run, step_s, faster_step_s, sample, len(set(sleeps)) == 1)
+    return _ChosenSizes(sizes, run, faster_step_s, sample, len(set(sleeps)) == 1)
 
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
@@ -371,7 +359,7 @@ def _prepared(
     rows = _rows_to_time(targets, (baseline, candidate), shared)
     nsim = len(rows[0])
     is_compared = baseline.healthy & candidate.healthy if shared else baseline.healthy
-    check = WorkCheck(
+    work = WorkDifference(
         baseline=baseline.work,
         candidate=candidate.work,
         drift=state_drift.drift(baseline.followed, candidate.followed, is_compared, shared),
@@ -388,8 +376,8 @@ def _prepared(
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
     can_divide = baseline.can_divide and candidate.can_divide
-    nsection = chosen.nsection(check.nbatch) if can_divide else 1
-    return Preparation(models, files, nsim, nsection, chosen.step_s, check)
+    nsection = chosen.nsection(work.nbatch) if can_divide else 1
+    return Preparation(models, files, nsim, nsection, work)
 
 
 def _draw(

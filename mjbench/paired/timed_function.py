@@ -253,24 +253,25 @@ def _versions() -> dict[str, str]:
 @activity("importing the benchmark")
 def import_function(worker: Worker, source: FunctionSource, calls_it: bool = False) -> None:
     """Import a function; call it, too, where what it does only once is to be done."""
-    worker.function = TimedFunction(source)
+    function = TimedFunction(source)
+    worker.extend(function)
     if calls_it:
-        _finish(worker.function.fresh()())
+        _finish(function.fresh()())
 
 
 @activity("calling the benchmark")
 def try_function(worker: Worker, origin: CodeOrigin) -> FunctionFacts:
     """Call a function a few times, and return what is to be known before it is timed."""
-    assert worker.function is not None, "it was imported"
+    imported = worker.extension(TimedFunction)
     try:
-        function, count = worker.function.fresh(), 1
+        function, count = imported.fresh(), 1
         if isinstance(function, calls.PreparedCall):  # once, because it keeps no state
             function.prepare()
             call_s, cores = _timed(function.timed, count)
             results, problem = _results(function.result, count)
         else:
             results, problem = _results(function, RESULTS)
-            function = worker.function.fresh()
+            function = imported.fresh()
             count = calls.calls_per_block(functools.partial(_seconds, function))
             call_s, cores = _timed(function, count)
     except (InputError, MachineError):
@@ -331,8 +332,7 @@ def _called_once(function: calls.PreparedCall) -> LoopSection:
 
 @activity("asking for times of compiling")
 def compilation_of(worker: Worker) -> Compilation | None:
-    assert worker.function is not None, "it was imported"
-    return _compilation(worker.function.fresh())
+    return _compilation(worker.extension(TimedFunction).fresh())
 
 
 @activity("preparing the benchmark")
@@ -344,8 +344,7 @@ def prepare_function(
     Every call keeps in step with those of the other side, so a function that keeps state is timed
     in the same states there.
     """
-    imported = worker.function
-    assert imported is not None, "it was imported"
+    imported = worker.extension(TimedFunction)
 
     def section() -> LoopSection:
         function = imported.fresh()

@@ -1,7 +1,7 @@
 """Decide which of two targets is faster: launch them until the verdict is certain.
 
-`judge` is the rule: what launches show, and whether they are enough. `decide` launches until they
-are, and makes the record.
+`judge` says what launches show, and whether they are enough. `decide_pair` launches until they are,
+and returns the record.
 """
 
 import time
@@ -11,32 +11,30 @@ from pathlib import Path
 
 import numpy as np
 
+from mjbench.errors import Failure
 from mjbench.measuring import launch_stats
 from mjbench.measuring.launch_stats import Evidence, Interval
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
-from mjbench.paired.call_results import ResultsCheck
-from mjbench.paired.metrics import METRICS, Metric
-from mjbench.paired.moved_check import Averaging, averaging
+from mjbench.paired.launches import launch
+from mjbench.paired.metrics import METRICS
+from mjbench.paired.moved_check import PlacementControl
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.pair_launches import LaunchedPair, WorkCheck
+from mjbench.paired.pair_launches import CountRule, PairTargets
 from mjbench.paired.records import (
-    MAX_E_VALUE,
+    Judgement,
     LaunchRow,
     PackageVersions,
-    Pair,
     PlacementEffect,
     VerdictRecord,
-    VerdictRow,
 )
 from mjbench.paired.run_sizes import Sizes
-from mjbench.paired.target_pair import TargetPair
+from mjbench.paired.target_pair import pair_of
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.status import Status
 
 # A verdict of faster or slower is final when its interval's half-width is at most this share of the
 # change.
@@ -68,23 +66,6 @@ class VerdictPlan:
     family: int = 1
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """What launches show about the ratio of candidate time to baseline time.
-
-    Attributes:
-      enough: whether more launches are unnecessary for the verdict and precision asked for.
-      e_slower: e-value against "not slower" (see `launch_stats.Fit.e_values`); 1 is no evidence.
-    """
-
-    verdict: Verdict
-    ratio: Ratio
-    launches: int
-    enough: bool
-    e_slower: float = 1.0
-    e_faster: float = 1.0
-
-
 def judge(
     log_ratios: Sequence[float],
     min_effect: float,
@@ -113,10 +94,14 @@ def judge(
     return conclude(evidence, min_effect, confidence, precision, family)
 
 
-def exact_verdict(ratio: float, min_effect: float) -> Verdict:
-    if ratio >= 1 + min_effect:
-        return Verdict.SLOWER
-    return Verdict.FASTER if ratio <= 1 / (1 + min_effect) else Verdict.SAME
+def judge_exactly(ratio: Ratio, min_effect: float) -> Judgement:
+    """Judge a ratio without noise."""
+    verdict = Verdict.SAME
+    if ratio.estimate >= 1 + min_effect:
+        verdict = Verdict.SLOWER
+    elif ratio.estimate <= 1 / (1 + min_effect):
+        verdict = Verdict.FASTER
+    return Judgement(verdict, ratio, 0, True, None, None)
 
 
 def conclude(
@@ -153,129 +138,6 @@ def _verdict(interval: Interval, log_effect: float) -> Verdict:
     return Verdict.INCONCLUSIVE
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PairedResult:
-    """What launches of two targets gave, and how they ended.
-
-    Attributes:
-      status: how they ended; `OK` also where time ran out.
-      detail: one line; empty when ok, unless time ran out before there were enough launches.
-      seconds: from start to end, the workers' start included.
-      judgement: of the launches that moved them, or of all if none did; None without any.
-    """
-
-    baseline: Target
-    candidate: Target
-    status: Status
-    metric: Metric = Metric.TIME
-    detail: str = ""
-    launches: Sequence[LaunchRow] = ()
-    seconds: float = 0.0
-    work_check: WorkCheck | None = None
-    results: ResultsCheck | None = None
-    workload_file: Path | None = None
-    averaging: Averaging | None = None
-    judgement: Judgement | None = None
-    as_shipped: Judgement | None = None
-
-    def row(self) -> VerdictRow:
-        return self.record().row()
-
-    def record(self) -> VerdictRecord:
-        """Return the comparison as a run file stores it, with every launch's raw times."""
-        check, judgement, results = self.work_check, self.judgement, self.results
-        drift = check.drift if check else None
-        return VerdictRecord(
-            model=self.candidate.model.name,
-            path=self.candidate.path,
-            old=self.baseline.release.label,
-            new=self.candidate.release.label,
-            sides=(self.baseline.row(), self.candidate.row()),
-            metric=self.metric,
-            status=self.status,
-            detail=self.detail,
-            verdict=self._verdict(),
-            ratio=judgement.ratio if judgement else None,
-            e_slower=min(judgement.e_slower, MAX_E_VALUE) if judgement else None,
-            e_faster=min(judgement.e_faster, MAX_E_VALUE) if judgement else None,
-            cause=self._cause(),
-            placement=self._placement(),
-            changed_work=self._changed_work(),
-            work=Pair(check.baseline, check.candidate) if check else None,
-            drift=drift.one_step if drift else None,
-            run_drift=drift.runs if drift else (),
-            diverged=Pair(*check.diverged) if check else None,
-            warnings=Pair(*check.warnings) if check else None,
-            nbatch=check.nbatch if check else None,
-            nstep=check.nstep if check else None,
-            starts=check.starts if check else None,
-            candidate_starts=check.candidate_starts if check else None,
-            timesteps_s=Pair(*check.timesteps_s) if check and check.log_scale else None,
-            launches=len(self.launches),
-            pairs=2 * sum(len(launch.orders) for launch in self.launches),
-            seconds=self.seconds,
-            results=results.outcome if results else None,
-            results_detail=results.detail if results else "",
-            packages=package_versions(self.baseline.release, self.candidate.release),
-            samples=self.launches,
-        )
-
-    def _verdict(self) -> Verdict | None:
-        if self.judgement is not None:
-            return self.judgement.verdict
-        return Verdict.INCONCLUSIVE if self.status == Status.OK else None
-
-    def _cause(self) -> Cause | None:
-        """Return why the builds differ; None where they do not, or where more than that may.
-
-        What is called `same` differs by placement if it does so as shipped, and if as shipped it is
-        certainly another ratio.
-        """
-        baseline, candidate = self.baseline, replace(self.candidate, release=self.baseline.release)
-        releases = self.baseline.release, self.candidate.release
-        if (
-            not METRICS[self.metric].follows_placement
-            or self.judgement is None
-            or self.averaging is None
-            or baseline != candidate
-            or any(release.has_packages for release in releases)
-        ):
-            return None
-        verdict = self.judgement.verdict
-        if verdict == Verdict.SAME:
-            shipped, effect = self.as_shipped, self._placement_effect()
-            differs = shipped and shipped.verdict in (Verdict.FASTER, Verdict.SLOWER)
-            is_certain = effect is not None and not effect.covers(1.0)
-            return Cause.PLACEMENT if differs and is_certain else None
-        if verdict == Verdict.INCONCLUSIVE:
-            return Cause.UNDECIDED
-        if self._changed_work():
-            return Cause.WORK
-        return Cause.CODE if self.averaging.is_on else Cause.UNDECIDED
-
-    def _changed_work(self) -> bool | None:
-        if self.results is not None:
-            return self.results.is_changed
-        return self.work_check.changed if self.work_check else None
-
-    def _placement(self) -> PlacementEffect | None:
-        if self.averaging is None or not METRICS[self.metric].follows_placement:
-            return None
-        if not self.averaging.is_on:
-            return PlacementEffect(False, self.averaging.problem)
-        if self.as_shipped is None:
-            return PlacementEffect(True)
-        return PlacementEffect(
-            True, as_shipped=self.as_shipped.ratio, effect=self._placement_effect()
-        )
-
-    def _placement_effect(self) -> Ratio | None:
-        """Return the ratio as shipped over the averaged one; None where one was not measured."""
-        if self.judgement is None or self.as_shipped is None:
-            return None
-        return _quotient(self.as_shipped.ratio, self.judgement.ratio)
-
-
 def package_versions(baseline: ReleaseSpec, candidate: ReleaseSpec) -> list[PackageVersions]:
     """Return the versions of packages in two environments; none where the user named none."""
     if not (baseline.has_packages or candidate.has_packages):
@@ -296,81 +158,131 @@ def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
     return Ratio(numerator.estimate / denominator.estimate, low, high)
 
 
-def decide(
+class VerdictRule(CountRule):
+    """Launch both sides until the verdict is certain, or time is up.
+
+    Attributes:
+      judgement: of the launches until now; None without any.
+    """
+
+    def __init__(self, time_limit: TimeLimit, plan: VerdictPlan, pair: PairTargets):
+        super().__init__(time_limit)
+        self._plan, self._pair = plan, pair
+        self.judgement: Judgement | None = None
+
+    @property
+    def has_answer(self) -> bool:
+        return self.judgement is not None and self.judgement.launches >= MIN_LAUNCHES
+
+    @property
+    def has_enough(self) -> bool:
+        return self.judgement is not None and self.judgement.enough
+
+    def add(self, launch: LaunchRow) -> None:
+        super().add(launch)
+        self.judgement = judge_launches(self.launches, self._plan, self._pair.log_scale)
+
+
+def launch_until_certain(
+    pair: PairTargets,
+    plan: VerdictPlan,
+    time_limit: TimeLimit,
+    on_launch: Callable[[Judgement], None],
+) -> tuple[VerdictRule, Failure]:
+    """Launch a pair until the verdict is certain; return what is known then, and how it ended."""
+    rule = VerdictRule(time_limit, plan, pair)
+
+    def show() -> None:
+        assert rule.judgement is not None, "there is a launch"
+        on_launch(rule.judgement)
+
+    return rule, launch(pair, rule, show)
+
+
+def decide_pair(
     pool: WorkerPool,
     baseline: Target,
     candidate: Target,
     plan: VerdictPlan,
     on_launch: Callable[[Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
-) -> PairedResult:
+    use_workload: Callable[[Path], None] = lambda file: None,
+) -> VerdictRecord:
     """Compare two targets until the verdict is certain, or time is up.
 
-    Where a side crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds what
+    Where a side crashes, hangs or fails, or Ctrl-C is pressed, the record says so, and holds what
     was measured until then.
+
+    Args:
+      use_workload: called with the file of the baseline's workload, if there is one.
     """
     begin_s = clock()
-    limit = TimeLimit(plan.time_limit_s, clock=clock, purpose="a verdict")
-    averaged: Averaging | None = None
-    # time that is up, a failure or Ctrl-C ends the block, not the function: see `pair.ending`
-    with TargetPair(pool, baseline, candidate, plan.sizes, limit) as pair:
-        averaged = _averaging(pool, baseline, candidate, plan)
-        limit.min_launches = averaged.launches_with(MIN_LAUNCHES)
-        pair.prepare(averaged.placements())
-        launch_until_certain(pair, plan, on_launch)
-    log_scale, work = _log_scale(pair, plan), pair.work
-    has_moved = averaged is not None and averaged.is_on
-    return PairedResult(
-        baseline=baseline,
-        candidate=candidate,
-        status=pair.ending.status,
-        metric=plan.sizes.metric,
-        detail=pair.ending.detail,
-        launches=pair.launches,
-        seconds=clock() - begin_s,
-        work_check=work.work_check if work else None,
-        results=work.results if work else None,
-        workload_file=work.baseline_workload if work else None,
-        averaging=averaged,
-        judgement=judge_launches(pair.launches, plan, log_scale),
-        as_shipped=_judge_as_shipped(pair.launches, plan, log_scale) if has_moved else None,
+    limit = TimeLimit(plan.time_limit_s, MIN_LAUNCHES, clock, "a verdict")
+    targets = baseline, candidate
+    pair = pair_of(pool, targets, plan.sizes, limit, plan.as_shipped)
+    rule, ending = launch_until_certain(pair, plan, limit, on_launch)
+    if pair.baseline_workload is not None:
+        use_workload(pair.baseline_workload)
+    as_shipped = None
+    if pair.placement is not None and pair.placement.averages:
+        as_shipped = _judge_as_shipped(rule.launches, plan, pair.log_scale)
+    record = VerdictRecord.of(
+        (baseline.row(), candidate.row()),
+        plan.sizes.metric,
+        ending,
+        rule.judgement,
+        pair.work,
+        pair.results,
+        rule.launches,
+        clock() - begin_s,
     )
+    versions = package_versions(baseline.release, candidate.release)
+    return with_placement(replace(record, packages=versions), targets, pair.placement, as_shipped)
 
 
-def launch_until_certain(
-    pair: LaunchedPair, plan: VerdictPlan, on_launch: Callable[[Judgement], None]
-) -> None:
-    """Launch a prepared pair until the verdict is certain, or time is up.
+def with_placement(
+    record: VerdictRecord,
+    targets: tuple[Target, Target],
+    control: PlacementControl | None,
+    as_shipped: Judgement | None,
+) -> VerdictRecord:
+    """Return a verdict with the effect of where code lies, and with why two builds differ."""
+    if control is None or not METRICS[record.metric].follows_placement:
+        return record
+    effect = None
+    if record.ratio is not None and as_shipped is not None:
+        effect = _quotient(as_shipped.ratio, record.ratio)
+    shipped = as_shipped.ratio if as_shipped else None
+    placement = PlacementEffect(control.averages, control.problem, shipped, effect)
+    cause = _cause(record, placement, as_shipped) if _are_builds(*targets) else None
+    return replace(record, placement=placement, cause=cause)
 
-    Raises:
-      OutOfTimeError: time is up, and there are too few launches for a verdict.
+
+def _are_builds(baseline: Target, candidate: Target) -> bool:
+    """Return whether two targets differ in the build of MuJoCo alone."""
+    has_packages = baseline.release.has_packages or candidate.release.has_packages
+    return not has_packages and baseline == replace(candidate, release=baseline.release)
+
+
+def _cause(
+    record: VerdictRecord, placement: PlacementEffect, as_shipped: Judgement | None
+) -> Cause | None:
+    """Return why two builds differ; None where they do not.
+
+    What is called `same` differs by placement if it does so as shipped, and if as shipped it is
+    certainly another ratio.
     """
-    is_enough = has_answer = False
-    while not is_enough and pair.has_time(has_answer):
-        pair.launch()
-        judgement = judge_launches(pair.launches, plan, _log_scale(pair, plan))
-        assert judgement is not None, "there is a launch"
-        on_launch(judgement)
-        is_enough, has_answer = judgement.enough, judgement.launches >= MIN_LAUNCHES
-
-
-def _averaging(
-    pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan
-) -> Averaging:
-    if plan.as_shipped or not METRICS[plan.sizes.metric].follows_placement:
-        return Averaging(False)
-    return averaging(pool, baseline.release, candidate.release)
-
-
-def _log_scale(pair: LaunchedPair, plan: VerdictPlan) -> float:
-    """Return what turns log ratios of the time of a step into those that are judged.
-
-    Where timesteps differ, they are of the time of a simulated second.
-    """
-    work_check = pair.work.work_check if pair.work else None
-    if work_check is None or not METRICS[plan.sizes.metric].is_of_steps:
-        return 0.0
-    return work_check.log_scale
+    if record.ratio is None:
+        return None
+    if record.verdict == Verdict.SAME:
+        differs = as_shipped and as_shipped.verdict in (Verdict.FASTER, Verdict.SLOWER)
+        is_certain = placement.effect is not None and not placement.effect.covers(1.0)
+        return Cause.PLACEMENT if differs and is_certain else None
+    if record.verdict == Verdict.INCONCLUSIVE:
+        return Cause.UNDECIDED
+    if record.changed_work:
+        return Cause.WORK
+    return Cause.CODE if placement.averaged else Cause.UNDECIDED
 
 
 def judge_launches(

@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 
     from mjbench.paired.loop_sections import LoopSection
     from mjbench.paired.operations import PreparedOperation
-    from mjbench.paired.race_blocks import RaceBlocks
-    from mjbench.paired.timed_function import TimedFunction
     from mjbench.paths import Resources, States
     from mjbench.simulation.starts import StartPlan
     from mjbench.simulation.workload import PortableWorkload, Product, Workload
@@ -58,6 +56,7 @@ _SCATTERED_LAYOUTS = 12
 _DEPTH = 24
 
 _Task = TypeVar("_Task", bound=Callable[..., Any])
+_Extension = TypeVar("_Extension")
 
 
 def activity(doing: str) -> Callable[[_Task], _Task]:
@@ -84,13 +83,22 @@ class Worker:
     def __init__(self, connection: Connection):
         self.connection = connection
         self.resources: Resources | None = None
-        self.race: RaceBlocks | None = None
-        self.function: TimedFunction | None = None
+        self._extensions: dict[type, object] = {}
         self.slowdown = 0.0
         self.sections: Sequence[LoopSection] = ()
         self.padding: list[Any] = []
         self.scattered: deque[list[object]] = deque(maxlen=_SCATTERED_LAYOUTS)
         self.rng = random.Random()
+
+    def extend(self, extension: object) -> None:
+        """Hold what tasks outside of this module work on (see `extension`)."""
+        self._extensions[type(extension)] = extension
+
+    def extension(self, kind: type[_Extension]) -> _Extension:
+        """Return what an earlier task extended the worker by."""
+        extension = self._extensions[kind]
+        assert isinstance(extension, kind)
+        return extension
 
     def serve(self) -> None:
         """Do tasks until the parent hangs up."""

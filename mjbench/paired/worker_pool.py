@@ -95,6 +95,11 @@ class WorkerProcess:
             self._answer()
         return not self._activities
 
+    def count_cores(self, nthread: int) -> float | None:
+        """Return how many cores threads get in it now; None of one thread, which has its own."""
+        nthread = affinity.countable(nthread)
+        return self.call(Worker.count_cores, nthread) if nthread > 1 else None
+
     def time_block(self) -> int:
         """Have one block run, after `Worker.time_blocks` was asked; return its nanoseconds."""
         with contextlib.suppress(OSError):

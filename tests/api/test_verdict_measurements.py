@@ -93,7 +93,7 @@ def test_progress_is_of_this_run_where_other_runs_are_of_the_family_too(
         "check_out",
         lambda *_: [*map(targets, Comparison.functions)],
     )
-    monkeypatch.setattr(verdict_measurements.function_verdict, "decide", decide)
+    monkeypatch.setattr(verdict_measurements.function_verdict, "decide_function", decide)
     comparison: Any = Comparison()
     measurement = verdict_measurements.between_revisions(comparison, VerdictPlan(family=family))
     shares: list[float] = []

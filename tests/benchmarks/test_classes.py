@@ -36,7 +36,7 @@ from mjbench.counts.counted_program import CountedWork, ModelRequest
 from mjbench.counts.instructions import ModelCount
 from mjbench.errors import MachineError
 from mjbench.host import isolate
-from mjbench.paired.moved_check import Averaging
+from mjbench.paired.moved_check import PlacementControl
 from mjbench.releases import installs, release_names
 from mjbench.simulation import models
 from mjbench.status import Status
@@ -283,8 +283,10 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     monkeypatch.setattr("benchmarks.mjx.NSTEP", 2)
     for module in ("mjx", "record"):
         monkeypatch.setattr(f"benchmarks.{module}.ROUNDS", 3)
-    as_shipped = Averaging(False)
-    monkeypatch.setattr("mjbench.paired.moved_check.averaging", lambda *arguments: as_shipped)
+    as_shipped = PlacementControl(False)
+    monkeypatch.setattr(
+        "mjbench.paired.moved_check.placement_control", lambda *arguments: as_shipped
+    )
     if exact.kind is mjx.Mjx:
         exact = replace(exact, params=("cartpole", 1))
         monkeypatch.setattr(mjx.Mjx, "params", (["cartpole"], [1]))

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import click.testing
@@ -127,7 +126,7 @@ def run_versions(
         measured.append(candidate.model.name)
         return decided(baseline, candidate, statuses[len(measured) - 1])
 
-    monkeypatch.setattr(verdict, "decide", decide)
+    monkeypatch.setattr(verdict, "decide_pair", decide)
     done = CliRunner().invoke(
         cli, ["versions", "installed", "installed", "cartpole", "linkage", *words]
     )
@@ -155,7 +154,9 @@ def test_a_changed_model_is_noticed_also_beside_one_of_the_same_name(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(verdict, "decide", lambda pool, *targets: decided(*targets[:2], Status.OK))
+    monkeypatch.setattr(
+        verdict, "decide_pair", lambda pool, *targets: decided(*targets[:2], Status.OK)
+    )
     for folder in ("a", "b"):
         Path(folder).mkdir()
         Path(folder, "m.xml").write_text("<mujoco/>")
@@ -186,10 +187,9 @@ def test_a_search_is_continued_after_its_last_measurement(
         return 0.03 if pair[0] < "3.3.1" <= pair[1] else 0.0
 
     def decide(pool: object, baseline: Target, candidate: Target, *others: object) -> Any:
-        record = SLOWER if log_ratio(baseline, candidate) > 0 else SAME
-        return SimpleNamespace(record=lambda: record)
+        return SLOWER if log_ratio(baseline, candidate) > 0 else SAME
 
-    monkeypatch.setattr(verdict, "decide", decide)
+    monkeypatch.setattr(verdict, "decide_pair", decide)
     words = ("bisect", "3.2.7", "3.3.3", "cartpole")
     done = invoke(*words)
     assert done.exit_code == 130

@@ -40,7 +40,7 @@ def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -
 def test_verdicts_that_are_decided_with_those_of_other_commands_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(verdict, "decide", lambda pool, *targets: decided(*targets[:2]))
+    monkeypatch.setattr(verdict, "decide_pair", lambda pool, *targets: decided(*targets[:2]))
     words = ("versions", "installed", "installed", "cartpole")
     for family in ("30", "1"):
         done = mjbench(*words, "--family", family, "--results", family, cwd=tmp_path)

@@ -76,7 +76,7 @@ def test_the_action_compares_releases_and_writes_a_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its steps run as they are, but for the first, which installs mjbench."""
-    monkeypatch.setattr(verdict, "decide", lambda pool, *targets: decided(*targets[:2]))
+    monkeypatch.setattr(verdict, "decide_pair", lambda pool, *targets: decided(*targets[:2]))
     install, compare, report = steps(ACTION)
     assert "pip" in install["run"]
     recorder = Recorder(tmp_path / "mjbench/bin/mjbench")

@@ -79,7 +79,7 @@ def summarized(
     ],
 )
 def test_a_verdict_on_instructions_is_exact(candidate: float, expected: Verdict) -> None:
-    row = explain.verdict_row(counted("1.0", a=1000.0), counted("2.0", a=candidate), 0.005)
+    row = explain.instruction_verdict(counted("1.0", a=1000.0), counted("2.0", a=candidate), 0.005)
     assert row.metric is Metric.INSTRUCTIONS
     assert row.verdict is expected
     assert row.ratio is not None
@@ -99,7 +99,7 @@ def test_a_step_that_leads_elsewhere_is_changed_work() -> None:
         candidate = replace(
             counted("2.0", a=1000.0), healthy=healthy, followed=Followed([0], here, after)
         )
-        assert explain.verdict_row(baseline, candidate, 0.005).changed_work is is_changed
+        assert explain.instruction_verdict(baseline, candidate, 0.005).changed_work is is_changed
         lines = summarized(baseline, candidate)
         assert any("changed work" in line for line in lines) is is_changed
 
@@ -108,7 +108,7 @@ def test_a_model_that_could_not_be_counted_has_no_verdict() -> None:
     crashed = ModelCount(
         model="m", release="2.0", status=Status.CRASHED, detail="killed by signal 11"
     )
-    row = explain.verdict_row(counted("1.0", a=1000.0), crashed, 0.005)
+    row = explain.instruction_verdict(counted("1.0", a=1000.0), crashed, 0.005)
     assert (row.status, row.verdict, row.ratio, row.work) == (Status.CRASHED, None, None, None)
     assert row.detail == "MuJoCo 2.0: killed by signal 11"
     assert explained(counted("1.0", a=1000.0), crashed).status is Status.CRASHED

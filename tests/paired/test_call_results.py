@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjbench.paired import call_results
-from mjbench.paired.call_results import ResultsCheck
+from mjbench.paired.call_results import ResultsDifference
 from mjbench.paired.outcomes import ResultsOutcome
 
 
@@ -19,7 +19,7 @@ class Observation:
     names: list[str] = field(default_factory=lambda: ["hip"])
 
 
-def check(old: Sequence[Any], new: Sequence[Any]) -> ResultsCheck:
+def check(old: Sequence[Any], new: Sequence[Any]) -> ResultsDifference:
     """Compare the results of calls."""
     return call_results.compare(
         [call_results.leaves(each) for each in old], [call_results.leaves(each) for each in new]
@@ -35,7 +35,7 @@ def check(old: Sequence[Any], new: Sequence[Any]) -> ResultsCheck:
     ],
 )
 def test_equal_results_are_the_same(result: Any) -> None:
-    assert check([result], [result]) == ResultsCheck(ResultsOutcome.SAME)
+    assert check([result], [result]) == ResultsDifference(ResultsOutcome.SAME)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from paired_examples import CARTPOLE
 
 from mjbench.host.topology import Topology
 from mjbench.paired import cores
-from mjbench.paired.target_pair import TargetPair
+from mjbench.paired.target_pair import pair_of
 from mjbench.paired.worker_pool import WorkerPool
 
 pytestmark = pytest.mark.skipif(
@@ -63,7 +63,9 @@ def test_cores_are_tried_only_until_one_is_free(monkeypatch: pytest.MonkeyPatch)
 def test_cores_are_not_counted_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cores.machine, "usable_cores", lambda: 1)
     with WorkerPool() as pool:
-        assert TargetPair(pool, CARTPOLE, CARTPOLE)._cores_had(nthread=4) == 1.0
+        pair = pair_of(pool, (CARTPOLE, CARTPOLE))
+        pair.nthread = 4
+        assert pair._cores_had() == 1.0
         assert pool._processes == []
 
 

@@ -17,7 +17,7 @@ from mjbench.paired.operations import PreparedOperation
 from mjbench.paired.outcomes import ResultsOutcome
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
-from mjbench.paired.target_pair import OperationWork, TargetPair
+from mjbench.paired.target_pair import OperationPair, TargetPair, pair_of
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_answers import ReadyOperation
 from mjbench.paired.worker_pool import WorkerPool
@@ -36,7 +36,7 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(params=["load", "reset", "rays", "rollout", "batch", "memory"])
 def launched(pool: WorkerPool, request: pytest.FixtureRequest) -> Iterator[TargetPair]:
     """Yield a pair that is prepared, by one metric after the other."""
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, replace(BRIEF_SIZES, metric=Metric(request.param)))
+    pair = pair_of(pool, (CARTPOLE, CARTPOLE), replace(BRIEF_SIZES, metric=Metric(request.param)))
     pair.prepare()
     yield pair
     pair.close()
@@ -51,18 +51,16 @@ def test_a_target_against_itself_does_the_same_by_every_metric(launched: TargetP
     launch = launched.launch()
     assert len(launch.orders) == 1
     assert abs(launch.log_ratio) < 1.0
-    metric, work = launched._sizes.metric, launched.work
-    assert work is not None
-    if metric == Metric.MEMORY:
-        assert work.results is None
-        assert work.work_check is not None
-        assert not work.work_check.changed
+    if launched._sizes.metric == Metric.MEMORY:
+        assert launched.results is None
+        assert launched.work is not None
+        assert not launched.work.changes
         assert is_of_memory(launch)
         assert abs(launch.log_ratio) < 0.1
     else:
-        assert work.work_check is None
-        assert work.results is not None
-        assert work.results.outcome == ResultsOutcome.SAME
+        assert launched.work is None
+        assert launched.results is not None
+        assert launched.results.outcome == ResultsOutcome.SAME
 
 
 @pytest.mark.parametrize("differs", [False, True])
@@ -82,14 +80,15 @@ def test_all_that_a_block_of_an_operation_computes_is_compared(
 
     @contextlib.contextmanager
     def loaded(*arguments: Any) -> Iterator[Any]:
-        yield [Process(), Process()], [Path("baseline.mjb"), Path("candidate.mjb")]
+        yield [Process(), Process()], (Path("baseline.mjb"), Path("candidate.mjb"))
 
     monkeypatch.setattr(target_pair, "loaded", loaded)
     monkeypatch.setattr(operations, "OF_METRIC", {Metric.RAYS: cast_rays})
     pool, targets = cast(WorkerPool, None), (CARTPOLE, CARTPOLE)
-    results = OperationWork(pool, targets, Sizes(metric=Metric.RAYS), TimeLimit()).results
+    pair = OperationPair(pool, targets, Sizes(metric=Metric.RAYS), TimeLimit())
+    pair.fix_work()
     expected = ResultsOutcome.DIFFERENT if differs else ResultsOutcome.SAME
-    assert results.outcome == expected
+    assert pair.results.outcome == expected
 
 
 def test_loading_is_of_a_source_and_not_of_a_compiled_model(tmp_path: Path) -> None:

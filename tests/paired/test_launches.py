@@ -17,10 +17,12 @@ class Letters(Targets[str]):
 
     Attributes:
       errors: by the number of the launch; that of 0 is raised before the first.
+      at_end: raised where what is left is to end.
     """
 
     errors: dict[int, BaseException] = field(default_factory=dict)
     asked: list[Sequence[int]] = field(default_factory=list)
+    at_end: BaseException | None = None
     is_closed: bool = False
 
     def prepare(self) -> None:
@@ -33,6 +35,8 @@ class Letters(Targets[str]):
 
     def close(self) -> None:
         self.is_closed = True
+        if self.at_end is not None:
+            raise self.at_end
 
     def _fail(self) -> None:
         if error := self.errors.get(len(self.asked)):
@@ -108,4 +112,28 @@ def test_what_is_left_ends_where_showing_a_launch_is_cut_short(error: BaseExcept
         with pytest.raises(BrokenPipeError):
             launch(letters, rule, show)
     assert rule.launches == ["abc"]
+    assert letters.is_closed
+
+
+@pytest.mark.parametrize(
+    ("error", "at_end", "status"),
+    [
+        (None, MachineError("it does not end"), Status.FAILED),
+        (KeyboardInterrupt(), MachineError("it does not end"), Status.INTERRUPTED),
+        (MachineError("it fell over"), KeyboardInterrupt(), Status.INTERRUPTED),
+        (InputError("no such thing"), MachineError("it does not end"), Status.INPUT),
+    ],
+)
+def test_processes_that_do_not_end_hide_neither_an_interrupt_nor_a_failure(
+    error: BaseException | None, at_end: BaseException, status: Status
+) -> None:
+    errors = {2: error} if error else {}
+    assert launch(Letters(errors, at_end=at_end), Four()).status == status
+
+
+@pytest.mark.parametrize("at_end", [None, MachineError("it does not end"), KeyboardInterrupt()])
+def test_a_fault_of_the_program_is_no_ending(at_end: BaseException | None) -> None:
+    letters = Letters({2: ZeroDivisionError()}, at_end=at_end)
+    with pytest.raises(ZeroDivisionError):
+        launch(letters, Four())
     assert letters.is_closed

@@ -12,7 +12,7 @@ from paired_examples import INSTALLED
 
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import moved_check
-from mjbench.paired.moved_check import Averaging
+from mjbench.paired.moved_check import PlacementControl
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import movable
@@ -143,13 +143,16 @@ def test_the_folder_of_a_moved_install_goes_with_its_process(pool: WorkerPool) -
 
 
 def test_launches_are_moved_or_as_shipped_where_nothing_can_be_moved() -> None:
-    moved = itertools.islice(Averaging(True).placements(), 90)
+    moved = itertools.islice(PlacementControl(True).placements(), 90)
     assert sum(pair.is_moved for pair in moved) == 80
-    assert set(itertools.islice(Averaging(False).placements(), 100)) == {AS_SHIPPED}
+    assert set(itertools.islice(PlacementControl(False).placements(), 100)) == {AS_SHIPPED}
 
 
 def test_only_moved_launches_count_for_a_verdict() -> None:
-    assert (Averaging(True).launches_with(6), Averaging(False).launches_with(6)) == (7, 6)
+    assert (PlacementControl(True).launches_with(6), PlacementControl(False).launches_with(6)) == (
+        7,
+        6,
+    )
 
 
 def test_both_releases_must_move(pool: WorkerPool, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,9 +162,9 @@ def test_both_releases_must_move(pool: WorkerPool, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(moved_check, "check", check)
     other = ReleaseSpec("3.5.0", "3.5.0")
-    assert moved_check.averaging(pool, INSTALLED, INSTALLED) == Averaging(True)
+    assert moved_check.placement_control(pool, INSTALLED, INSTALLED) == PlacementControl(True)
     for pair in ((INSTALLED, other), (other, INSTALLED)):
-        assert moved_check.averaging(pool, *pair) == Averaging(
+        assert moved_check.placement_control(pool, *pair) == PlacementControl(
             False, "the code of MuJoCo 3.5.0 cannot be moved: it is a program"
         )
 
@@ -169,8 +172,8 @@ def test_both_releases_must_move(pool: WorkerPool, monkeypatch: pytest.MonkeyPat
 def test_elsewhere_than_on_linux_the_reason_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(movable.platform, "machine", lambda: "aarch64")
     with WorkerPool() as pool:
-        averaged = moved_check.averaging(pool, INSTALLED, INSTALLED)
+        averaged = moved_check.placement_control(pool, INSTALLED, INSTALLED)
     version = INSTALLED.version
     reason = "only libraries for Linux on x86-64 can be moved"
     problem = f"the code of MuJoCo {version} cannot be moved: {reason}"
-    assert averaged == Averaging(False, problem)
+    assert averaged == PlacementControl(False, problem)

@@ -14,10 +14,10 @@ from paired_examples import BRIEF_SIZES, CARTPOLE, InventedPair
 from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, platforms
 from mjbench.host.child_connection import ChildError
-from mjbench.paired import cores, memory_layout, pair_launches, time_limit
-from mjbench.paired.pair_launches import ProcessPairs
+from mjbench.paired import cores, launches, memory_layout, pair_launches, time_limit
+from mjbench.paired.pair_launches import CountRule, ProcessPairs
 from mjbench.paired.records import LaunchRow
-from mjbench.paired.target_pair import TargetPair
+from mjbench.paired.target_pair import pair_of
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
@@ -60,7 +60,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pair_launches, "time_quads", spying)
         patch.setattr(pair_launches, "MAX_LAYOUTS", time_limit.LAYOUTS)
-        pair = TargetPair(pool, CARTPOLE, CARTPOLE, BRIEF_SIZES)
+        pair = pair_of(pool, (CARTPOLE, CARTPOLE), BRIEF_SIZES)
         pair.prepare()
         for _ in range(LAUNCHES):
             spied.launches.append(pair.launch())
@@ -101,7 +101,7 @@ def test_a_launch_goes_on_while_the_next_processes_start(
     answers = iter([False, False, True])
     monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
     monkeypatch.setattr(pair_launches, "quad_count", lambda all_blocks_s, nsection: nsection)
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, BRIEF_SIZES)
+    pair = pair_of(pool, (CARTPOLE, CARTPOLE), BRIEF_SIZES)
     pair.prepare()
     launch = pair.launch()
     pair.close()
@@ -117,7 +117,7 @@ def test_an_interrupt_ends_what_is_measured(
 
     monkeypatch.setattr(pair_launches, "time_quads", interrupt)
     before, allowed = list(pool._processes), platforms.affinity()
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, BRIEF_SIZES)
+    pair = pair_of(pool, (CARTPOLE, CARTPOLE), BRIEF_SIZES)
     pair.prepare()
     with pytest.raises(KeyboardInterrupt):
         pair.launch()
@@ -132,7 +132,7 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
 ) -> None:
     if machine.usable_cores() < 2:
         pytest.skip("one core: nothing starts ahead")
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, BRIEF_SIZES)
+    pair = pair_of(pool, (CARTPOLE, CARTPOLE), BRIEF_SIZES)
     pair.prepare()
     time_quads = pair_launches.time_quads
 
@@ -236,7 +236,7 @@ def test_where_one_process_of_a_launch_cannot_start_the_other_ends(
 
 def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: WorkerPool) -> None:
     threaded = replace(CARTPOLE, path="rollout", options={"threads": 2})
-    pair = TargetPair(pool, threaded, threaded, BRIEF_SIZES)
+    pair = pair_of(pool, (threaded, threaded), BRIEF_SIZES)
     pair.prepare()
     launch = pair.launch()
     pair.close()
@@ -245,101 +245,40 @@ def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: W
     assert launch.cores > 0
 
 
-# When launches end, and what is left of them then: nothing is launched.
+# When launches end: nothing is launched.
 
 
-def launched(
-    count: int,
-    problem: str = "",
-    limit_s: float = 1e9,
-    error: BaseException | None = None,
-) -> InventedPair:
-    """Return what was launched until there is a number of launches; four have an answer.
+class FourAnswer(CountRule):
+    """Four launches have an answer."""
 
-    Args:
-      error: raised by the third.
-    """
+    @property
+    def has_answer(self) -> bool:
+        return len(self.launches) >= 4
+
+
+def launched(count: int, limit_s: float = 1e9) -> tuple[int, Failure]:
+    """Launch a number of times, a second each; return how often, and how it ended."""
     clock = [0.0]
 
     def invent() -> LaunchRow:
-        if len(pair.launches) == 2 and error is not None:
-            raise error
         clock[0] += 1.0
         return LaunchRow(0, None, ["ABBA"], [[1, 1, 1, 1]], AS_SHIPPED, [1])
 
     limit = TimeLimit(limit_s, 4, clock=lambda: clock[0], purpose="a test")
-    with InventedPair(limit, invent) as pair:
-        if problem:
-            raise MachineError(problem)
-        pair.prepare()
-        while len(pair.launches) < count and pair.has_time(len(pair.launches) >= 4):
-            pair.launch()
-    assert pair.is_closed
-    return pair
+    rule = FourAnswer(limit, count)
+    ending = launches.launch(InventedPair(limit, invent), rule)
+    return len(rule.launches), ending
 
 
 def test_launches_go_on_while_there_is_time() -> None:
-    pair = launched(5)
-    assert pair.ending == Failure(Status.OK, "")
-    assert len(pair.launches) == 5
+    assert launched(5) == (5, Failure(Status.OK, ""))
 
 
 def test_launches_end_with_the_time_limit_and_what_they_gave() -> None:
-    pair = launched(50, limit_s=10.0)
-    assert pair.ending == Failure(Status.OK, "")
-    assert len(pair.launches) == 10
+    assert launched(50, limit_s=10.0) == (10, Failure(Status.OK, ""))
 
 
 def test_a_time_limit_that_allows_no_answer_is_explained() -> None:
-    pair = launched(50, limit_s=2.0)
-    assert pair.ending.status == Status.OK
-    assert "a test needs at least 4 launches: give --budget 5s or more" in pair.ending.detail
-    assert len(pair.launches) == 2
-
-
-@pytest.mark.parametrize(
-    ("error", "ending"),
-    [
-        (MachineError("it fell over"), Failure(Status.FAILED, "it fell over")),
-        (KeyboardInterrupt(), Failure(Status.INTERRUPTED, "interrupted")),
-    ],
-)
-def test_what_was_launched_before_a_failure_stays(error: BaseException, ending: Failure) -> None:
-    pair = launched(5, error=error)
-    assert pair.ending == ending
-    assert len(pair.launches) == 2
-
-
-def test_a_pair_that_cannot_be_prepared_says_why() -> None:
-    pair = launched(5, problem="its code cannot be moved")
-    assert pair.ending == Failure(Status.FAILED, "its code cannot be moved")
-    assert (pair.launches, pair.work) == ([], None)
-
-
-def test_a_fault_of_the_program_is_no_ending() -> None:
-    with pytest.raises(ZeroDivisionError):
-        launched(5, error=ZeroDivisionError())
-
-
-@pytest.mark.parametrize(
-    ("error", "at_end", "status"),
-    [
-        (None, MachineError("it does not end"), Status.FAILED),
-        (KeyboardInterrupt(), MachineError("it does not end"), Status.INTERRUPTED),
-        (MachineError("it fell over"), KeyboardInterrupt(), Status.INTERRUPTED),
-    ],
-)
-def test_processes_that_do_not_end_hide_neither_an_interrupt_nor_a_fault(
-    monkeypatch: pytest.MonkeyPatch,
-    error: BaseException | None,
-    at_end: BaseException,
-    status: Status,
-) -> None:
-    def close(pair: InventedPair) -> None:
-        pair.is_closed = True
-        raise at_end
-
-    monkeypatch.setattr(InventedPair, "close", close)
-    assert launched(5, error=error).ending.status == status
-    with pytest.raises(ZeroDivisionError):
-        launched(5, error=ZeroDivisionError())
+    count, ending = launched(50, limit_s=2.0)
+    assert (count, ending.status) == (2, Status.OK)
+    assert "a test needs at least 4 launches: give --budget 5s or more" in ending.detail

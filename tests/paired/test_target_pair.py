@@ -13,7 +13,7 @@ import mjbench
 from mjbench.errors import InputError
 from mjbench.paired import run_sizes, target_pair
 from mjbench.paired.run_sizes import Sizes
-from mjbench.paired.target_pair import TargetPair
+from mjbench.paired.target_pair import pair_of, prepare_simulations
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
@@ -32,12 +32,12 @@ def test_models_of_different_size_do_as_many_simulations_each(
         "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
     )
     other = Target(INSTALLED, models.resolve(str(file)))
-    pair = TargetPair(pool, CARTPOLE, other, Sizes(3, starts=KEYFRAME_STARTS))
+    pair = pair_of(pool, (CARTPOLE, other), Sizes(3, starts=KEYFRAME_STARTS))
     pair.prepare()
     launch = pair.launch()
     pair.close()
-    assert pair.work.work_check.nbatch == 3
-    assert pair.work.work_check.drift is None
+    assert pair.work.nbatch == 3
+    assert pair.work.drift is None
     assert np.min(launch.ns) > 0
 
 
@@ -45,27 +45,27 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
     pool: WorkerPool, stiff: Target
 ) -> None:
     candidate = replace(stiff, model_options={"timestep": "0.0025"})
-    pair = TargetPair(pool, stiff, candidate, Sizes(8, 13, starts=KEYFRAME_STARTS))
+    pair = pair_of(pool, (stiff, candidate), Sizes(8, 13, starts=KEYFRAME_STARTS))
     pair.prepare()
     launch = pair.launch()
     pair.close()
-    assert pair.work.work_check.diverged[0] == 0
-    assert 0 < pair.work.work_check.diverged[1] < 8
-    assert pair.work.work_check.nbatch == 8 - pair.work.work_check.diverged[1]
-    assert pair.work.work_check.changed
+    assert pair.work.diverged[0] == 0
+    assert 0 < pair.work.diverged[1] < 8
+    assert pair.work.nbatch == 8 - pair.work.diverged[1]
+    assert pair.work.changes
     assert np.min(launch.ns) > 0
 
 
 def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool) -> None:
-    prepared = target_pair.prepare(pool, (CUBES, CUBES), Sizes(), TimeLimit())
-    check = prepared.work_check
+    prepared = prepare_simulations(pool, (CUBES, CUBES), Sizes(), TimeLimit())
+    check = prepared.work
     assert check.baseline == check.candidate
     assert check.baseline.contacts > 0
     assert check.drift is not None
     assert check.drift.one_step == 0.0
     assert check.drift.runs[-1].step == check.nstep
     assert {drift.difference for drift in check.drift.runs} == {0.0}
-    assert not check.changed
+    assert not check.changes
     assert all(file.is_file() for file in (*prepared.models, *prepared.workloads))
 
 
@@ -86,11 +86,11 @@ def test_runs_with_other_stopwatch_readings_do_identical_work(
         return answer
 
     monkeypatch.setattr(WorkerProcess, "call", call_with_another_clock)
-    runs = [target_pair.prepare(pool, (target, target), Sizes(), TimeLimit()) for _ in range(2)]
+    runs = [prepare_simulations(pool, (target, target), Sizes(), TimeLimit()) for _ in range(2)]
     first, second = runs
     assert next(readings_s) == 1e-4  # measured once
-    assert first.work_check == second.work_check
-    assert first.nsim == second.nsim == target_pair.DRAWN_PER_RUN * first.work_check.nbatch
+    assert first.work == second.work
+    assert first.nsim == second.nsim == target_pair.DRAWN_PER_RUN * first.work.nbatch
     for one, other in zip(first.workloads, second.workloads, strict=True):
         assert one.read_bytes() == other.read_bytes()
 
@@ -102,9 +102,9 @@ def test_starts_are_settled_and_the_check_says_so(pool: WorkerPool) -> None:
         (KEYFRAME_STARTS, Starts(0.0, 0.0)),
     ):
         sizes = Sizes(nbatch=2, nstep=2, starts=plan)
-        prepared = target_pair.prepare(pool, (CUBES, CUBES), sizes, TimeLimit())
-        assert prepared.work_check.starts == starts
-        assert prepared.work_check.candidate_starts is None
+        prepared = prepare_simulations(pool, (CUBES, CUBES), sizes, TimeLimit())
+        assert prepared.work.starts == starts
+        assert prepared.work.candidate_starts is None
 
 
 def test_a_file_of_states_that_fits_neither_model_is_bad_input(
@@ -113,7 +113,7 @@ def test_a_file_of_states_that_fits_neither_model_is_bad_input(
     file = tmp_path / "states.npz"
     np.savez(file, qpos=np.zeros((3, 5)))
     with pytest.raises(InputError, match="the model's qpos has 14 numbers, the file's 5"):
-        target_pair.prepare(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)), TimeLimit())
+        prepare_simulations(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)), TimeLimit())
 
 
 def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
@@ -125,17 +125,17 @@ def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
         mujoco.mj_step(model, data, 2000)
     target = Target(INSTALLED, models.resolve("cartpole"))
     sizes = Sizes(starts=StartPlan(file=file))
-    prepared = target_pair.prepare(pool, (target, target), sizes, TimeLimit())
-    assert prepared.work_check.nstep == 10
+    prepared = prepare_simulations(pool, (target, target), sizes, TimeLimit())
+    assert prepared.work.nstep == 10
     assert prepared.nsim >= target_pair.NSTART
-    assert prepared.work_check.starts.file == "states.npz"
+    assert prepared.work.starts.file == "states.npz"
 
 
 def test_changed_work_is_reported(pool: WorkerPool) -> None:
     candidate = replace(CUBES, model_options={"iterations": "1", "solver": "cg"})
     sizes = Sizes(starts=KEYFRAME_STARTS)
-    check = target_pair.prepare(pool, (CUBES, candidate), sizes, TimeLimit()).work_check
-    assert check.changed
+    check = prepare_simulations(pool, (CUBES, candidate), sizes, TimeLimit()).work
+    assert check.changes
     assert any(change.startswith("solver iterations") for change in check.changes)
 
 
@@ -154,7 +154,7 @@ def test_each_of_two_models_settles_by_itself(pool: WorkerPool, tmp_path: Path) 
     """Weightless, the box of the candidate never lands, wherever the baseline's lies."""
     plain = _boxes(tmp_path, "plain.xml", ">")
     weightless = _boxes(tmp_path, "weightless.xml", "gravity='0 0 0'>")
-    check = target_pair.prepare(pool, (plain, weightless), Sizes(), TimeLimit()).work_check
+    check = prepare_simulations(pool, (plain, weightless), Sizes(), TimeLimit()).work
     assert (check.baseline.contacts, check.candidate.contacts) == (4, 0)
     assert check.candidate_starts is not None
     assert check.drift is not None and check.drift.one_step > 0 and check.drift.runs == ()
@@ -165,13 +165,13 @@ def test_what_sleeps_in_its_own_run_sleeps_where_it_is_timed(
 ) -> None:
     awake = _boxes(tmp_path, "awake.xml", ">")
     asleep = _boxes(tmp_path, "asleep.xml", "><flag sleep='enable'/>")
-    pair = TargetPair(pool, awake, asleep)
+    pair = pair_of(pool, (awake, asleep))
     pair.prepare()
     launch = pair.launch()
     pair.close()
-    window = pair.work.work_check.candidate_starts.window  # type: ignore[union-attr]
+    window = pair.work.candidate_starts.window  # type: ignore[union-attr]
     assert window is not None and window.asleep == window.asleep_in_run == 1.0
-    assert pair.work.work_check.nstep >= target_pair.LEAST_SLEEPING_NSTEP
+    assert pair.work.nstep >= target_pair.LEAST_SLEEPING_NSTEP
     assert np.min(launch.ns) > 0
 
 
@@ -180,7 +180,7 @@ def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
 ) -> None:
     fine, coarse = _boxes(tmp_path, "a.xml", ">"), _boxes(tmp_path, "b.xml", "timestep='0.004'>")
     sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
-    check = target_pair.prepare(pool, (fine, coarse), sizes, TimeLimit()).work_check
+    check = prepare_simulations(pool, (fine, coarse), sizes, TimeLimit()).work
     assert check.timesteps_s == (0.002, 0.004)
     assert check.log_scale == pytest.approx(-np.log(2))
 
@@ -189,7 +189,7 @@ def test_sensors_are_work(pool: WorkerPool, tmp_path: Path) -> None:
     seeing = _boxes(tmp_path, "a.xml", ">", "<rangefinder site='eye'/><clock/>")
     blind = _boxes(tmp_path, "b.xml", ">")
     sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
-    check = target_pair.prepare(pool, (seeing, blind), sizes, TimeLimit()).work_check
+    check = prepare_simulations(pool, (seeing, blind), sizes, TimeLimit()).work
     assert check.changes == ["sensors 2 → 0", "rays 1 → 0"]
 
 
@@ -205,7 +205,7 @@ def test_an_option_that_does_not_exist_is_bad_input(
 ) -> None:
     baseline = replace(CARTPOLE, model_options=options)
     with pytest.raises(InputError) as caught:
-        target_pair.prepare(pool, (baseline, CARTPOLE), Sizes(), TimeLimit())
+        prepare_simulations(pool, (baseline, CARTPOLE), Sizes(), TimeLimit())
     assert message in str(caught.value).lower()
 
 
@@ -285,7 +285,7 @@ def test_the_run_of_a_plain_loop_is_divided_if_its_states_are_whole(
 
     monkeypatch.setattr(WorkerProcess, "call", call_another_build)
     target = replace(CARTPOLE, path=path)
-    prepared = target_pair.prepare(pool, (target, target), sizes, TimeLimit())
+    prepared = prepare_simulations(pool, (target, target), sizes, TimeLimit())
     assert (prepared.nsection > 1) == is_divided
 
 
@@ -295,7 +295,7 @@ def test_a_run_is_not_divided_where_a_section_of_the_faster_target_would_be_too_
     humanoid = Target(CARTPOLE.release, models.resolve("humanoid"))
     both = [(humanoid, humanoid), (CARTPOLE, humanoid), (humanoid, CARTPOLE)]
     sizes = Sizes(starts=KEYFRAME_STARTS)
-    prepared = [target_pair.prepare(pool, each, sizes, TimeLimit()) for each in both]
+    prepared = [prepare_simulations(pool, each, sizes, TimeLimit()) for each in both]
     assert [each.nsection for each in prepared] == [10, 1, 1]
 
 

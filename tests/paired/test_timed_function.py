@@ -124,7 +124,7 @@ wrong = PreparedCall(print, print, overflow)
 
 def test_what_prepares_a_call_is_not_timed(imported: Imported) -> None:
     worker = Worker(cast(Connection, None))
-    worker.function = imported(PREPARED)
+    worker.extend(imported(PREPARED))
     facts = timed_function.try_function(worker, ORIGIN)
     log = sys.modules["own_bench"].log
     assert (facts.calls, len(facts.results), facts.compilation) == (1, 1, None)
@@ -151,7 +151,7 @@ step = PreparedCall(step.prepare, step.timed, result, lambda: took)
 
 def test_what_compiles_is_called_once_and_blocks_only_give_its_time(imported: Imported) -> None:
     worker = Worker(cast(Connection, None))
-    worker.function = imported(COMPILING)
+    worker.extend(imported(COMPILING))
     try:
         timed_function.prepare_function(worker, (), 1, Metric.COMPILE)
     finally:
@@ -172,7 +172,7 @@ def test_a_wrong_result_is_a_failure_not_something_that_one_side_cannot_do(
     imported: Imported,
 ) -> None:
     worker = Worker(cast(Connection, None))
-    worker.function = imported(PREPARED, "wrong")
+    worker.extend(imported(PREPARED, "wrong"))
     with pytest.raises(MachineError, match="a buffer overflowed"):
         timed_function.try_function(worker, ORIGIN)
     try:

@@ -1,9 +1,9 @@
 """Verdicts: when they stop, how they fail, and what results say of them."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,17 +12,17 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.commands.versions import show as verdicts
-from mjbench.errors import MachineError
+from mjbench.errors import Failure, MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import pair_launches, target_pair, verdict
-from mjbench.paired.moved_check import Averaging
+from mjbench.paired.metrics import Metric
+from mjbench.paired.moved_check import PlacementControl
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.pair_launches import WorkCheck
-from mjbench.paired.records import LaunchRow
+from mjbench.paired.records import Judgement, LaunchRow, VerdictRecord, WorkDifference
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
-from mjbench.paired.verdict import Judgement, PairedResult, judge
+from mjbench.paired.verdict import judge
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.releases.release_names import ReleaseSpec
@@ -33,25 +33,25 @@ from mjbench.simulation.starts import KEYFRAME_STARTS, Starts
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 
+SIDES = CARTPOLE.row(), CARTPOLE.row()
+
 
 def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> None:
     candidate = replace(CARTPOLE, slowdown=1.0)
     plan = replace(BRIEF, sizes=Sizes(4, 50, starts=KEYFRAME_STARTS))
-    result = verdict.decide(pool, CARTPOLE, candidate, plan)
+    result = verdict.decide_pair(pool, CARTPOLE, candidate, plan)
     assert result.status == Status.OK
-    assert result.judgement is not None
-    assert result.judgement.ratio.estimate > 1.5  # twice the work
+    assert result.ratio is not None
+    assert result.ratio.estimate > 1.5  # twice the work
 
 
 def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:
     ticks = iter(range(0, 10_000, 100))
     plan = verdict.VerdictPlan(time_limit_s=350.0, as_shipped=True)
-    result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: float(next(ticks)))
-    assert result.judgement is not None
-    assert result.judgement.verdict == Verdict.INCONCLUSIVE
-    assert len(result.launches) == 2
-    assert "--budget" in result.detail
-    record = result.record()
+    record = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: float(next(ticks)))
+    assert record.ratio is not None
+    assert record.verdict == Verdict.INCONCLUSIVE
+    assert "--budget" in record.detail
     assert record.launches == len(record.samples) == 2
     assert record.pairs == 2 * sum(len(sample.orders) for sample in record.samples)
     assert record.diverged is not None
@@ -64,9 +64,8 @@ def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
     plan = verdict.VerdictPlan(
         as_shipped=True, time_limit_s=2.0, sizes=Sizes(nbatch=1_000_000, nstep=1000)
     )
-    result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
-    assert (result.status, result.judgement, list(result.launches)) == (Status.OK, None, [])
-    row = result.row()
+    row = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
+    assert (row.status, row.samples) == (Status.OK, [])
     assert (row.verdict, row.ratio) == (Verdict.INCONCLUSIVE, None)
     assert "a verdict needs at least 8 launches: give --budget" in row.detail
     sentence = verdicts.describe_verdict(row)
@@ -79,10 +78,10 @@ def test_a_launch_that_proves_too_heavy_is_not_finished(
     monkeypatch.setattr(target_pair, "launch_s", lambda all_blocks_s, *nsection: 0.01)
     monkeypatch.setattr(pair_launches, "launch_s", lambda all_blocks_s, *nsection: 100.0)
     plan = verdict.VerdictPlan(time_limit_s=60.0, as_shipped=True)
-    result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
-    assert result.row().verdict == Verdict.INCONCLUSIVE
+    result = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
+    assert result.verdict == Verdict.INCONCLUSIVE
     assert result.detail.startswith("a launch takes about 100 s")
-    assert result.work_check is not None
+    assert result.work is not None
 
 
 def test_a_target_in_which_every_simulation_diverges_is_bad_input(
@@ -90,7 +89,7 @@ def test_a_target_in_which_every_simulation_diverges_is_bad_input(
 ) -> None:
     candidate = replace(stiff, model_options={"timestep": "0.0025"})
     plan = replace(BRIEF, sizes=Sizes(4, 50, starts=KEYFRAME_STARTS))
-    result = verdict.decide(pool, stiff, candidate, plan)
+    result = verdict.decide_pair(pool, stiff, candidate, plan)
     assert result.status == Status.INPUT
     assert "every simulation diverges (BADQACC in 4)" in result.detail
 
@@ -99,52 +98,54 @@ def test_a_model_that_does_not_load_is_bad_input(pool: WorkerPool, tmp_path: Pat
     file = tmp_path / "broken.xml"
     file.write_text("<mujoco>")
     target = Target(INSTALLED, models.resolve(str(file)))
-    result = verdict.decide(pool, target, target, BRIEF)
+    result = verdict.decide_pair(pool, target, target, BRIEF)
     assert result.status == Status.INPUT
     assert result.detail.startswith("baseline (MuJoCo")
     assert "cannot load it" in result.detail
 
 
-def invented_decision(monkeypatch: pytest.MonkeyPatch, averaging: Any) -> PairedResult:
+def invented_decision(
+    monkeypatch: pytest.MonkeyPatch,
+    place: Callable[[], PlacementControl],
+    use_workload: Callable[[Path], None] = lambda file: None,
+) -> VerdictRecord:
     """Decide on launches of a second each that are all alike."""
-    clock, work = [0.0], SimpleNamespace(work_check=None, results=None, baseline_workload="file")
+    clock = [0.0]
 
     def invent() -> LaunchRow:
         clock[0] += 1.0
         return LaunchRow(0, None, ["ABBA"], [[1, 1, 1, 1]], AS_SHIPPED, [1])
 
-    def pair(pool: Any, old: Any, new: Any, sizes: Any, limit: TimeLimit) -> InventedPair:
-        return InventedPair(limit, invent, work)
+    def pair(pool: Any, targets: Any, sizes: Any, limit: TimeLimit, *_: object) -> InventedPair:
+        return InventedPair(limit, invent, place)
 
-    monkeypatch.setattr(verdict, "TargetPair", pair)
-    monkeypatch.setattr(verdict, "averaging", averaging)
+    monkeypatch.setattr(verdict, "pair_of", pair)
     pool: Any = None
     plan = verdict.VerdictPlan()
-    return verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: clock[0])
+    return verdict.decide_pair(
+        pool, CARTPOLE, CARTPOLE, plan, clock=lambda: clock[0], use_workload=use_workload
+    )
 
 
 def test_launches_end_once_they_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    result = invented_decision(monkeypatch, lambda *_: Averaging(False))
-    assert (result.status, result.detail) == (Status.OK, "")
-    assert result.judgement is not None and result.judgement.enough
-    assert (len(result.launches), result.seconds) == (8, 8.0)
-    assert result.workload_file == "file"
+    files: list[Path] = []
+    result = invented_decision(monkeypatch, lambda: PlacementControl(False), files.append)
+    assert (result.status, result.detail, result.verdict) == (Status.OK, "", Verdict.SAME)
+    assert (result.launches, result.seconds) == (8, 8.0)
+    assert files == [Path("workload")]
 
 
 def test_a_comparison_that_cannot_begin_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
+    def fail() -> PlacementControl:
         raise MachineError("it fell over")
 
     result = invented_decision(monkeypatch, fail)
     assert (result.status, result.detail) == (Status.FAILED, "it fell over")
-    assert (result.launches, result.averaging, result.work_check) == ([], None, None)
+    assert (result.samples, result.placement, result.work) == ([], None, None)
 
 
 def test_a_comparison_that_measured_nothing_says_so_with_none() -> None:
-    failed = PairedResult(
-        baseline=CARTPOLE, candidate=CARTPOLE, status=Status.FAILED, detail="killed"
-    )
-    row = failed.row()
+    row = VerdictRecord.of(SIDES, Metric.TIME, Failure(Status.FAILED, "killed"))
     assert (row.status, row.detail, row.model) == (Status.FAILED, "killed", "cartpole")
     assert (row.verdict, row.ratio, row.changed_work, row.work) == (None, None, None, None)
     assert (row.drift, row.diverged, row.nbatch, row.nstep) == (None, None, None, None)
@@ -246,22 +247,29 @@ def test_a_family_is_rarely_called_slower_and_hardly_takes_more_launches() -> No
 
 OTHER_BUILD = replace(CARTPOLE, release=ReleaseSpec("3.5.0", "3.5.0"))
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
-SAME_WORK = WorkCheck(
+SAME_WORK = WorkDifference(
     WORK, WORK, StateDrift(0.0), (0, 0), ({}, {}), nbatch=4, nstep=10, starts=Starts(0.0, 0.0)
 )
 OTHER_WORK = replace(SAME_WORK, candidate=replace(WORK, contacts=2.0))
-MOVED = Averaging(True)
+MOVED = PlacementControl(True)
 
 
 def judgement(outcome: Verdict, ratio: float = 1.02, half_width: float = 0.003) -> Judgement:
     return Judgement(outcome, Ratio(ratio, ratio - half_width, ratio + half_width), 10, True)
 
 
-def builds(**fields: Any) -> PairedResult:
+def builds(
+    judgement: Judgement | None = None,
+    as_shipped: Judgement | None = None,
+    work: WorkDifference = SAME_WORK,
+    placement: PlacementControl | None = MOVED,
+    candidate: Target = CARTPOLE,
+) -> VerdictRecord:
     """Return how a comparison of two builds ended; same work, averaged, unless said otherwise."""
-    defaults = {"work_check": SAME_WORK, "averaging": MOVED}
-    targets = {"baseline": OTHER_BUILD, "candidate": CARTPOLE}
-    return PairedResult(status=Status.OK, **{**targets, **defaults, **fields})
+    targets = OTHER_BUILD, candidate
+    sides = targets[0].row(), targets[1].row()
+    record = VerdictRecord.of(sides, Metric.TIME, Failure(Status.OK, ""), judgement, work)
+    return verdict.with_placement(record, targets, placement, as_shipped)
 
 
 SLOWER, SAME = judgement(Verdict.SLOWER), judgement(Verdict.SAME, 1.001)
@@ -273,22 +281,22 @@ UNSURE = judgement(Verdict.INCONCLUSIVE, 1.001, 0.03)
     [
         ({"judgement": SLOWER}, Cause.CODE),
         ({"judgement": judgement(Verdict.FASTER, 0.98), "as_shipped": SLOWER}, Cause.CODE),
-        ({"judgement": SLOWER, "averaging": Averaging(False)}, Cause.UNDECIDED),
-        ({"judgement": SLOWER, "averaging": Averaging(False, "no")}, Cause.UNDECIDED),
-        ({"judgement": SLOWER, "work_check": OTHER_WORK}, Cause.WORK),
+        ({"judgement": SLOWER, "placement": PlacementControl(False)}, Cause.UNDECIDED),
+        ({"judgement": SLOWER, "placement": PlacementControl(False, "no")}, Cause.UNDECIDED),
+        ({"judgement": SLOWER, "work": OTHER_WORK}, Cause.WORK),
         (
-            {"judgement": SLOWER, "work_check": OTHER_WORK, "averaging": Averaging(False)},
+            {"judgement": SLOWER, "work": OTHER_WORK, "placement": PlacementControl(False)},
             Cause.WORK,
         ),
         ({"judgement": SAME, "as_shipped": SLOWER}, Cause.PLACEMENT),
         ({"judgement": SAME, "as_shipped": SAME}, None),
         ({"judgement": SAME, "as_shipped": UNSURE}, None),
         ({"judgement": SAME}, None),
-        ({"judgement": SAME, "work_check": OTHER_WORK}, None),
+        ({"judgement": SAME, "work": OTHER_WORK}, None),
         ({"judgement": UNSURE, "as_shipped": SLOWER}, Cause.UNDECIDED),
-        ({"judgement": UNSURE, "work_check": OTHER_WORK}, Cause.UNDECIDED),
+        ({"judgement": UNSURE, "work": OTHER_WORK}, Cause.UNDECIDED),
         ({}, None),
-        ({"judgement": SLOWER, "averaging": None}, None),
+        ({"judgement": SLOWER, "placement": None}, None),
         ({"judgement": SLOWER, "candidate": replace(CARTPOLE, path="rollout")}, None),
         ({"judgement": SLOWER, "candidate": replace(CARTPOLE, slowdown=0.02)}, None),
     ],
@@ -296,13 +304,12 @@ UNSURE = judgement(Verdict.INCONCLUSIVE, 1.001, 0.03)
 def test_a_difference_of_two_builds_has_the_cause_that_its_launches_show(
     fields: dict[str, Any], cause: Cause | None
 ) -> None:
-    candidate = fields.pop("candidate", CARTPOLE)
-    assert replace(builds(**fields), candidate=candidate).row().cause == cause
+    assert builds(**fields).cause == cause
 
 
 def test_the_placement_adds_what_is_there_only_as_shipped() -> None:
     as_shipped = judgement(Verdict.SLOWER, 1.05, 0.002)
-    effect = builds(judgement=SAME, as_shipped=as_shipped).row().placement
+    effect = builds(judgement=SAME, as_shipped=as_shipped).placement
     assert effect is not None
     assert effect.averaged
     assert effect.effect is not None
@@ -314,14 +321,15 @@ def test_the_placement_adds_what_is_there_only_as_shipped() -> None:
 
 def test_few_launches_as_shipped_give_an_effect_without_an_interval() -> None:
     few = Judgement(Verdict.INCONCLUSIVE, Ratio(1.05, None, None), 2, False)
-    effect = builds(judgement=SAME, as_shipped=few).row().placement
+    effect = builds(judgement=SAME, as_shipped=few).placement
     assert effect is not None
     assert effect.effect is not None
     assert (effect.effect.low, effect.effect.high) == (None, None)
 
 
 def test_builds_that_cannot_be_moved_are_compared_as_shipped_and_the_row_says_why() -> None:
-    row = builds(judgement=SLOWER, averaging=Averaging(False, "MuJoCo 3.5.0: no reason")).row()
+    control = PlacementControl(False, "MuJoCo 3.5.0: no reason")
+    row = builds(judgement=SLOWER, placement=control)
     assert row.placement is not None
     assert (row.placement.averaged, row.placement.problem) == (False, "MuJoCo 3.5.0: no reason")
     sentence = verdicts.describe_verdict(row)

@@ -19,7 +19,7 @@ from paired_examples import CUBES, INSTALLED
 from mjbench.errors import MachineError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired.loop_sections import LoopSection
-from mjbench.paired.target_pair import TargetPair
+from mjbench.paired.target_pair import pair_of
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.moved_install import ImmovableError
@@ -43,7 +43,7 @@ def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.Monk
     target = replace(CUBES, path="wrong_paths:ColdWarmStart")
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
     with WorkerPool(limit_s=30.0) as pool:
-        pair = TargetPair(pool, target, target)
+        pair = pair_of(pool, (target, target))
         pair.prepare()
         with pytest.raises(ChildError, match="does not reach the final states"):
             pair.launch()

@@ -46,7 +46,7 @@ def test_a_target_that_misbehaves_is_named_in_one_line_and_leaves_no_process(
     before = process_tree.descendants()
     monkeypatch.setenv("PYTHONPATH", broken_worker.python_path(tmp_path, method, code))
     with WorkerPool(limit_s=5.0 if "sleep" in code else 30.0) as pool:
-        result = verdict.decide(pool, CARTPOLE, CARTPOLE, BRIEF)
+        result = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, BRIEF)
     assert result.status == Status.FAILED
     assert message in result.detail
     assert "\n" not in result.detail
@@ -65,7 +65,7 @@ def test_a_block_that_fails_ends_the_comparison(
     )
     monkeypatch.setenv("PYTHONPATH", broken_worker.python_path(tmp_path, "_block", code))
     with WorkerPool(limit_s=30.0) as pool:
-        result = verdict.decide(pool, CARTPOLE, CARTPOLE, BRIEF)
+        result = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, BRIEF)
     assert result.status == Status.FAILED
     assert "RuntimeError: out of luck" in result.detail
 

@@ -75,17 +75,17 @@ def measure(
         candidate = ModelSource(source.name, file)
     path = paths.find(combination.variant.path)
     options = path.complete(dict(combination.variant.options))
-    result = verdict.decide(
+    record = verdict.decide_pair(
         pool,
         Target(release, source, paths.BASE, paths.find(paths.BASE).complete({})),
         Target(release, candidate, path.name, options, has_timer=combination.has_timer),
         VerdictPlan(MIN_EFFECT, CONFIDENCE, MIN_EFFECT / 2, time_limit_s, sizes, as_shipped=True),
     )
-    if result.status == Status.INTERRUPTED:
+    if record.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
-    if result.status != Status.OK:
-        raise MachineError(result.detail)
-    return result.record()
+    if record.status != Status.OK:
+        raise MachineError(record.detail)
+    return record
 
 
 def _save(source: ModelSource, edits: Sequence[Edit], file: Path, channel: Channel) -> None:

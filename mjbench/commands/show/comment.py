@@ -68,7 +68,7 @@ def render(run: Run) -> Iterator[str]:
             f"a run of `{run.header.command}` has no verdicts: give one of versions or ab"
         )
     confidence = family.confidence_of(run.header)
-    decided = family.decide(rows, confidence)
+    decided = family.adjust_for_family(rows, confidence)
     judged = [_Judged(row, _outcome(row, decided)) for row in rows]
     yield f"<!-- mjbench:{run.header.command} -->"
     yield _headline(judged)

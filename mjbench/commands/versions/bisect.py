@@ -332,7 +332,7 @@ def search_releases(
         on_phase(f"comparing {versions[first]} and {versions[last]}")
         old, new = (Target(releases.specs[number], source) for number in (first, last))
         timed = replace(plan, time_limit_s=effort * plan.time_limit_s)
-        return _uninterrupted(verdict.decide(pool, old, new, timed).record())
+        return _uninterrupted(verdict.decide_pair(pool, old, new, timed))
 
     rows = [VersionRow(number, name) for number, name in enumerate(versions) if number]
     searched = SearchRange(source.name, VersionKind.RELEASE, versions[0], versions[-1], rows)
@@ -365,7 +365,7 @@ def search_revisions(
         timed = replace(plan, time_limit_s=effort * plan.time_limit_s)
         with WorkerPool() as pool:
             (targets,) = function_sides.check_out(pool, pair)
-            return _uninterrupted(function_verdict.decide(pool, targets, timed))
+            return _uninterrupted(function_verdict.decide_function(pool, targets, timed))
 
     rows = [VersionRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)]
     searched = SearchRange(function.text, VersionKind.COMMIT, old.name, new.name, rows)

@@ -46,7 +46,7 @@ def rule_of(header: RunHeader) -> tuple[float, float]:
     return confidence_of(header), min_effect
 
 
-def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
+def adjust_for_family(rows: Sequence[VerdictRow], confidence: float) -> Family:
     """Return what comparisons show together.
 
     Args:

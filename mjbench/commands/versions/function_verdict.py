@@ -8,7 +8,7 @@ verdict needs at least. Where the baseline differs from itself, nothing is decid
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.commands.versions.function_sides import (
     FunctionTarget,
@@ -22,14 +22,15 @@ from mjbench.host import machine
 from mjbench.measuring import launch_stats
 from mjbench.measuring.calls import Compilation
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.call_results import ResultsCheck, compare
+from mjbench.paired.call_results import ResultsDifference, compare
+from mjbench.paired.launches import launch
 from mjbench.paired.metrics import METRICS, Measured, Metric
 from mjbench.paired.outcomes import ResultsOutcome, Verdict
-from mjbench.paired.pair_launches import LaunchedPair, PairWork, ProcessPair
+from mjbench.paired.pair_launches import CountRule, PairTargets, ProcessPair
 from mjbench.paired.records import (
-    MAX_E_VALUE,
     CompilationFigures,
     ControlRow,
+    Judgement,
     LaunchRow,
     Pair,
     VerdictRecord,
@@ -44,9 +45,7 @@ from mjbench.paired.timed_function import (
 )
 from mjbench.paired.verdict import (
     MIN_LAUNCHES,
-    Judgement,
     VerdictPlan,
-    judge_launches,
     launch_until_certain,
     package_versions,
 )
@@ -75,17 +74,25 @@ class CallPlan:
         return cls(count, both_s, machine.usable_cores() if is_threaded else 1, metric)
 
 
-class _FunctionWork(PairWork):
-    """The calls of two functions."""
+class FunctionPair(PairTargets):
+    """A function in a baseline and in a candidate, whose calls are timed."""
 
-    def __init__(self, targets: FunctionTargets, plan: CallPlan):
-        super().__init__(plan.metric)
-        self._targets, self._plan = targets, plan
-        self.nthread = plan.nthread
+    def __init__(
+        self, pool: WorkerPool, targets: FunctionTargets, plan: CallPlan, time_limit: TimeLimit
+    ):
+        baseline, candidate = targets
+        names = baseline.name("baseline"), candidate.name("candidate")
+        releases = baseline.release, candidate.release
+        super().__init__(pool, releases, names, plan.metric, time_limit)
+        self._targets, self._plan, self.nthread = targets, plan, plan.nthread
+
+    def fix_work(self) -> None:
+        self._time_limit.start()
+        self._time_limit.check_first_launch(self.launch_s(self._plan.both_s))
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         # what a function does only once is of no interest, unless it compiles
-        calls_it = METRICS[self._metric].measured != Measured.COMPILATION
+        calls_it = self._metric.measured != Measured.COMPILATION
         for process, target in zip(processes, self._targets, strict=True):
             process.ask(import_function, target.source, calls_it=calls_it)
 
@@ -95,27 +102,8 @@ class _FunctionWork(PairWork):
         baseline, candidate = (process.call(compilation_of) for process in pair.processes)
         return Pair(baseline, candidate) if baseline and candidate else None
 
-    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
-        return process.call(prepare_function, allowed, self._plan.count, self._metric)
-
-
-class FunctionPair(LaunchedPair):
-    """A function in a baseline and in a candidate."""
-
-    def __init__(
-        self, pool: WorkerPool, targets: FunctionTargets, plan: CallPlan, time_limit: TimeLimit
-    ):
-        baseline, candidate = targets
-        names = baseline.name("baseline"), candidate.name("candidate")
-        super().__init__(pool, (baseline.release, candidate.release), names, time_limit)
-        self._targets, self._plan = targets, plan
-
-    def _new_work(self) -> PairWork:
-        self.time_limit.start()
-        plan = self._plan
-        work = _FunctionWork(self._targets, plan)
-        self.time_limit.check_first_launch(work.launch_s(plan.both_s))
-        return work
+    def _prepare_blocks(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return process.call(prepare_function, allowed, self._plan.count, self._plan.metric)
 
 
 def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow | None:
@@ -135,14 +123,14 @@ def _code(target: FunctionTarget) -> tuple[str, str]:
 
 def compare_results(
     baseline: FunctionFacts, again: FunctionFacts, candidate: FunctionFacts
-) -> ResultsCheck:
+) -> ResultsDifference:
     """Return how results compare; `again` is of the baseline, and shows whether its are random."""
     for facts in (baseline, candidate):
         if facts.problem:
-            return ResultsCheck(ResultsOutcome.NONE, facts.problem)
+            return ResultsDifference(ResultsOutcome.NONE, facts.problem)
     own = compare(baseline.results, again.results)
     if own.outcome == ResultsOutcome.DIFFERENT:
-        return ResultsCheck(ResultsOutcome.RANDOM, f"of the baseline alone, {own.detail}")
+        return ResultsDifference(ResultsOutcome.RANDOM, f"of the baseline alone, {own.detail}")
     return compare(baseline.results, candidate.results)
 
 
@@ -152,7 +140,7 @@ class _Observed:
 
     baseline: FunctionFacts
     candidate: FunctionFacts
-    results: ResultsCheck
+    results: ResultsDifference
 
 
 class _NewError(Exception):
@@ -191,13 +179,6 @@ def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
         check_versions(old, new)
     again = observe(pool, baseline, "baseline") if any(old.results) else old
     return _Observed(old, new, compare_results(old, again, new))
-
-
-def _launch(pair: FunctionPair, count: int) -> None:
-    with pair:
-        pair.prepare()
-        while len(pair.launches) < count and pair.has_time(has_answer=False):
-            pair.launch()
 
 
 class _Decision:
@@ -241,24 +222,21 @@ class _Decision:
         baseline, limit_s = self._targets[0], self._plan.time_limit_s
         begin_s = self._clock()
         # half of the time for half of the launches
-        pair = self._pair((baseline, baseline), calls, limit_s / 2)
-        _launch(pair, MIN_LAUNCHES)
-        self._control = pair.launches
+        limit = self._limit(limit_s / 2)
+        control = CountRule(limit, MIN_LAUNCHES)
+        pair = FunctionPair(self._pool, (baseline, baseline), calls, limit)
+        ending, judgement = launch(pair, control), None
+        self._control = control.launches
         # a budget is for both, and what ended the control ends the verdict
-        if pair.ending.status == Status.OK and len(self._control) == MIN_LAUNCHES:
-            pair = self._pair(self._targets, calls, limit_s - (self._clock() - begin_s))
-            with pair:
-                pair.prepare()
-                launch_until_certain(pair, self._plan, self._on_launch)
-            self._launches = pair.launches
-        verdict = Verdict.INCONCLUSIVE if pair.ending.status == Status.OK else None
-        return self._record(pair.ending, verdict)
+        if ending.status == Status.OK and control.has_enough:
+            limit = self._limit(limit_s - (self._clock() - begin_s))
+            pair = FunctionPair(self._pool, self._targets, calls, limit)
+            rule, ending = launch_until_certain(pair, self._plan, limit, self._on_launch)
+            self._launches, judgement = rule.launches, rule.judgement
+        return self._record(ending, judgement=judgement)
 
-    def _pair(self, targets: FunctionTargets, calls: CallPlan, limit_s: float) -> FunctionPair:
-        limit = TimeLimit(
-            limit_s, 2 * MIN_LAUNCHES, self._clock, purpose="a verdict with its control"
-        )
-        return FunctionPair(self._pool, targets, calls, limit)
+    def _limit(self, seconds: float) -> TimeLimit:
+        return TimeLimit(seconds, 2 * MIN_LAUNCHES, self._clock, "a verdict with its control")
 
     def _compiling(self, observed: _Observed) -> Pair[CompilationFigures] | None:
         first = observed.baseline.compilation, observed.candidate.compilation
@@ -272,51 +250,48 @@ class _Decision:
             CompilationFigures.of([first[1], *(e.new for e in launched)], [s.new for s in runs_s]),
         )
 
-    def _record(self, ending: Failure, verdict: Verdict | None = None) -> VerdictRecord:
+    def _record(
+        self,
+        ending: Failure,
+        verdict: Verdict = Verdict.INCONCLUSIVE,
+        judgement: Judgement | None = None,
+    ) -> VerdictRecord:
         """Return the verdict as a run file stores it; `verdict` is that without any launch."""
         baseline, candidate = self._targets
         observed, launches, run = self._observed, self._launches, candidate.run
-        detail, metric = ending.detail, self._plan.sizes.metric
-        judgement = judge_launches(launches, self._plan)
+        record = VerdictRecord.of(
+            (baseline.row(), candidate.row()),
+            self._plan.sizes.metric,
+            ending,
+            judgement,
+            results=observed.results if observed else None,
+            launches=launches,
+            seconds=self._clock() - self._begin_s,
+        )
+        detail, control = ending.detail, control_row(self._control, self._plan.confidence)
         if judgement is not None:
-            verdict = judgement.verdict if ending.status == Status.OK else None
-        control = control_row(self._control, self._plan.confidence)
-        if verdict is not None and control is not None and not control.covers:
+            verdict = judgement.verdict
+        is_ok = ending.status == Status.OK
+        if is_ok and control is not None and not control.covers:
             verdict, detail = Verdict.INCONCLUSIVE, detail or "the baseline differs from itself"
-        is_timed = bool(launches) and METRICS[metric].is_of_steps
-        return VerdictRecord(
-            model=candidate.function,
-            path=candidate.path,
-            old=baseline.label,
-            new=candidate.label,
-            sides=(baseline.row(), candidate.row()),
-            metric=metric,
-            status=ending.status,
+        is_timed = bool(launches) and METRICS[record.metric].is_of_steps
+        return replace(
+            record,
+            verdict=verdict if is_ok else None,
             detail=detail,
-            verdict=verdict,
-            ratio=judgement.ratio if judgement else None,
-            e_slower=min(judgement.e_slower, MAX_E_VALUE) if judgement else None,
-            e_faster=min(judgement.e_faster, MAX_E_VALUE) if judgement else None,
-            changed_work=observed.results.is_changed if observed else None,
             nbatch=run.nbatch if run else None,
             nstep=run.nstep if run else None,
             starts=run.starts if run else None,
-            launches=len(launches),
-            pairs=2 * sum(len(launch.orders) for launch in launches),
-            seconds=self._clock() - self._begin_s,
-            results=observed.results.outcome if observed else None,
-            results_detail=observed.results.detail if observed else "",
             control=control,
             calls_s=Pair(observed.baseline.call_s, observed.candidate.call_s) if observed else None,
             slowing=statistics.median(each.slowing for each in launches) if is_timed else None,
             packages=package_versions(baseline.release, candidate.release),
             compiling=self._compiling(observed) if observed else None,
-            samples=launches,
             control_samples=self._control,
         )
 
 
-def decide(
+def decide_function(
     pool: WorkerPool,
     targets: FunctionTargets,
     plan: VerdictPlan,

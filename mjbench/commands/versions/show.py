@@ -61,7 +61,7 @@ def verdict_rows(run: Run) -> list[VerdictRow]:
 def section(
     rows: Sequence[VerdictRow], confidence: float, min_effect: float = MIN_EFFECT
 ) -> Section:
-    """Return what comparisons come to, decided together (see `family.decide`)."""
+    """Return what comparisons come to, decided together (see `family.adjust_for_family`)."""
     return Section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],
@@ -102,7 +102,7 @@ def _deciding_s(row: VerdictRow, min_effect: float) -> float | None:
 def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
     tones = [_tone(row) for row in rows]
     if len(rows) > 1:
-        together = describe_family(family.decide(rows, confidence), confidence)
+        together = describe_family(family.adjust_for_family(rows, confidence), confidence)
         yield Conclusion(together, Tone.BAD if Tone.BAD in tones else Tone.NEUTRAL)
     for row, tone in zip(rows, tones, strict=True):
         yield Conclusion(describe_verdict(row), tone)

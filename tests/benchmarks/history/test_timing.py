@@ -22,7 +22,7 @@ from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.measuring import stats
 from mjbench.paired import moved_check, operations, target_pair
-from mjbench.paired.moved_check import Averaging
+from mjbench.paired.moved_check import PlacementControl
 from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.records import section_numbers
 from mjbench.paired.targets import Target
@@ -129,7 +129,7 @@ def no_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
         "time_quads",
         lambda old, new, count: (["ABBA"] * count, np.full((count, 4), 1e6)),
     )
-    monkeypatch.setattr(moved_check, "averaging", lambda *releases: Averaging(False))
+    monkeypatch.setattr(moved_check, "placement_control", lambda *releases: PlacementControl(False))
 
 
 def fine(count: int) -> Sequence[int]:
@@ -334,7 +334,7 @@ def test_a_model_that_only_the_release_cannot_load_is_unavailable(
         if not reference_can or targets[1].release == old:
             raise InputError("it has an unknown element")
 
-    monkeypatch.setattr(target_pair, "prepare", prepare)
+    monkeypatch.setattr(target_pair, "prepare_simulations", prepare)
     task = StepTask((INSTALLED, old), CARTPOLE.model)
     with pytest.raises(InputError, match="unknown element") as raised:
         task.prepare(pool)
@@ -383,7 +383,7 @@ def test_a_process_that_cannot_read_its_work_leaves_no_answer_of_the_other_behin
 ) -> None:
     task = StepTask(BOTH, CARTPOLE.model)
     task.prepare(pool)
-    work = task._work
+    work = task._pair
     assert work is not None
     missing = work.prepared.workloads[0].with_suffix(".missing")
     processes = pool.start(INSTALLED), pool.start(INSTALLED, side=1)

@@ -15,10 +15,12 @@ from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
 from benchmarks.verdicts.trials import Case
 from mjbench.errors import Failure, InputError, MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.moved_check import Averaging
+from mjbench.paired import verdict
+from mjbench.paired.metrics import Metric
+from mjbench.paired.moved_check import PlacementControl
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.records import LaunchRow, PlacementEffect
-from mjbench.paired.verdict import Judgement, PairedResult, VerdictPlan
+from mjbench.paired.records import Judgement, LaunchRow, PlacementEffect, VerdictRecord
+from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.releases.release import NoChangePair
@@ -55,27 +57,32 @@ def launch(log_ratio: float, placements: PlacementPair) -> LaunchRow:
 
 
 def result(
-    case: Case, averaging: Averaging, launches: Sequence[LaunchRow], **others: Any
-) -> PairedResult:
+    case: Case,
+    control: PlacementControl,
+    launches: Sequence[LaunchRow],
+    as_shipped: Judgement | None = None,
+    status: Status = Status.OK,
+    is_judged: bool = True,
+) -> VerdictRecord:
     judgement = Judgement(Verdict.SAME, Ratio(1.0, 0.999, 1.001), len(launches), True)
-    return PairedResult(
-        baseline=case.baseline,
-        candidate=case.candidate,
-        **{
-            "status": Status.OK,
-            "launches": launches,
-            "averaging": averaging,
-            "judgement": judgement,
-            **others,
-        },
+    targets = case.baseline, case.candidate
+    record = VerdictRecord.of(
+        (targets[0].row(), targets[1].row()),
+        Metric.TIME,
+        Failure(status, ""),
+        judgement if is_judged else None,
+        launches=launches,
     )
+    return verdict.with_placement(record, targets, control, as_shipped)
 
 
 def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> None:
     case = trials.between_builds(CARTPOLE.model, NoChangePair("3.2.1", "3.2.2"))
     launches = [launch(0.001, MOVED), launch(0.03, AS_SHIPPED), launch(-0.001, MOVED)]
     as_shipped = Judgement(Verdict.SLOWER, Ratio(1.03, 1.02, 1.04), 1, True)
-    record = trials.record_of(case, result(case, Averaging(True), launches, as_shipped=as_shipped))
+    record = trials.record_of(
+        case, result(case, PlacementControl(True), launches, as_shipped=as_shipped)
+    )
     assert record.case() == case.row()
     assert record.launches == pytest.approx([0.001, -0.001], abs=1e-6)
     assert record.residues == [48, 48]
@@ -87,7 +94,7 @@ def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> Non
 def test_a_trial_of_what_cannot_be_moved_rests_on_its_launches_as_shipped() -> None:
     case = trials.slowed(CARTPOLE.model, 0.0)
     launches = [launch(0.001, AS_SHIPPED), launch(-0.001, AS_SHIPPED)]
-    record = trials.record_of(case, result(case, Averaging(False, "no libmujoco"), launches))
+    record = trials.record_of(case, result(case, PlacementControl(False, "no libmujoco"), launches))
     assert record.launches == pytest.approx([0.001, -0.001], abs=1e-6)
     assert (record.residues, record.as_shipped) == ([], [])
     assert (record.averaged, record.problem) == (False, "no libmujoco")
@@ -98,7 +105,7 @@ def test_a_trial_of_what_cannot_be_moved_rests_on_its_launches_as_shipped() -> N
     [
         ({"status": Status.INPUT}, InputError),
         ({"status": Status.FAILED}, MachineError),
-        ({"status": Status.OK, "judgement": None}, MachineError),
+        ({"is_judged": False}, MachineError),
         ({"status": Status.INTERRUPTED}, KeyboardInterrupt),
     ],
 )
@@ -107,7 +114,7 @@ def test_a_comparison_that_did_not_end_well_is_no_trial(
 ) -> None:
     case = trials.slowed(CARTPOLE.model, 0.0)
     with pytest.raises(error):
-        trials.record_of(case, result(case, Averaging(True), [], **others))
+        trials.record_of(case, result(case, PlacementControl(True), [], **others))
 
 
 def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:

@@ -5,7 +5,6 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -266,9 +265,9 @@ def limits_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         record = replace(SLOWER if old < "3.3.1" <= new else SAME, old=old, new=new)
         if len(limits) == 1:
             record = replace(record, verdict=Verdict.INCONCLUSIVE)
-        return SimpleNamespace(record=lambda: record)
+        return record
 
-    monkeypatch.setattr(verdict, "decide", decide)
+    monkeypatch.setattr(verdict, "decide_pair", decide)
     return limits
 
 
@@ -339,7 +338,7 @@ def test_the_slow_commit_is_found_with_the_last_commits_benchmark(
         texts.update(target.source.text for target in targets)
         return SLOWER if speed(targets[0]) != speed(targets[1]) else SAME
 
-    monkeypatch.setattr(function_verdict, "decide", decide)
+    monkeypatch.setattr(function_verdict, "decide_function", decide)
     *_, record = bisect.search_revisions(comparison(repository, "v0", "v4"), VerdictPlan())
     assert isinstance(record, BisectRecord)
     (change,) = record.changes
@@ -350,7 +349,7 @@ def test_the_slow_commit_is_found_with_the_last_commits_benchmark(
 
 def test_ctrl_c_ends_a_search(repository: Repository, monkeypatch: pytest.MonkeyPatch) -> None:
     interrupted = replace(FAILED, status=Status.INTERRUPTED)
-    monkeypatch.setattr(function_verdict, "decide", lambda *arguments: interrupted)
+    monkeypatch.setattr(function_verdict, "decide_function", lambda *arguments: interrupted)
     with pytest.raises(KeyboardInterrupt):
         list(bisect.search_revisions(comparison(repository, "v0", "v4"), VerdictPlan()))
 

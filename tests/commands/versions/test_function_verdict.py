@@ -109,7 +109,9 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
         monkeypatch.setattr(function_verdict, "FunctionPair", pair)
         pool: Any = None
         plan = VerdictPlan()
-        return function_verdict.decide(pool, invented.targets, plan, clock=lambda: clock[0])
+        return function_verdict.decide_function(
+            pool, invented.targets, plan, clock=lambda: clock[0]
+        )
 
     return decide
 
@@ -153,7 +155,7 @@ def test_a_control_that_shows_a_difference_leaves_all_undecided(decided: Decided
     assert not record.control.covers
     assert record.verdict == Verdict.INCONCLUSIVE
     assert record.detail == "the baseline differs from itself"
-    assert family.decide([record], 0.99).slower == []
+    assert family.adjust_for_family([record], 0.99).slower == []
 
 
 def test_other_results_get_no_verdict_on_speed(decided: Decided) -> None:
@@ -245,7 +247,7 @@ def test_a_budget_is_for_the_control_as_well(decided: Decided) -> None:
 def test_revisions_with_the_same_files_are_the_same() -> None:
     pool: Any = None
     targets = BASELINE, replace(CANDIDATE, tree=BASELINE.tree)
-    record = function_verdict.decide(pool, targets, VerdictPlan())
+    record = function_verdict.decide_function(pool, targets, VerdictPlan())
     assert (record.verdict, record.ratio) == (Verdict.SAME, None)
     assert "the same files" in record.detail
 
@@ -262,7 +264,7 @@ def test_calls_that_are_too_slow_are_refused_before_the_first_block() -> None:
     with WorkerPool() as pool:
         plan, limit = CallPlan.of([slow, slow]), TimeLimit(60.0, 16)
         with pytest.raises(OutOfTimeError, match="needs at least 16 launches: give --budget"):
-            FunctionPair(pool, (BASELINE, CANDIDATE), plan, limit)._new_work()
+            FunctionPair(pool, (BASELINE, CANDIDATE), plan, limit).fix_work()
 
 
 def test_an_argument_that_only_the_baseline_takes_is_new(decided: Decided) -> None:

@@ -148,12 +148,12 @@ def test_comparisons_are_summed_up_together() -> None:
     slower = replace(ROW, verdict=Verdict.SLOWER, e_slower=5000.0, e_faster=0.0)
     same = replace(ROW, model="pile", verdict=Verdict.SAME, e_slower=0.1, e_faster=0.1)
     unsure = replace(slower, model="cloth", e_slower=140.0)
-    decided = family.decide([slower, same, unsure], 0.99)
+    decided = family.adjust_for_family([slower, same, unsure], 0.99)
     assert verdicts.describe_family(decided, 0.99) == (
         "All 3 together: slower in 1 (humanoid), faster in none, undecided in 1 (cloth)."
         " Of those named slower, at most 1 % are expected to be false alarms."
     )
-    quiet = verdicts.describe_family(family.decide([same, same], 0.99), 0.99)
+    quiet = verdicts.describe_family(family.adjust_for_family([same, same], 0.99), 0.99)
     assert quiet == "All 2 together: slower in none, faster in none, undecided in none."
 
 
