@@ -61,7 +61,6 @@ def raced(
             "steps": _STEPS,
             "variants": variants,
             "groups": [compete, closed_loop],
-            "stolen_share": 0.0,
             **fields,
         }
     )

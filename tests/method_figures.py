@@ -27,7 +27,7 @@ from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.tune import reference, solver_convergence, trajectories
 from mjbench.commands.tune import result as records
 from mjbench.counts import explain
-from mjbench.host import conditions
+from mjbench.host import conditions, disturbance
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import calls, stats
 from mjbench.paired import outcomes, race, race_record
@@ -75,7 +75,7 @@ def timing() -> Iterator[str]:
     yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
     yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is certain"
     yield f"the smallest that has {percent(advice.ENOUGH)} of the best speed-up"
-    yield f"the host took {percent(conditions.NOTABLE_STOLEN)} or more of the processor time"
+    yield f"the host took {percent(disturbance.NOTABLE_STOLEN)} or more of the processor time"
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
     ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)
     yield f"launched {ours} times on each of our models, {others} times on others"
@@ -240,7 +240,8 @@ def on_gpu_machine(path: str | None, nbatch: int, machine: str = "h200") -> floa
     rows = (
         row
         for row in gpu_results(machine)
-        if row.nbatch == nbatch and path == (row.path if row.compile_s is not None else None)
+        if row.model_record.nbatch == nbatch
+        and path == (row.path if row.compile_s is not None else None)
     )
     return min((row.step_ns for row in rows if row.step_ns), default=None)
 

@@ -19,8 +19,8 @@ from mjbench.commands.compare import show as report
 from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
 from mjbench.commands.compare.results import derive_all
 from mjbench.errors import Failure, failure_of
-from mjbench.host import isolate, machine, neighbours
-from mjbench.host.machine import CoreChange, ProcessorTime
+from mjbench.host import isolate, machine
+from mjbench.host.disturbance import Watch
 from mjbench.paired import launches
 from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
@@ -169,8 +169,7 @@ class ComparedModel:
         """
         self._pool, self._plan, self._name = pool, plan, source.name
         self._shares, self._of_sizes, self._observer = shares, of_sizes, observer
-        self._begin_s, self._processor_time = time.monotonic(), ProcessorTime.now()
-        self._cores = machine.allowed_cores()
+        self._begin_s, self._watch = time.monotonic(), Watch()
         self._children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
         self._race: RaceRecord | None = None
         self._is_complete = False
@@ -227,7 +226,7 @@ class ComparedModel:
 
     def _take_race(self, record: RaceRecord) -> None:
         """Take what a race has come to, and show it."""
-        self._race = self._with_disturbance(record)
+        self._race = replace(record, disturbance=self._watch.look())
         for unable in record.unable:
             index = self._plan.variants.index(record.variants[unable.variant])
             self._children.revise(index, unable.status, unable.detail)
@@ -236,18 +235,6 @@ class ComparedModel:
         text = f"{self._name}: launch {len(record.launches)}, {left} paths left"
         self._show_progress(text, min(1.0, max(_VERIFICATION_SHARE, spent)))
         self._show_known()
-
-    def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
-        earlier = self._race or record
-        names = sorted(
-            {*earlier.neighbours, *(each.command for each in neighbours.measuring_now())}
-        )
-        return replace(
-            record,
-            stolen_share=ProcessorTime.now().stolen_since(self._processor_time),
-            neighbours=names,
-            core_change=earlier.core_change or CoreChange.since(self._cores),
-        )
 
     def _run_accelerated(self) -> None:
         for index in self._plan.accelerated:

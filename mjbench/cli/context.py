@@ -105,7 +105,7 @@ class RunContext:
                 return  # nothing was measured
             if self._session.file is not None and error is None:
                 self.out.print(f"\nRun file: {self._session.file}", soft_wrap=True)
-            for note in self._disturbances(self._session):
+            if note := self._disturbance(self._session):
                 if error is None:
                     self.out.print(note, soft_wrap=True)
                 else:
@@ -114,14 +114,13 @@ class RunContext:
                 self.interrupt(is_saved=self._write_error is None)
                 sys.exit(ExitCode.INTERRUPTED)
 
-    def _disturbances(self, session: "Session") -> Sequence[str]:
-        """Store what disturbed the run; return it in sentences."""
+    def _disturbance(self, session: "Session") -> str:
+        """Store what disturbed the run; return it as a sentence, empty where nothing did."""
         try:
-            disturbance = session.end()
+            return session.end()
         except MachineError as error:
             self._write_error = self._write_error or error
-            return ()
-        return () if disturbance is None else disturbance.sentences
+            return ""
 
     @property
     def session(self) -> "Session":

@@ -20,15 +20,15 @@ def models(sources: list[ModelSource], limit_s: float, json_file: str | None) ->
       mjbench models gymnasium:ant
     """
     from mjbench.commands.show import listings
-    from mjbench.commands.show.listings import ModelRow, ModelsDocument
     from mjbench.commands.show.model_facts import list_models
+    from mjbench.results.json_form import ResultsDocument
 
     with RunContext(json_file, [source.path for source in sources]) as run:
         listed = list_models(sources, limit_s)
         run.table(listings.models_table(listed))
         for line in listings.failed_models(listed):
             run.out.print(line, soft_wrap=True)
-        run.write(ModelsDocument(models=[ModelRow.of(model) for model in listed]))
+        run.write(ResultsDocument(results=listed))
     run.exit(model.status for model in listed)
 
 
@@ -42,10 +42,11 @@ def paths(json_file: str | None) -> None:
       mjbench paths
     """
     from mjbench.commands.show import listings
-    from mjbench.commands.show.listings import PathRow, PathsDocument
+    from mjbench.commands.show.listings import PathRow
     from mjbench.paths import registry
+    from mjbench.results.json_form import ResultsDocument
 
     rows = [PathRow.of(path) for path in registry().values()]
     with RunContext(json_file) as run:
         run.table(listings.paths_table(rows))
-        run.write(PathsDocument(paths=rows))
+        run.write(ResultsDocument(results=rows))

@@ -47,15 +47,16 @@ def releases(ctx: click.Context) -> None:
 @JSON
 def list_releases(history: Path, json_file: str | None) -> None:
     """List releases: on the package index, in the git history, installed here."""
-    from mjbench.commands.show.listings import ReleasesDocument, releases_table
+    from mjbench.commands.show.listings import releases_table
     from mjbench.releases import catalogue
+    from mjbench.results.json_form import ResultsDocument
 
     with RunContext(json_file, [history]) as run:
         known = catalogue.list_releases(history)
         run.table(releases_table(known.releases))
         if known.problem:
             click.echo(f"The list lacks the package index: {known.problem}", err=True)
-        run.write(ReleasesDocument(releases=known.releases))
+        run.write(ResultsDocument(results=known.releases))
 
 
 @releases.command("update", short_help="append new releases to the git history")

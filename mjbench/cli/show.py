@@ -185,10 +185,10 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
 def _show_differences(
     old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None
 ) -> None:
-    from mjbench.commands.show.documents import ResultsDocument
     from mjbench.commands.show.kinds import RECORD_TYPES
     from mjbench.commands.show.run_differences import differences, differences_section
     from mjbench.results import runs
+    from mjbench.results.json_form import ResultsDocument
 
     with RunContext(json_file, [old, new]) as run:
         rows = differences(runs.load(old, RECORD_TYPES), runs.load(new, RECORD_TYPES), across)

@@ -63,8 +63,9 @@ def sweep(
       mjbench sweep plan.toml
       mjbench sweep plan.toml --address auto
     """
-    from mjbench.commands.show.documents import ResultsDocument, SweepRow
+    from mjbench.commands.show.documents import SweepRow
     from mjbench.commands.sweep import measure as sweeps
+    from mjbench.results.json_form import ResultsDocument
 
     target = output or SWEEPS_FOLDER / plan.stem
     with RunContext(json_file, [plan]) as run:

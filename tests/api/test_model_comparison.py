@@ -154,8 +154,8 @@ def test_another_measurement_that_ended_during_the_race_stays_on_record(
     seen = itertools.chain([[Neighbour(1, "versions")]], itertools.repeat([]))
     monkeypatch.setattr(neighbours, "measuring_now", lambda: next(seen))
     first, *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
-    assert first.race is not None and first.race.neighbours == ["versions"]
-    assert last.race is not None and last.race.neighbours == ["versions"]
+    assert first.race is not None and first.race.disturbance.commands == ["versions"]
+    assert last.race is not None and last.race.disturbance.commands == ["versions"]
 
 
 @pytest.mark.usefixtures("inline")
@@ -167,7 +167,7 @@ def test_a_core_that_was_lost_during_the_race_stays_on_record(
     monkeypatch.setattr(machine, "usable_cores", lambda: 2)
     *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
     assert last.race is not None
-    assert last.race.core_change == CoreChange(2, 1)
+    assert last.race.disturbance.core_change == CoreChange(2, 1)
 
 
 @pytest.mark.usefixtures("inline")

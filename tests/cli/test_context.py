@@ -12,8 +12,9 @@ from mjbench.commands.show import kinds
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, neighbours
+from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import ProcessorTime
-from mjbench.host.neighbours import Disturbance, Neighbour
+from mjbench.host.neighbours import Neighbour
 from mjbench.results import runs
 from mjbench.results.content import Section, Tone
 from mjbench.results.run_writer import RunFile
@@ -148,7 +149,7 @@ def test_time_that_the_host_took_is_reported_where_it_matters(
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: share)
     with RunContext(session=Session(Measurement("versions", {}, [], nothing))):
         pass
-    expected = "The host took 13 % of this machine's processor time for others"
+    expected = "Disturbed: the host took 13 % of the processor time for others. Measure again."
     assert (expected in capsys.readouterr().out) == is_reported
 
 
@@ -173,7 +174,7 @@ def test_what_disturbed_a_run_is_its_last_record_and_comes_first_when_it_is_show
     run = runs.load(file, RECORD_TYPES)
     assert run.records[-1] == Disturbance([], 0.13)
     first, *_ = kinds.kind_of(run).sections(run)[0].conclusions
-    assert (first.tone, first.text[:18]) == (Tone.CAUTION, "The host took 13 %")
+    assert (first.tone, first.text[:29]) == (Tone.CAUTION, "Disturbed: the host took 13 %")
 
 
 def test_a_continued_run_has_what_disturbed_it_before_and_since(
@@ -210,7 +211,10 @@ def test_others_that_measure_are_named_at_the_beginning_and_at_the_end(
         assert (
             "is measuring on this machine (mjbench compare, process 7)" in capsys.readouterr().out
         )
-    assert "at the same time (mjbench compare, mjbench ab)" in capsys.readouterr().out
+    assert (
+        "mjbench ab, mjbench compare measured on this machine at the same time"
+        in capsys.readouterr().out
+    )
 
 
 def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from mjbench.commands.compare.advice import (
     advise_clock,
     advise_threads,
 )
-from mjbench.host import conditions
+from mjbench.host import conditions, disturbance
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
@@ -181,24 +181,16 @@ class ModelResults:
 
     @property
     def disturbances(self) -> list[str]:
-        race, lines = self.race, list[str]()
-        stolen = (race.stolen_share if race else None) or 0.0
-        if stolen >= conditions.NOTABLE_STOLEN:
-            lines.append(f"the host took {100 * stolen:.0f} % of the processor time for others")
-        if race and race.neighbours:
-            others = ", ".join(f"mjbench {name}" for name in race.neighbours)
-            lines.append(f"{others} measured on this machine at the same time")
-        if race and race.core_change:
-            lines.append(str(race.core_change))
+        clauses = self.race.disturbance.clauses if self.race is not None else []
         if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
-            lines.append(f"threads had {self.cores}")
-        return lines
+            clauses.append(f"threads had {self.cores}")
+        return clauses
 
     @property
     def cautions(self) -> list[str]:
         sentences = []
         if self.disturbances:
-            sentences.append(disturbed(self.disturbances))
+            sentences.append(disturbance.sentence(self.disturbances))
         model = self.model
         if model.facts is None or model.work is None or not model.facts.can_fall:
             return sentences
@@ -286,8 +278,3 @@ def _result(derived: ModelResults, record: MeasurementRecord) -> PathResult:
     )
     break_even = math.inf if base_ns is None else timed.pays_after_steps(base_ns)
     return replace(timed, overtakes_after_steps=break_even if math.isfinite(break_even) else None)
-
-
-def disturbed(disturbances: Sequence[str]) -> str:
-    """Return what disturbed a measurement, as a sentence, and what to do."""
-    return f"Disturbed: {'; '.join(disturbances)}. Measure again."

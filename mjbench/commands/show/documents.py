@@ -21,23 +21,6 @@ from mjbench.status import Status
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResultsDocument:
-    """The document of a command whose results do not depend on one machine."""
-
-    schema: int = SCHEMA
-    results: Sequence[object]
-
-
-@dataclass(frozen=True, kw_only=True)
-class MachineResultsDocument:
-    """The document of a command that has only results, of one machine."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[object]
-
-
-@dataclass(frozen=True, kw_only=True)
 class CompareDocument:
     """What `mjbench compare --json` writes."""
 

@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from mjbench.commands.compare.results import derive_all, disturbed, path_results
+from mjbench.commands.compare.results import derive_all, path_results
 from mjbench.commands.show import rows
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.errors import InputError
+from mjbench.host import disturbance
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
 from mjbench.results.formats import csv_text
@@ -93,7 +94,7 @@ def as_github_action_benchmark(run: Run) -> str:
         if metric.low is not None and metric.high is not None:
             entry["range"] = f"{metric.low:.4g} to {metric.high:.4g}"
         if metric.disturbances:
-            entry["extra"] = disturbed(metric.disturbances)
+            entry["extra"] = disturbance.sentence(metric.disturbances)
         entries.append(entry)
     return json.dumps(entries, indent=1) + "\n"
 
