@@ -200,8 +200,8 @@ class TuneRecord:
         return {stage: share for stage, share in ordered if abs(share) >= LEAST_SAVED}
 
 
-def allowed_error(max_error: float | None, present_error: float, least: float = NO_ERROR) -> float:
-    return max_error or max((1 + SAME_ERROR) * present_error, least)
+def allowed_error(max_error: float | None, present_error: float) -> float:
+    return max_error or max((1 + SAME_ERROR) * present_error, NO_ERROR)
 
 
 def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Ratio:

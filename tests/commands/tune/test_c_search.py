@@ -9,10 +9,16 @@ from tuning_values import PRESENT_ERROR, apart, blocks, present
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune import pareto_front
 from mjbench.commands.tune import show as tuning
-from mjbench.commands.tune.c_search import FEW_NRUN, LEAST_LAUNCHES, MOST_LAUNCHES, SCREENS, CSearch
+from mjbench.commands.tune.c_search import (
+    FEW_NRUN,
+    LEAST_LAUNCHES,
+    MOST_LAUNCHES,
+    SCREENS,
+    CSearch,
+    SearchPlan,
+)
 from mjbench.commands.tune.knobs import KNOBS
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, TuneRecord, log_ratio
-from mjbench.commands.tune.search_plan import SearchPlan
 from mjbench.commands.tune.settings import LoopChange, Setting
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
