@@ -83,6 +83,15 @@ class MetricSpec:
         return self.measured == Measured.STEPS
 
     @property
+    def is_of_memory(self) -> bool:
+        return self.measured == Measured.MEMORY
+
+    @property
+    def compiles(self) -> bool:
+        """Whether it is the time that a process takes to compile once."""
+        return self.measured == Measured.COMPILATION
+
+    @property
     def is_of_targets(self) -> bool:
         """Whether two targets that a user describes can be compared by it."""
         return self.measured not in (Measured.COUNTS, Measured.COMPILATION)
