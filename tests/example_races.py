@@ -10,9 +10,8 @@ from example_records import measurement, model_record
 
 from mjbench import paths
 from mjbench.api import model_comparison
-from mjbench.api.model_comparison import ModelComparison
 from mjbench.commands.compare import results as path_speedups
-from mjbench.commands.compare.results import ModelResults
+from mjbench.commands.compare.results import ModelComparison, ModelResults
 from mjbench.paired.launches import Targets, launch
 from mjbench.paired.race import RaceBudget, RaceRule
 from mjbench.paired.race_record import RaceLaunch, RaceRecord

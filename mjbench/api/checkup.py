@@ -31,9 +31,8 @@ from mjbench.commands.lint import check as lint
 from mjbench.commands.profile import measure as profile
 from mjbench.commands.run import launch
 from mjbench.commands.run.result import ProgramRow
-from mjbench.commands.tune.c_search import LEAST_LAUNCHES
+from mjbench.commands.tune.c_search import LEAST_LAUNCHES, SearchPlan
 from mjbench.commands.tune.result import TuneRecord
-from mjbench.commands.tune.search_plan import SearchPlan
 from mjbench.errors import (
     Failure,
     InputError,

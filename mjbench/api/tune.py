@@ -4,11 +4,10 @@ from collections.abc import Sequence
 
 from mjbench.api.session import Item, Items, Measurement, Observer, finished, in_turn, input_files
 from mjbench.commands.tune import knobs
-from mjbench.commands.tune.c_search import CSearch
+from mjbench.commands.tune.c_search import PARTS, Advance, CSearch, SearchPlan
 from mjbench.commands.tune.measurements import SILENCE_S, CMeasurements
 from mjbench.commands.tune.options import TuneOptions
 from mjbench.commands.tune.result import Effect, TuneRecord
-from mjbench.commands.tune.search_plan import PARTS, Advance, SearchPlan
 from mjbench.measuring.timing import Progress
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record

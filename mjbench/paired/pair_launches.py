@@ -280,9 +280,8 @@ class PairTargets(Targets[LaunchRow]):
         if cores.countable(self.nthread) == 1:
             return 1.0
         if self._counting is None:
-            self._counting = self._pool.start(self._releases[0])
-            self._closing.callback(self._pool.end, [self._counting])
-            self._counting.wait()
+            counting = self._pool.ready(self._releases[0])
+            self._counting = self._closing.enter_context(counting)
         return self._counting.count_cores(self.nthread) or 1.0
 
     def _measure(self, pair: ProcessPair) -> LaunchRow:

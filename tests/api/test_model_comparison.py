@@ -15,10 +15,10 @@ from commands import TESTS
 from pretender import Pretender
 
 from mjbench.api import model_comparison
-from mjbench.api.model_comparison import ComparedModel, ModelChildren, ModelComparison
+from mjbench.api.model_comparison import ComparedModel, ModelChildren
 from mjbench.api.session import Observer
 from mjbench.commands.compare import accelerated_measurement
-from mjbench.commands.compare.results import PathResult, derive
+from mjbench.commands.compare.results import ModelComparison, PathResult, derive
 from mjbench.host import isolate, machine, neighbours
 from mjbench.host.machine import CoreChange
 from mjbench.host.neighbours import Neighbour
@@ -196,7 +196,7 @@ def test_what_was_measured_before_an_interruption_comes_last(
     monkeypatch.setattr(RaceLaunches, "launch", interrupted)
     monkeypatch.setattr("mjbench.paired.race.RaceBudget.left_s", lambda budget: 100.0)
     *_, last = comparisons(pool, contact_file, Variant("python_loop_hold", {}))
-    assert last.is_interrupted
+    assert last.model.status == Status.INTERRUPTED
     assert last.race is not None
     assert len(last.race.launches) == at_launch
     rows = results(last).values()

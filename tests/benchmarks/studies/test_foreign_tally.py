@@ -9,7 +9,7 @@ from commands import ROOT
 from benchmarks.studies import foreign, foreign_packages, foreign_page, foreign_tally
 from benchmarks.studies.foreign_packages import Package, PackageFiles
 from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
-from mjbench.api.model_comparison import ModelComparison
+from mjbench.commands.compare.results import ModelComparison
 from mjbench.status import ExitCode, Status
 from mjbench.verification.records import MeasurementRecord, ModelRecord
 

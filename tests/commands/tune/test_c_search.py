@@ -9,10 +9,16 @@ from tuning_values import PRESENT_ERROR, apart, blocks, present
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune import pareto_front
 from mjbench.commands.tune import show as tuning
-from mjbench.commands.tune.c_search import FEW_NRUN, LEAST_LAUNCHES, MOST_LAUNCHES, SCREENS, CSearch
+from mjbench.commands.tune.c_search import (
+    FEW_NRUN,
+    LEAST_LAUNCHES,
+    MOST_LAUNCHES,
+    SCREENS,
+    CSearch,
+    SearchPlan,
+)
 from mjbench.commands.tune.knobs import KNOBS
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, TuneRecord, log_ratio
-from mjbench.commands.tune.search_plan import SearchPlan
 from mjbench.commands.tune.settings import LoopChange, Setting
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
@@ -92,7 +98,7 @@ class Planted:
         if request.timed_s:
             noise = 1 + 0.002 * (len(self.asked) % 3)
             samples = blocks(noise * math.prod(each[1] for each in of_each))
-            attempt = replace(attempt, time_ratio=math.exp(log_ratio(samples)), samples=samples)
+            attempt = replace(attempt, time_ratio=math.exp(log_ratio(samples)), launches=[samples])
         return attempt
 
 
