@@ -150,7 +150,7 @@ class StepPair(TargetPair):
     def _prepare_blocks(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         target = self._targets[i]
         return process.call(
-            Worker.prepare,
+            Worker.prepare_run,
             target.path,
             dict(target.options),
             allowed,
@@ -340,7 +340,7 @@ class OperationPair(TargetPair):
         self, process: WorkerProcess, i: int, allowed: Sequence[int], repeats: int
     ) -> ReadyOperation:
         source = ModelSource("", self._files[i])
-        prepare = functools.partial(operations.OF_METRIC[self._sizes.metric], source, repeats)
+        prepare = functools.partial(operations.prepare_of(self._sizes.metric), source, repeats)
         return process.call(Worker.prepare_operation, prepare, allowed)
 
 

@@ -83,7 +83,7 @@ def test_all_that_a_block_of_an_operation_computes_is_compared(
         yield [Process(), Process()]
 
     monkeypatch.setattr(OperationPair, "loaded", loaded)
-    monkeypatch.setattr(operations, "OF_METRIC", {Metric.RAYS: cast_rays})
+    monkeypatch.setattr(operations, "cast_rays", cast_rays)
     pool, targets = cast(WorkerPool, None), (CARTPOLE, CARTPOLE)
     pair = OperationPair(pool, targets, Sizes(metric=Metric.RAYS))
     pair.fix_work()
@@ -95,4 +95,4 @@ def test_loading_is_of_a_source_and_not_of_a_compiled_model(tmp_path: Path) -> N
     file = tmp_path / "model.mjb"
     models.save(models.load(CARTPOLE.model), file)
     with pytest.raises(InputError, match=r"model\.mjb is compiled"):
-        operations.OF_METRIC[Metric.LOAD](ModelSource("", file), 1)
+        operations.load(ModelSource("", file), 1)
