@@ -30,7 +30,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
 from mjbench.verification.path_verification import AgreementReport, ModelFiles, verify_in_child
 from mjbench.verification.plan import ComparisonPlan
-from mjbench.verification.records import MeasurementRecord, ModelRecord
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 # Share of a model's progress that verification stands for; the race is the rest.
 _VERIFICATION_SHARE = 0.2
@@ -231,7 +231,7 @@ class ModelChildren:
     files: ModelFiles
     reference: ModelRecord | None = None
     ended: isolate.Ended | None = None
-    measured: dict[int, MeasurementRecord] = field(default_factory=dict)
+    measured: dict[int, VariantRecord] = field(default_factory=dict)
 
     @property
     def agreeing(self) -> list[int]:
@@ -258,7 +258,7 @@ class ModelChildren:
 
         # the child works in a folder of its own
         source = ModelSource(self.source.name, self.source.path.resolve())
-        fatal: dict[int, MeasurementRecord] = {}
+        fatal: dict[int, VariantRecord] = {}
         while True:
             excluded = frozenset([*fatal, *self.plan.accelerated])
             ended = isolate.run(
@@ -284,9 +284,9 @@ class ModelChildren:
         # a variant that was already refused is not timed, so another one ended the child
         return position if record is None or record.status == Status.OK else None
 
-    def _blank(self, position: int, status: Status, detail: str) -> MeasurementRecord:
+    def _blank(self, position: int, status: Status, detail: str) -> VariantRecord:
         variant = self.plan.variants[position]
-        return MeasurementRecord.of(self.source.name, variant, status, detail)
+        return VariantRecord.of(self.source.name, variant, status, detail)
 
     def revise(self, position: int, status: Status, detail: str) -> None:
         """Change what became of a variant after the fact; its snippet and check stay."""
@@ -299,7 +299,7 @@ class ModelChildren:
         """Measure one accelerated path alone; whatever becomes of it costs its own row."""
         variant = self.plan.variants[position]
 
-        def receive(record: MeasurementRecord) -> None:
+        def receive(record: VariantRecord) -> None:
             self.measured[position] = record
 
         request = AcceleratedRequest(
@@ -334,7 +334,7 @@ class ModelChildren:
             total_steps=self.plan.total_steps,
         )
 
-    def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
+    def measurements(self, timed: Collection[int], is_over: bool) -> tuple[VariantRecord, ...]:
         """Return the records of all variants, in the plan's order; a race has timed some."""
         untimed = self._untimed(is_over)
         records = []

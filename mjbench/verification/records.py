@@ -83,7 +83,7 @@ class ModelRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasurementRecord:
+class VariantRecord:
     """One variant on one model at one size, which a `ModelRecord` describes.
 
     Attributes:
@@ -98,7 +98,7 @@ class MeasurementRecord:
       samples_s: seconds of each block of an accelerated path.
     """
 
-    record_type: ClassVar[str] = "measurement"
+    record_type: ClassVar[str] = "variant"
     model: str
     path: str
     options: Mapping[str, Any]
@@ -128,7 +128,7 @@ class MeasurementRecord:
     @classmethod
     def of(
         cls, model: str, variant: Variant, status: Status = Status.OK, detail: str = ""
-    ) -> "MeasurementRecord":
+    ) -> "VariantRecord":
         path = paths.find(variant.path)
         return cls(
             model=model,
@@ -139,8 +139,3 @@ class MeasurementRecord:
             closed_loop=path.closed_loop,
             precision=path.precision if isinstance(path, AcceleratedPath) else None,
         )
-
-
-RECORD_TYPES: Mapping[str, type] = {
-    kind.record_type: kind for kind in (ModelRecord, MeasurementRecord)
-}

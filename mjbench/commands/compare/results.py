@@ -27,7 +27,7 @@ from mjbench.results.runs import Record
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import Status
 from mjbench.verification.plan import Variant
-from mjbench.verification.records import MeasurementRecord, ModelRecord
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
@@ -54,7 +54,7 @@ _OF_MODEL = (
     **{name: f"model_record.{name}" for name in _OF_MODEL},
 )
 @dataclass(frozen=True, kw_only=True)
-class PathResult(MeasurementRecord):
+class PathResult(VariantRecord):
     """What a comparison says of one variant; None is what cannot be said.
 
     Attributes:
@@ -222,7 +222,7 @@ class ModelResults:
 
 
 def derive(
-    model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
+    model: ModelRecord, measurements: Sequence[VariantRecord], race: RaceRecord | None
 ) -> ModelResults:
     untimed = ModelResults(model, (), race)
     return replace(untimed, results=tuple(_result(untimed, each) for each in measurements))
@@ -237,11 +237,11 @@ class ModelComparison:
     """
 
     model: ModelRecord
-    measurements: tuple[MeasurementRecord, ...]
+    measurements: tuple[VariantRecord, ...]
     race: RaceRecord | None = None
 
     @property
-    def records(self) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
+    def records(self) -> list[ModelRecord | VariantRecord | RaceRecord]:
         return [self.model, *self.measurements, *([self.race] if self.race else [])]
 
 
@@ -249,12 +249,12 @@ def comparisons(records: Sequence[Record]) -> list[ModelComparison]:
     """Return the records of a run by model and size, in the order they were measured."""
     by_size = defaultdict[tuple[str, int | None], list[Record]](list)
     for record in records:
-        if isinstance(record, ModelRecord | MeasurementRecord | RaceRecord):
+        if isinstance(record, ModelRecord | VariantRecord | RaceRecord):
             by_size[record.model, record.nbatch_asked].append(record)
     return [
         ModelComparison(
             model,
-            tuple(record for record in same if isinstance(record, MeasurementRecord)),
+            tuple(record for record in same if isinstance(record, VariantRecord)),
             next((record for record in same if isinstance(record, RaceRecord)), None),
         )
         for same in by_size.values()
@@ -273,7 +273,7 @@ def path_results(records: Sequence[Record]) -> list[PathResult]:
     return [result for each in derive_all(records) for result in each.results]
 
 
-def _result(derived: ModelResults, record: MeasurementRecord) -> PathResult:
+def _result(derived: ModelResults, record: VariantRecord) -> PathResult:
     """Return the result of a variant; an accelerated path is timed alone, in one process."""
     model, race = derived.model, derived.race
     base_ns = race.base_step_ns if race is not None else None
