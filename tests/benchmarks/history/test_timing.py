@@ -106,17 +106,19 @@ class IdlePairs:
 
     def __init__(self, *arguments: object): ...
 
+    def start(self, placements: object) -> None: ...
+
     def wait(self) -> None: ...
 
     @contextlib.contextmanager
-    def launch(self, core: int | None) -> Iterator[ProcessPair]:
+    def launched(self, core: int | None) -> Iterator[ProcessPair]:
         nobody: Any = None
         yield ProcessPair((nobody, nobody), AS_SHIPPED)
 
     def is_next_ready(self) -> bool:
         return True
 
-    def close(self) -> None: ...
+    def end_all(self) -> None: ...
 
 
 @pytest.fixture
@@ -258,7 +260,7 @@ def test_ctrl_c_after_the_last_launch_is_not_lost(
     def interrupted(pairs: IdlePairs) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(IdlePairs, "close", interrupted)
+    monkeypatch.setattr(IdlePairs, "end_all", interrupted)
     measured = timing.measure_each(pool, [[InventedTask("good", fine)]])
     ((record,),) = itertools.islice(measured, 1)
     assert record.status == Status.OK
