@@ -183,7 +183,7 @@ def accelerated() -> Iterator[str]:
     yield f"took {slower['cube_table']:.0f} times as long as the plain loop's on `cube_table`"
     yield f"and {slower['gripper']:.0f} times on `gripper`"
     yield from on_gpus()
-    yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_agreement.py
+    yield "a force off by 1 %"  # planted by tests/commands/compare/test_accelerated_agreement.py
     yield "a stiffness off by 2 %"
     yield f"for at most {2 * accelerated_single_steps.JUDGING_S:.0f} seconds"
     yield f"with its {percent(stats.CONFIDENCE)} interval"

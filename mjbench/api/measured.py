@@ -44,7 +44,10 @@ class Measured:
 
     @classmethod
     def of(
-        cls, measurement: Measurement, wait: bool = False, on_progress: Progress | None = None
+        cls,
+        measurement: Measurement,
+        wait: bool | None = False,
+        on_progress: Progress | None = None,
     ) -> Self:
         """Measure, and return the records; the first Ctrl-C interrupts.
 

@@ -4,13 +4,13 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjbench.api import interrupts
 from mjbench.cli.group import command_line, option_names, report_line
 from mjbench.cli.output_file import OutputFile
+from mjbench.commands.shared_options import OutputOptions
 from mjbench.errors import MachineError
 from mjbench.status import ExitCode, Status, exit_code
 
@@ -24,20 +24,6 @@ if TYPE_CHECKING:
     Sections = Callable[[Run], Iterable[Section]]
 
 CODE_HINT = "--code prints the Python code, too."
-
-
-@dataclass(frozen=True)
-class OutputOptions:
-    """Where the results of a command go, as its options say.
-
-    Attributes:
-      wait: whether to wait for others that measure here; None for a command that measures no time.
-    """
-
-    results: Path
-    json_file: str | None = None
-    wait: bool | None = None
-    resume: Path | None = None
 
 
 class RunContext:

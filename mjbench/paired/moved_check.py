@@ -27,7 +27,7 @@ from mjbench.simulation.workload_sampling import SampleRequest
 _MODEL, _NBATCH, _NSTEP = "pile", 2, 20
 
 
-def check(pool: WorkerPool, release: ReleaseSpec) -> None:
+def check_movable(pool: WorkerPool, release: ReleaseSpec) -> None:
     """Make sure that a release can be moved: to every residue, and within its page.
 
     Moved libraries must load, report the version of the release, and step a model to the same
@@ -127,7 +127,7 @@ def placement_control(
     """Return that placements are averaged, if the libraries of both releases can be moved."""
     for release in (baseline, candidate):
         try:
-            check(pool, release)
+            check_movable(pool, release)
         except ImmovableError as error:
             problem = f"the code of MuJoCo {release.version} cannot be moved: {error}"
             return PlacementControl(False, problem)

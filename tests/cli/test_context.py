@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from mjbench.api.session import Item, Items, Measurement, Observer, Session
-from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
+from mjbench.cli.context import RunContext, measure_and_print
 from mjbench.commands.profile.habit_timing import OverheadRow
+from mjbench.commands.shared_options import OutputOptions
 from mjbench.commands.show import kinds
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import Failure, MachineError
@@ -40,7 +41,7 @@ def measured(
         yield from items()
 
     measurement = Measurement("overhead", {}, [], yielded)
-    return measure_and_print(measurement, OutputOptions(folder, None, False, resume), each=names)
+    return measure_and_print(measurement, OutputOptions(results=folder, resume=resume), each=names)
 
 
 def nothing(earlier: Sequence[Record], observer: Observer) -> Items:
@@ -106,7 +107,7 @@ def test_an_interrupt_while_results_are_printed_names_where_they_are(
 
     measurement = Measurement("overhead", {}, [], lambda *_: (Item([each]) for each in [row("a")]))
     with pytest.raises(SystemExit, match="130"):
-        measure_and_print(measurement, OutputOptions(tmp_path, None, False), summary=interrupted)
+        measure_and_print(measurement, OutputOptions(results=tmp_path), summary=interrupted)
     assert capsys.readouterr().err == "mjbench: interrupted; what was measured is saved\n"
     assert stored(tmp_path) == ["a"]
 
@@ -231,5 +232,5 @@ def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:
 
     measurement = Measurement("overhead", {}, [], lambda *_: items())
     with pytest.raises(BrokenPipeError):
-        measure_and_print(measurement, OutputOptions(tmp_path, None, False), each=fail)
+        measure_and_print(measurement, OutputOptions(results=tmp_path), each=fail)
     assert ended

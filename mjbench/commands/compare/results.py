@@ -6,7 +6,8 @@ A speed is derived only for a measurement whose final states agree.
 import functools
 import math
 import statistics
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.commands.compare.advice import (
@@ -26,7 +27,7 @@ from mjbench.results.runs import Record
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import Status
 from mjbench.verification.plan import Variant
-from mjbench.verification.records import MeasurementRecord, ModelRecord, of_model
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
@@ -53,7 +54,7 @@ _OF_MODEL = (
     **{name: f"model_record.{name}" for name in _OF_MODEL},
 )
 @dataclass(frozen=True, kw_only=True)
-class PathResult(MeasurementRecord):
+class PathResult(VariantRecord):
     """What a comparison says of one variant; None is what cannot be said.
 
     Attributes:
@@ -95,13 +96,9 @@ class PathResult(MeasurementRecord):
         return Variant(self.path, self.options)
 
     @property
-    def is_base(self) -> bool:
-        return self.variant == Variant(BASE, {})
-
-    @property
     def interval(self) -> Ratio | None:
         """The speed-up with its interval; None of the plain loop, whose speed-up is 1."""
-        return None if self.is_base else self.speedup
+        return None if self.variant == Variant(BASE, {}) else self.speedup
 
     @property
     def loop(self) -> Loop:
@@ -225,32 +222,58 @@ class ModelResults:
 
 
 def derive(
-    model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
+    model: ModelRecord, measurements: Sequence[VariantRecord], race: RaceRecord | None
 ) -> ModelResults:
     untimed = ModelResults(model, (), race)
     return replace(untimed, results=tuple(_result(untimed, each) for each in measurements))
 
 
-def derive_all(records: Sequence[Record]) -> list[ModelResults]:
-    """Return the results of a run's records, model by model, in the order they were measured."""
+@dataclass(frozen=True)
+class ModelComparison:
+    """The records of one model at one size.
+
+    Attributes:
+      race: of the paths that run C and agree; None before it, and where there was none.
+    """
+
+    model: ModelRecord
+    measurements: tuple[VariantRecord, ...]
+    race: RaceRecord | None = None
+
+    @property
+    def records(self) -> list[ModelRecord | VariantRecord | RaceRecord]:
+        return [self.model, *self.measurements, *([self.race] if self.race else [])]
+
+
+def comparisons(records: Sequence[Record]) -> list[ModelComparison]:
+    """Return the records of a run by model and size, in the order they were measured."""
+    by_size = defaultdict[tuple[str, int | None], list[Record]](list)
+    for record in records:
+        if isinstance(record, ModelRecord | VariantRecord | RaceRecord):
+            by_size[record.model, record.nbatch_asked].append(record)
     return [
-        derive(
+        ModelComparison(
             model,
-            of_model(MeasurementRecord, model, records),
-            next(iter(of_model(RaceRecord, model, records)), None),
+            tuple(record for record in same if isinstance(record, VariantRecord)),
+            next((record for record in same if isinstance(record, RaceRecord)), None),
         )
-        for model in records
+        for same in by_size.values()
+        for model in same
         if isinstance(model, ModelRecord)
     ]
 
 
-def path_results(records: Sequence[Record]) -> Iterator[PathResult]:
-    """Yield the results of a whole run, one a variant; see `derive_all`."""
-    for model_results in derive_all(records):
-        yield from model_results.results
+def derive_all(records: Sequence[Record]) -> list[ModelResults]:
+    """Return the results of a run's records, model by model, in the order they were measured."""
+    return [derive(each.model, each.measurements, each.race) for each in comparisons(records)]
 
 
-def _result(derived: ModelResults, record: MeasurementRecord) -> PathResult:
+def path_results(records: Sequence[Record]) -> list[PathResult]:
+    """Return the results of a whole run, one a variant; see `derive_all`."""
+    return [result for each in derive_all(records) for result in each.results]
+
+
+def _result(derived: ModelResults, record: VariantRecord) -> PathResult:
     """Return the result of a variant; an accelerated path is timed alone, in one process."""
     model, race = derived.model, derived.race
     base_ns = race.base_step_ns if race is not None else None

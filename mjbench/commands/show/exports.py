@@ -139,7 +139,8 @@ _OUTCOMES: Mapping[Status, str] = {
 
 
 def _cases(run: Run) -> Iterator[_Case]:
-    yield from _path_cases(run)
+    for r in path_results(run.records):
+        yield _Case(r.model, str(r.variant), _OUTCOMES.get(r.status, "error"), r.detail)
     rows_of_verdicts = [record.row() for record in run.of_type(VerdictRecord)]
     decided = family.adjust_for_family(rows_of_verdicts, family.confidence_of(run.header))
     for row in rows_of_verdicts:
@@ -150,11 +151,6 @@ def _cases(run: Run) -> Iterator[_Case]:
             outcome = "skipped"
         text = verdicts.describe_verdict(row)
         yield _Case(row.model, verdicts.describe_targets(row), outcome, text)
-
-
-def _path_cases(run: Run) -> Iterator[_Case]:
-    for r in path_results(run.records):
-        yield _Case(r.model, str(r.variant), _OUTCOMES.get(r.status, "error"), r.detail)
 
 
 # The formats by name.

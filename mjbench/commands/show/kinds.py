@@ -36,7 +36,7 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.results.content import Section, after_disturbances
 from mjbench.results.json_form import MachineResultsDocument, ResultsDocument
 from mjbench.results.runs import Record, Run
-from mjbench.verification import records as comparison_records
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ CHECKUP = Kind(
 )
 COMPARE = Kind(
     ("compare",),
-    (*comparison_records.RECORD_TYPES.values(), RaceRecord),
+    (ModelRecord, VariantRecord, RaceRecord),
     lambda run: documents.CompareDocument.of(run.header.machine, derive_all(run.records)),
     lambda run: comparison.sections(derive_all(run.records)),  # races say what disturbed them
     lambda run: comparison.flat_rows(derive_all(run.records)),

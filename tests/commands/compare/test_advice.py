@@ -36,7 +36,7 @@ from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 from mjbench.verification.plan import WITHOUT_TIMER, Variant
-from mjbench.verification.records import MeasurementRecord
+from mjbench.verification.records import VariantRecord
 
 POOL = Variant("rollout", {"threads": 2, "pool": "new"})
 
@@ -55,7 +55,7 @@ def timed(model_results: ModelResults, variant: Variant) -> PathResult:
     return result
 
 
-def compiled(speedup: float) -> MeasurementRecord:
+def compiled(speedup: float) -> VariantRecord:
     """Return an accelerated path that takes four seconds to compile."""
     return measurement(
         path="mjx",

@@ -98,7 +98,7 @@ class Planted:
         if request.timed_s:
             noise = 1 + 0.002 * (len(self.asked) % 3)
             samples = blocks(noise * math.prod(each[1] for each in of_each))
-            attempt = replace(attempt, time_ratio=math.exp(log_ratio(samples)), samples=samples)
+            attempt = replace(attempt, time_ratio=math.exp(log_ratio(samples)), launches=[samples])
         return attempt
 
 
