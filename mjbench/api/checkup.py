@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from mjbench.api import model_comparison, model_sources
 from mjbench.api.functions import with_options
-from mjbench.api.measured import Measured
+from mjbench.api.result import Result
 from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.api.tune import tune
 from mjbench.commands.checkup import combination, targets
@@ -122,7 +122,7 @@ class CheckupPlan:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Checkup(Measured):
+class Checkup(Result):
     """What to do about a simulation, in one ranked list."""
 
     @property

@@ -1,5 +1,6 @@
 """`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
 
+import functools
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,8 +10,8 @@ from typing import TYPE_CHECKING
 from mjbench import paths as stepping_paths
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
-from mjbench.api.measured import Measured
 from mjbench.api.model_comparison import measurement
+from mjbench.api.result import Result
 from mjbench.commands.compare.advice import Advice, ClockAdvice
 from mjbench.commands.compare.crossovers import Crossover
 from mjbench.commands.compare.options import CompareOptions
@@ -29,15 +30,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Comparison(Measured):
+class Comparison(Result):
     """Ways of stepping models, compared."""
 
-    @property
+    @functools.cached_property
     def models(self) -> tuple[ModelResults, ...]:
         """The results of each model at each size."""
         return tuple(derive_all(self.run.records))
 
-    @property
+    @functools.cached_property
     def document(self) -> CompareDocument:
         """All that `mjbench compare --json` has."""
         return CompareDocument.of(self.machine, self.models)
@@ -108,7 +109,7 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
         budget_s=options.budget_s or (QUICK_BUDGET_S if options.quick else BUDGET_S),
         limit_s=options.time_limit_s,
         import_from=import_from,
-        named=selection.named(names),
+        named=tuple(name for name in names if name != selection.USUAL_PATHS),
         total_steps=options.total_steps,
     )
     if options.scaling:

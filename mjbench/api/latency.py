@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
-from mjbench.api.measured import Measured
+from mjbench.api.result import Result
 from mjbench.api.session import Measurement, of_each_model
 from mjbench.commands.latency import measure
 from mjbench.commands.latency.measure import LatencyRow, Pace
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Latency(Measured):
+class Latency(Result):
     """How long single steps of a model take, free-running and paced."""
 
     @property

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
-from mjbench.api.measured import Measured
+from mjbench.api.result import Result
 from mjbench.api.session import Item, Items, Measurement, Observer, input_files, of_each_model
 from mjbench.commands.profile import habit_timing, measure
 from mjbench.commands.profile.habit_timing import OverheadRow
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Profile(Measured):
+class Profile(Result):
     """Where the time of a model's steps goes."""
 
     @property

@@ -2,7 +2,7 @@
 
 Commands and programs measure alike: a `Measurement` says what is to be measured, and a `Session` is
 the time in which that happens. A command prints and stores each item as it comes; a program gets
-all of them together (`mjbench.api.measured`).
+all of them together (`mjbench.api.result`).
 """
 
 import contextlib

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
-from mjbench.api.measured import Measured
+from mjbench.api.result import Result
 from mjbench.api.verdict_measurements import between_releases
 from mjbench.commands.versions import family
 from mjbench.commands.versions.family import Family
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class ReleaseComparison(Measured):
+class ReleaseComparison(Result):
     """Verdicts on models in an old and in new releases of MuJoCo."""
 
     @property

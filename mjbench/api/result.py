@@ -28,7 +28,7 @@ _REPR_CHARACTERS = 200
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Measured:
+class Result:
     """Records of a measurement; all else is derived from them, as the commands do.
 
     `print` shows what the command prints; a notebook shows conclusions and tables.
