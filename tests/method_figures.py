@@ -240,8 +240,7 @@ def on_gpu_machine(path: str | None, nbatch: int, machine: str = "h200") -> floa
     rows = (
         row
         for row in gpu_results(machine)
-        if row.model_record.nbatch == nbatch
-        and path == (row.path if row.compile_s is not None else None)
+        if row.nbatch == nbatch and path == (row.path if row.compile_s is not None else None)
     )
     return min((row.step_ns for row in rows if row.step_ns), default=None)
 

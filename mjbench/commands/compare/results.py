@@ -92,6 +92,11 @@ class PathResult(VariantRecord):
         return self.judgement.reason if self.judgement is not None and is_close else ""
 
     @property
+    def nbatch(self) -> int | None:
+        """Simulations that were measured."""
+        return self.model_record.nbatch
+
+    @property
     def variant(self) -> Variant:
         return Variant(self.path, self.options)
 

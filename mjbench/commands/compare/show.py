@@ -4,12 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.commands.compare import figures as comparison_figures
-from mjbench.commands.compare.advice import (
-    Advice,
-    clock_conclusion,
-    conclusion,
-    thread_conclusion,
-)
+from mjbench.commands.compare.advice import Advice, clock_conclusion, conclusion, thread_conclusion
 from mjbench.commands.compare.crossovers import crossovers, describe_crossover
 from mjbench.commands.compare.judgement_notes import (
     judgement_conclusion,
@@ -175,7 +170,7 @@ def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
 
 def advice_table(models: Sequence[ModelResults]) -> DataTable:
     advice = [row for model_results in models for row in model_results.advice]
-    sizes = {(row.result.model, row.result.model_record.nbatch) for row in advice}
+    sizes = {(row.result.model, row.result.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
     names = formats.short_names([row.result.model for row in advice])
     return DataTable.of(
@@ -184,7 +179,7 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
         (Column("model"), lambda row: names[row.result.model]),
         (
             Column("simulations", formats.count),
-            lambda row: row.result.model_record.nbatch if has_sizes else None,
+            lambda row: row.result.nbatch if has_sizes else None,
         ),
         (Column("loop", leaves=2), lambda row: row.loop.value),
         (Column("advised"), lambda row: f"{mark(row.is_certain)} {row.variant}"),
@@ -283,10 +278,7 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
         [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
         (Column(""), lambda row: row[0]),
         (Column("path", wraps=True), lambda row: str(row[1].variant)),
-        (
-            Column("simulations", formats.count),
-            lambda row: row[1].model_record.nbatch if has_sizes else None,
-        ),
+        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
         (Column("ns/step", formats.count), lambda row: row[1].step_ns),
         (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
         (Column("95 %", formats.ends), lambda row: row[1].interval),
@@ -379,7 +371,7 @@ def notes(model_results: ModelResults) -> list[str]:
     ]
     lines += [
         f"{result.path}: {keyword_arguments(result.buffer_sizes).removeprefix(', ')} suffice for"
-        f" {result.model_record.nbatch} simulations like these: twice what this run needed at most"
+        f" {result.nbatch} simulations like these: twice what this run needed at most"
         for result in results
         if result.buffer_sizes and result.agrees
     ]

@@ -63,7 +63,7 @@ def _check_kind(run: Run) -> None:
 def _step_times(run: Run) -> Iterator[ExportedMetric]:
     for r in path_results(run.records):
         if r.step_ns is not None:
-            name = f"{r.model}: {r.variant}, {r.model_record.nbatch} simulations"
+            name = f"{r.model}: {r.variant}, {r.nbatch} simulations"
             yield ExportedMetric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
 
 

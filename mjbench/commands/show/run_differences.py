@@ -116,7 +116,7 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
         new.model,
         new.path,
         new.options,
-        new.model_record.nbatch,
+        new.nbatch,
         status,
         detail,
         ratio,

@@ -199,7 +199,7 @@ class CSearch:
         first_error = self._present.tolerated_error
         if not (front := self._front(attempts, first_error)):
             return
-        error = self._present_again(any(self._needs_error(each) for each in front))
+        error = self._present_again(any(self._needs_error(each) for each in attempts))
         if self._record.no_reference:
             for each in filter(self._needs_error, front):
                 reason = f"no reference from new starts: {self._record.no_reference}"
@@ -265,13 +265,11 @@ class CSearch:
             is_near, limit = error_of(second) <= MOST_ERROR, MOST_ERROR
         else:
             is_near, limit = is_allowed(second, most, error), allowed_error(most, error)
+        if is_near:
+            return ""
         return (
-            ""
-            if is_near
-            else (
-                f"an error of {100 * error_of(second):.2g} % of the motion from new starts, where"
-                f" {100 * limit:.2g} % is allowed"
-            )
+            f"an error of {100 * error_of(second):.2g} % of the motion from new starts, where"
+            f" {100 * limit:.2g} % is allowed"
         )
 
     def _recommend(

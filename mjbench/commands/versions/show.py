@@ -179,19 +179,15 @@ def describe_change(row: VerdictRow) -> str:
 
 
 def _describe_results(row: VerdictRow) -> str:
-    match row.results:
-        case None:
-            return ""
-        case ResultsOutcome.SAME:
-            return "same results"
-        case ResultsOutcome.ROUNDING:
-            return f"same results but for rounding ({row.results_detail})"
-        case ResultsOutcome.DIFFERENT:
-            return f"other results ({row.results_detail})"
-        case ResultsOutcome.RANDOM:
-            return "results are random, so they were not compared"
-        case ResultsOutcome.NONE:
-            return f"results were not compared ({row.results_detail})"
+    detail = f" ({row.results_detail})"
+    return {
+        None: "",
+        ResultsOutcome.SAME: "same results",
+        ResultsOutcome.ROUNDING: f"same results but for rounding{detail}",
+        ResultsOutcome.DIFFERENT: f"other results{detail}",
+        ResultsOutcome.RANDOM: "results are random, so they were not compared",
+        ResultsOutcome.NONE: f"results were not compared{detail}",
+    }[row.results]
 
 
 def _same_work(row: VerdictRow) -> str:

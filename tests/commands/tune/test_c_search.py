@@ -447,6 +447,17 @@ def test_what_comes_next_is_looked_at_where_settings_are_withdrawn():
     assert len(record.withdrawn) == 2  # with the other, and alone
 
 
+def test_what_comes_next_has_an_error_where_it_needs_one():
+    class NotTogether(Planted):
+        def launch(self, request):
+            alone = [each for each in request.settings if len(each) == 1]
+            return super().launch(replace(request, settings=alone))
+
+    planted = NotTogether(excludes_5=(FREE, 0.5, 0.0), timestep_2=(APPROXIMATE, 0.7, 0.0))
+    planted.fresh = {"excludes=5": (APPROXIMATE, 0.5, 0.5)}
+    assert labels(searched(planted).best()) == ["timestep=2"]
+
+
 def test_each_look_has_a_limit_of_its_own():
     planted = Planted(timestep_2=(APPROXIMATE, 0.5, 0.07))
     planted.present_errors = (0.1, 0.02)
