@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mjbench.api.session import Item, Items, Measurement, Observer
-from mjbench.commands.run import launch
+from mjbench.commands.run import launch, measure
 from mjbench.commands.run.launch import Program
 from mjbench.commands.run.result import ProgramRow
 from mjbench.errors import InputError
@@ -22,7 +22,7 @@ def measurement(
     launch.check(to_run)
 
     def items(earlier: Sequence[Record], observer: Observer) -> Items:
-        yield Item([ProgramRow.of(to_run.name, launch.run(to_run, seconds, rate_hz))])
+        yield Item([measure.record(to_run.name, launch.run(to_run, seconds, rate_hz))])
 
     arguments = {"program": program, "seconds": seconds, "rate_hz": rate_hz}
     files = [Path(program[0])] if Path(program[0]).is_file() else []
