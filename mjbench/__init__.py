@@ -5,23 +5,9 @@ such as `mjbench.simulation.models` or `mjbench.paths`. docs/python.md shows wha
 measure, docs/architecture.md is the map.
 """
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from mjbench.api.checkup import checkup as checkup
-    from mjbench.api.compare import compare as compare
-    from mjbench.api.latency import latency as latency
-    from mjbench.api.profile import profile as profile
-    from mjbench.api.timer import timer as timer
-    from mjbench.api.versions import versions as versions
-    from mjbench.commands.record.capture import Capture as capture  # noqa: F401, N813 - it is called
-    from mjbench.commands.record.recording import record as record
-    from mjbench.commands.show.rows import load as load
-    from mjbench.simulation.engine_clock import engine_clock as engine_clock
-
 __version__ = "0.1.0"
 
-# Where each is in this package.
+# Where each is in this package; `__init__.pyi` has their signatures.
 _HOMES = {
     "capture": "commands.record.capture:Capture",
     "checkup": "api.checkup:checkup",

@@ -35,11 +35,11 @@ BENCHMARKS = TESTS / "benchmarks/test_classes.py"
 # Modules with the longest tests, which run first: none of them is left for one worker at the end.
 SLOWEST = (
     "benchmarks/studies/test_same_behaviour.py",
-    "comparison/test_accelerated_measurement.py",
+    "commands/compare/test_accelerated_measurement.py",
+    "commands/tune/test_reference.py",
     "counts/test_instructions.py",
-    "pages/test_hostile_text.py",
     "paths/test_accelerated.py",
-    "tuning/test_reference.py",
+    "results/test_hostile_text.py",
 )
 
 

@@ -4,7 +4,6 @@ from typing import Any
 
 from example_records import FACTS
 
-from mjbench.commands.env.layer_shares import LayerSamples
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.result import (
     EnvironmentFacts,
@@ -14,7 +13,7 @@ from mjbench.commands.env.result import (
     VectorForm,
     VectorSamples,
 )
-from mjbench.commands.env.timer import TimerCost
+from mjbench.commands.env.timer import LayerSamples, TimerCost
 from mjbench.status import Status
 
 ROUNDS = 8

@@ -10,14 +10,13 @@ from example_records import measurement, model_record
 
 from mjbench import paths
 from mjbench.api import model_comparison
-from mjbench.api.model_comparison import ModelComparison
 from mjbench.commands.compare import results as path_speedups
-from mjbench.commands.compare.results import ModelResults
+from mjbench.commands.compare.results import ModelComparison, ModelResults
 from mjbench.paired.launches import Targets, launch
 from mjbench.paired.race import RaceBudget, RaceRule
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
 from mjbench.verification.plan import WITHOUT_TIMER, ComparisonPlan, Variant
-from mjbench.verification.records import MeasurementRecord, ModelRecord
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 # A variant and its speed-up over the plain loop.
 Entrant = tuple[Variant, float]
@@ -61,7 +60,6 @@ def raced(
             "steps": _STEPS,
             "variants": variants,
             "groups": [compete, closed_loop],
-            "stolen_share": 0.0,
             **fields,
         }
     )
@@ -87,8 +85,8 @@ def race(entered: RaceRecord, targets: Targets[RaceLaunch], budget: RaceBudget) 
 
 
 def compared(
-    record: RaceRecord, *, more: Sequence[MeasurementRecord] = (), **fields: Any
-) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
+    record: RaceRecord, *, more: Sequence[VariantRecord] = (), **fields: Any
+) -> list[ModelRecord | VariantRecord | RaceRecord]:
     """Return the records of a comparison: of the model, of each variant, and the race.
 
     Args:
@@ -148,7 +146,7 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
             model, *measurements, ended = compared(record, **{**sizes, **fields})
             assert isinstance(model, ModelRecord)
             assert isinstance(ended, RaceRecord)
-            rows = tuple(row for row in measurements if isinstance(row, MeasurementRecord))
+            rows = tuple(row for row in measurements if isinstance(row, VariantRecord))
             return ModelComparison(model, rows, ended)
 
     monkeypatch.setattr(model_comparison, "ComparedModel", Invented)
@@ -156,7 +154,7 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
 
 
 def derived(
-    record: RaceRecord, *, more: Sequence[MeasurementRecord] = (), **fields: Any
+    record: RaceRecord, *, more: Sequence[VariantRecord] = (), **fields: Any
 ) -> ModelResults:
     """Return the results of a comparison; see `compared`."""
     (model_results,) = path_speedups.derive_all(compared(record, more=more, **fields))

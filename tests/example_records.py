@@ -13,7 +13,7 @@ from mjbench.simulation.accelerated_judgement import (
 )
 from mjbench.simulation.reference_run import ModelFacts, Work
 from mjbench.status import Status
-from mjbench.verification.records import MeasurementRecord, ModelRecord
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 FACTS = ModelFacts(
     nq=2,
@@ -65,7 +65,7 @@ def model_record(**fields: Any) -> ModelRecord:
     return ModelRecord(**{**usual, "hold": 1, "work": WORK, "reduced": False, **fields})
 
 
-def measurement(**fields: Any) -> MeasurementRecord:
+def measurement(**fields: Any) -> VariantRecord:
     """Return the record of a path that agrees."""
     usual: dict[str, Any] = {
         "model": "m",
@@ -76,4 +76,4 @@ def measurement(**fields: Any) -> MeasurementRecord:
         "agreement": "bit-identical",
         "snippet": "pass",
     }
-    return MeasurementRecord(**{**usual, **fields})
+    return VariantRecord(**{**usual, **fields})

@@ -35,9 +35,9 @@ _VALUES: Mapping[str, Any] = {
 _EXACT = ("knob", "orders", "histogram", "schema")
 # The records that runs of each command have.
 KINDS: Mapping[str, Sequence[str]] = {
-    "compare": ("model", "measurement", "race"),
+    "compare": ("model", "variant", "race"),
     "versions": ("verdict",),
-    **{name: (name,) for name in RECORD_TYPES if name not in ("model", "measurement", "race")},
+    **{name: (name,) for name in RECORD_TYPES if name not in ("model", "variant", "race")},
 }
 
 

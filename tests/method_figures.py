@@ -27,7 +27,7 @@ from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.tune import reference, solver_convergence, trajectories
 from mjbench.commands.tune import result as records
 from mjbench.counts import explain
-from mjbench.host import conditions
+from mjbench.host import conditions, disturbance
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import calls, stats
 from mjbench.paired import outcomes, race, race_record
@@ -75,7 +75,7 @@ def timing() -> Iterator[str]:
     yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
     yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is certain"
     yield f"the smallest that has {percent(advice.ENOUGH)} of the best speed-up"
-    yield f"the host took {percent(conditions.NOTABLE_STOLEN)} or more of the processor time"
+    yield f"the host took {percent(disturbance.NOTABLE_STOLEN)} or more of the processor time"
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
     ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)
     yield f"launched {ours} times on each of our models, {others} times on others"
@@ -183,7 +183,7 @@ def accelerated() -> Iterator[str]:
     yield f"took {slower['cube_table']:.0f} times as long as the plain loop's on `cube_table`"
     yield f"and {slower['gripper']:.0f} times on `gripper`"
     yield from on_gpus()
-    yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_agreement.py
+    yield "a force off by 1 %"  # planted by tests/commands/compare/test_accelerated_agreement.py
     yield "a stiffness off by 2 %"
     yield f"for at most {2 * accelerated_single_steps.JUDGING_S:.0f} seconds"
     yield f"with its {percent(stats.CONFIDENCE)} interval"

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 import mujoco
@@ -60,6 +61,9 @@ class Pretender(AcceleratedPath):
 
     def __init__(self, fault: str = "") -> None:
         self.fault = fault
+
+    def use_cache(self, folder: Path) -> None:
+        pass
 
     def device_kind(self) -> str:
         return CPU

@@ -11,6 +11,7 @@ quiet machine. `page` draws docs/history/ and writes docs/history.md from what b
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -19,8 +20,9 @@ from benchmarks.history import files, known_causes, measurements, page, plots, r
 from benchmarks.history.release_ratios import REFERENCE, RatioRecord
 from benchmarks.history.tasks import Selection
 from benchmarks.studies import tally_command
-from mjbench.cli.context import OutputOptions, measure_and_print
-from mjbench.cli.shared import RESUME, WAIT, as_one, results_option, with_options
+from mjbench.cli.context import measure_and_print
+from mjbench.cli.shared import as_one, takes
+from mjbench.commands.shared_options import OutputOptions, results_option
 from mjbench.counts.records import ExplainRecord
 from mjbench.counts.show import change_sections
 from mjbench.errors import InputError
@@ -84,29 +86,36 @@ _SELECTION = as_one(
         help="Include operations around the step  [default: unless --model is given]",
     ),
 )
-_OUTPUT = as_one(
-    "output", OutputOptions, results_option(RESULTS, "Folder for the run file."), RESUME, WAIT
-)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryOptions(OutputOptions):
+    """Where the run file lies."""
+
+    results: Path = results_option(RESULTS)
+    json_file: None = None
 
 
 @history.command()
-@with_options(_SELECTION, _OUTPUT)
-def measure(selection: Selection, output: OutputOptions) -> None:
+@_SELECTION
+@takes(HistoryOptions)
+def measure(selection: Selection, options: HistoryOptions) -> None:
     """Time steps and operations in RELEASEs against one fixed release."""
     measure_and_print(
         measurements.ratios(selection),
-        output,
+        options,
         summary=lambda run: [ratio_section.section(run.of_type(RatioRecord))],
     ).exit()
 
 
 @history.command()
-@with_options(_SELECTION, _OUTPUT)
-def explain(selection: Selection, output: OutputOptions) -> None:
+@_SELECTION
+@takes(HistoryOptions)
+def explain(selection: Selection, options: HistoryOptions) -> None:
     """Count instructions by function, from each RELEASE to the next."""
     measure_and_print(
         measurements.changes(selection),
-        output,
+        options,
         summary=lambda run: change_sections(run.of_type(ExplainRecord)),
     ).exit()
 

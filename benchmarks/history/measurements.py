@@ -8,7 +8,7 @@ from mjbench.api.session import Item, Items, Measurement, Observer, input_files,
 from mjbench.counts import records
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError
-from mjbench.host.neighbours import Disturbance
+from mjbench.host.disturbance import Disturbance
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record
 from mjbench.simulation.starts import DEFAULT_STARTS

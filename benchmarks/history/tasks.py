@@ -24,13 +24,12 @@ from benchmarks.history.release_ratios import (
     StepRatioRecord,
 )
 from mjbench.errors import Failure, InputError, UnavailableError
-from mjbench.paired import cores, target_pair
+from mjbench.paired import cores
 from mjbench.paired.operations import Operation
 from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.target_pair import StepPair
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.release_names import ReleaseSpec
@@ -145,15 +144,15 @@ class StepTask(ReleaseTask):
 
     def prepare(self, pool: WorkerPool) -> None:
         try:
-            pair = StepPair(pool, self._targets, SIZES, TimeLimit(), roles=ROLES)
+            pair = StepPair(pool, self._targets, SIZES, roles=ROLES)
             pair.fix_work()
         except InputError as error:
             # if the reference can do it, the release lacks something; if not, the model is wrong
             reference = self._targets[0]
-            target_pair.prepare_simulations(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
+            StepPair(pool, (reference, reference), SIZES, roles=ROLES).fix_work()
             raise UnavailableError(str(error)) from error
         self._pair = pair
-        file = pair.prepared.workloads[0]
+        file = pair.workloads[0]
         workload: PortableWorkload = pickle.loads(file.read_bytes())
         self._digest = workload.digest()
 
@@ -173,7 +172,7 @@ class StepTask(ReleaseTask):
         record = StepRatioRecord(**vars(common), workload=self._digest)
         if self._pair is None:
             return record
-        check = self._pair.prepared.work
+        check = self._pair.work
         return replace(
             record,
             work=check.candidate,
@@ -191,7 +190,7 @@ class StepTask(ReleaseTask):
     def close(self) -> None:
         if self._pair is not None:
             self._pair.close()
-            self._pair.prepared.workloads[0].unlink(missing_ok=True)
+            self._pair.workloads[0].unlink(missing_ok=True)
 
 
 class OperationTask(ReleaseTask):

@@ -192,8 +192,8 @@ class _Measurement(Targets[float], StopRule[float]):
         if self._placement is None:
             self._placement = moved_check.placement_control(self._pool, reference, release)
         names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
-        placements = self._placement.placements()
-        self._pairs = ProcessPairs(self._pool, (reference, release), names, placements)
+        self._pairs = ProcessPairs(self._pool, (reference, release), names)
+        self._pairs.start(self._placement.placements())
         if not is_first:
             return
         for task in self._tasks:
@@ -211,7 +211,7 @@ class _Measurement(Targets[float], StopRule[float]):
 
     def close(self) -> None:
         if self._pairs is not None:
-            self._pairs.close()
+            self._pairs.end_all()
 
     def next_targets(self) -> Sequence[int]:
         return () if self._count == self._last else self.remaining()
@@ -232,7 +232,7 @@ class _Measurement(Targets[float], StopRule[float]):
 def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:
     pairs.wait()
     is_enough = pairs.is_next_ready if len(tasks) == 1 else lambda: True
-    with pairs.launch(cores.freest_core()) as pair:
+    with pairs.launched(cores.freest_core()) as pair:
         for task in random.sample(tasks, len(tasks)):
             try:
                 log_ratio, reference_ns = _time(task, pair, is_enough)

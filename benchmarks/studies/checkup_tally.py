@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from mjbench.commands.checkup.checkup_item import CheckupItem, ResultChange
 from mjbench.commands.checkup.targets import TargetKind
+from mjbench.commands.tune.c_search import LEAST_GAIN
 from mjbench.commands.tune.result import Effect, TuneRecord
-from mjbench.commands.tune.search_plan import LEAST_GAIN
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
 from mjbench.results import formats

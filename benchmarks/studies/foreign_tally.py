@@ -15,7 +15,7 @@ from mjbench.host.machine import Machine
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.api.model_comparison import ModelComparison
+    from mjbench.commands.compare.results import ModelComparison
     from mjbench.verification.records import ModelRecord
 
 

@@ -11,7 +11,7 @@ from mjbench.simulation import models, reference_run, workload
 from mjbench.simulation.accelerated_judgement import EngineJudgement
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
-from mjbench.verification.records import MeasurementRecord
+from mjbench.verification.records import VariantRecord
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class JudgedModel:
     versions: Mapping[str, str] | None
 
     @classmethod
-    def of(cls, package: str, record: MeasurementRecord) -> "JudgedModel":
+    def of(cls, package: str, record: VariantRecord) -> "JudgedModel":
         """Return what a path's record says."""
         return cls(
             package=package,

@@ -25,7 +25,7 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode, Status
 from mjbench.verification.plan import Variant
-from mjbench.verification.records import MeasurementRecord
+from mjbench.verification.records import VariantRecord
 
 ROOT = Path(__file__).resolve().parents[2]
 TALLY, PAGE = ROOT / "results" / "judgements.json", ROOT / "docs" / "judgements.md"
@@ -35,7 +35,7 @@ NBATCH, NSTEP, LIMIT_S = 16, 50, 240.0
 
 def judged(package: str, source: ModelSource, path: str, limit_s: float) -> JudgedModel:
     """Judge a path on a model, in a child process."""
-    records = [MeasurementRecord.of(source.name, Variant(path, {}))]
+    records = [VariantRecord.of(source.name, Variant(path, {}))]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "workload.pickle"
         resolved = ModelSource(source.name, source.path.resolve())

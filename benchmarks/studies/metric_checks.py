@@ -24,7 +24,7 @@ from mjbench.commands.versions import accelerated_environments, function_verdict
 from mjbench.commands.versions.accelerated_environments import AcceleratedComparison
 from mjbench.commands.versions.function_sides import FunctionTargets
 from mjbench.paired import verdict
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRow
 from mjbench.paired.run_sizes import Sizes
@@ -39,7 +39,7 @@ from mjbench.status import ExitCode, Status
 MODEL = "cartpole"
 # Of a comment that makes the file longer to parse; and a function that each step calls once more.
 COMMENT_BYTES, CALLBACK = 200_000, "mj_factorM"
-PAIRED = tuple(m for m, spec in METRICS.items() if spec.measured != Measured.COUNTS)
+PAIRED = tuple(m for m, spec in METRICS.items() if not spec.is_exact)
 # The path that compiles; seconds that a comparison of compiling may take, and of silence.
 ENGINE, COMPILING_S, PATIENCE_S = "mjx", 300.0, 600.0
 # Without constraints, MJX compiles it in a few seconds.
@@ -159,7 +159,7 @@ def _compiled(pool: WorkerPool, model: CompiledModel, sizes: Sizes) -> FunctionT
     comparison = AcceleratedComparison(
         spec, [spec], [ModelSource("pendulum", file)], [ENGINE], sizes
     )
-    ((old, new),) = accelerated_environments.prepare(pool, comparison)
+    ((old, new),) = accelerated_environments.prepare_targets(pool, comparison)
     assert new.source.text is not None, "it has a module of its own"
     source = replace(new.source, text=model.prelude.encode() + new.source.text)
     # two sides that seem to be the same are not timed

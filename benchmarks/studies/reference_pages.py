@@ -156,7 +156,7 @@ def record_lines() -> Iterator[str]:
     of these has is shown by its keys.
     """
     from mjbench.commands.show.kinds import KINDS
-    from mjbench.host.neighbours import Disturbance
+    from mjbench.host.disturbance import Disturbance
     from mjbench.results.runs import RunHeader
 
     examples = _examples()

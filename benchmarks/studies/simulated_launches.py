@@ -1,7 +1,7 @@
 """Comparisons whose truth is known: launches drawn at random, judged as `mjbench` judges them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -116,7 +116,7 @@ def simulate(
       plan: how certain a verdict must be; the defaults, if None.
       family: number of comparisons that are decided together, see `verdict.judge`.
     """
-    plan = plan or VerdictPlan()
+    plan = replace(plan or VerdictPlan(), family=family)
     rng = np.random.default_rng([seed, round(1e5 * (1 + change))])
     truth = float(np.log1p(change))
     launches = _Launches.draw(rng, scenario, count)
@@ -127,9 +127,7 @@ def simulate(
     covered = np.zeros(count, dtype=bool)
     for length in range(MIN_LAUNCHES, scenario.most + 1):
         judged = _evidence(launches.cells(active, truth, length), plan.confidence, length)
-        judgements = [
-            conclude(e, plan.min_effect, plan.confidence, plan.precision, family) for e in judged
-        ]
+        judgements = [conclude(evidence, plan) for evidence in judged]
         ended = np.array([j.enough for j in judgements]) | (length == scenario.most)
         for number in np.flatnonzero(ended).tolist():
             i, interval = active[number], judged[number].interval

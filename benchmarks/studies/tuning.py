@@ -24,9 +24,9 @@ import mujoco
 from benchmarks.studies import foreign_packages, tally_command, tally_file, tuning_page
 from benchmarks.studies.foreign_packages import PACKAGES
 from mjbench.commands.tune.accuracy import SHARE
+from mjbench.commands.tune.c_search import SearchPlan
 from mjbench.commands.tune.measurements import CMeasurements
 from mjbench.commands.tune.result import Accuracy, Effect, Recommendation, TuneRecord
-from mjbench.commands.tune.search_plan import SearchPlan
 from mjbench.commands.tune.setting_launch import SettingLaunchRequest
 from mjbench.commands.tune.settings import label
 from mjbench.errors import InputError

@@ -10,6 +10,7 @@ models for --between-builds.
 
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,25 +19,25 @@ import click
 from benchmarks.studies import tally_command
 from benchmarks.verdicts import section, trials
 from benchmarks.verdicts.records import TrialRecord
-from mjbench.cli.context import OutputOptions, measure_and_print
-from mjbench.cli.shared import (
-    COUNT,
-    RESUME,
-    VERDICT_PLAN,
-    WAIT,
-    as_one,
-    results_option,
-    with_options,
-)
+from mjbench.cli.context import measure_and_print
+from mjbench.cli.shared import Text, takes
+from mjbench.commands.shared_options import results_option
 from mjbench.commands.versions import family
+from mjbench.commands.versions.options import BisectOptions
+from mjbench.options import COUNT
 from mjbench.results.content import Section, after_disturbances
 from mjbench.results.runs import Run
 from mjbench.simulation import engine_library
 
 RESULTS = Path("results/verdicts")
-_OUTPUT = as_one(
-    "output", OutputOptions, results_option(RESULTS, "Folder for the run file."), RESUME, WAIT
-)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialOptions(BisectOptions):
+    """What a trial may cost, and where the run file lies."""
+
+    results: Path = results_option(RESULTS)
+    json_file: None = None
 
 
 @click.command(help=__doc__)
@@ -44,7 +45,7 @@ _OUTPUT = as_one(
 @click.option(
     "--trials",
     "count",
-    type=COUNT,
+    type=Text(COUNT),
     default=20,
     show_default=True,
     help="Comparisons for each row of the table.",
@@ -74,12 +75,12 @@ _OUTPUT = as_one(
     help="Compare releases whose steps execute equally many instructions, which should be `same`.",
 )
 @click.option("--busy", "is_busy", is_flag=True, help="Keep the last core busy during the trials.")
-@with_options(VERDICT_PLAN, _OUTPUT)
-def verdicts(percentages: Sequence[float], output: OutputOptions, **options: Any) -> None:
+@takes(TrialOptions)
+def verdicts(percentages: Sequence[float], options: TrialOptions, **values: Any) -> None:
     """Measure trials, store them, and print what they come to."""
     slowdowns = [percentage / 100 for percentage in percentages]
-    measurement = trials.measurement(slowdowns=slowdowns, **options)
-    measure_and_print(measurement, output, summary=_summary).exit()
+    measurement = trials.measurement(slowdowns=slowdowns, plan=options.plan, **values)
+    measure_and_print(measurement, options, summary=_summary).exit()
 
 
 def _summary(run: Run) -> Iterator[Section]:

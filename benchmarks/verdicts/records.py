@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import ClassVar
 
 from mjbench.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
-from mjbench.host.neighbours import Disturbance
+from mjbench.host.disturbance import Disturbance
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect

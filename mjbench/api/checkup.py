@@ -12,13 +12,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from mjbench.api import argument_values, model_comparison, model_sources, start_states
-from mjbench.api.measured import Measured
+from mjbench.api import model_comparison, model_sources
+from mjbench.api.functions import with_options
+from mjbench.api.result import Result
 from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.api.tune import tune
 from mjbench.commands.checkup import combination, targets
 from mjbench.commands.checkup import show as report
 from mjbench.commands.checkup.checkup_item import CheckupItem
+from mjbench.commands.checkup.options import QUICK_S, TOTAL_S, CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.show import CheckupDocument
 from mjbench.commands.checkup.targets import CheckedSource, ProgramFile
@@ -29,9 +31,8 @@ from mjbench.commands.lint import check as lint
 from mjbench.commands.profile import measure as profile
 from mjbench.commands.run import launch
 from mjbench.commands.run import measure as run_measure
-from mjbench.commands.tune.c_search import LEAST_LAUNCHES
+from mjbench.commands.tune.c_search import LEAST_LAUNCHES, SearchPlan
 from mjbench.commands.tune.result import TuneRecord
-from mjbench.commands.tune.search_plan import SearchPlan
 from mjbench.errors import (
     Failure,
     InputError,
@@ -40,7 +41,7 @@ from mjbench.errors import (
     wrong_argument,
 )
 from mjbench.host import isolate, machine
-from mjbench.limits import SECONDS, TIME_LIMIT_S
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.run_sizes import Sizes
@@ -55,10 +56,6 @@ from mjbench.verification.records import ModelRecord
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
-    from mjbench.api.start_states import States
-
-# Seconds of a check-up, and of a quick one.
-TOTAL_S, QUICK_S = 60.0, 15.0
 
 
 @dataclass(frozen=True)
@@ -114,13 +111,18 @@ class CheckupPlan:
     limit_s: float = TIME_LIMIT_S
     budget_s: float = TOTAL_S
 
+    @classmethod
+    def of(cls, options: CheckupOptions) -> "CheckupPlan":
+        """Return the plan; InputError if a file of start states is not there."""
+        return cls(options.quick, options.starts, options.time_limit_s, options.budget_s)
+
     @property
     def times(self) -> _Times:
         return _QUICK if self.is_quick else _FULL.scaled(self.budget_s / TOTAL_S)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Checkup(Measured):
+class Checkup(Result):
     """What to do about a simulation, in one ranked list."""
 
     @property
@@ -133,15 +135,11 @@ class Checkup(Measured):
         return CheckupDocument.of(self.run)
 
 
+@with_options(CheckupOptions)
 def checkup(
     target: "Model",
     *arguments: str,
-    quick: bool = False,
-    settle_s: float | None = None,
-    states: "States | None" = None,
-    budget_s: float = TOTAL_S,
-    time_limit_s: float = TIME_LIMIT_S,
-    wait: bool = False,
+    options: CheckupOptions,
     on_progress: Progress | None = None,
 ) -> Checkup:
     """Return what to do about a simulation that is slow, in a minute.
@@ -153,13 +151,6 @@ def checkup(
       target: a model by name, path, MjModel or MjSpec; the path of a program; an environment
         by its Gymnasium id, or as `module:function`.
       *arguments: of a program.
-      quick: whether to take 15 seconds, and to leave out settings.
-      settle_s: simulated seconds for which a model moves before the first start state; None for
-        its default.
-      states: start states of a model instead: a file, or arrays by MjData field.
-      budget_s: seconds in all, unless it is quick; a program runs for two thirds of them.
-      time_limit_s: a child process that reports nothing for this long is killed.
-      wait: whether to wait until no other mjbench measures on this machine.
       on_progress: called with what is measured now, and the share of all work that is done.
 
     Raises:
@@ -167,19 +158,16 @@ def checkup(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = argument_values.number("time_limit_s", time_limit_s, SECONDS)
-    budget_s = argument_values.number("budget_s", budget_s, SECONDS)
     if not all(isinstance(argument, str) for argument in arguments):
         raise wrong_argument("arguments", arguments, "texts")
-    with start_states.plan(settle_s, states) as starts:
-        plan = CheckupPlan(quick, starts, limit_s, budget_s)
-        if isinstance(target, str | os.PathLike):
-            source = targets.recognized(os.fspath(target), arguments, Path.cwd())
-            return Checkup.of(measurement(source, plan), wait, on_progress)
-        if arguments:
-            raise InputError("only a program has arguments")
-        with model_sources.sources([target]) as (model,):
-            return Checkup.of(measurement(model, plan), wait, on_progress)
+    plan, wait = CheckupPlan.of(options), options.wait
+    if isinstance(target, str | os.PathLike):
+        source = targets.recognized(os.fspath(target), arguments, Path.cwd())
+        return Checkup.of(measurement(source, plan), wait, on_progress)
+    if arguments:
+        raise InputError("only a program has arguments")
+    with model_sources.sources([target]) as (model,):
+        return Checkup.of(measurement(model, plan), wait, on_progress)
 
 
 def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:

@@ -1,42 +1,44 @@
 """`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
 
+import functools
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mjbench import paths as stepping_paths
-from mjbench.api import argument_values, model_sources, start_states
-from mjbench.api.measured import Measured
+from mjbench.api import model_sources
+from mjbench.api.functions import with_options
 from mjbench.api.model_comparison import measurement
+from mjbench.api.result import Result
 from mjbench.commands.compare.advice import Advice, ClockAdvice
 from mjbench.commands.compare.crossovers import Crossover
+from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.compare.results import ModelResults, PathResult, derive_all
+from mjbench.commands.shared_options import check_holds
 from mjbench.commands.show.documents import CompareDocument
-from mjbench.errors import InputError, wrong_argument
-from mjbench.limits import LARGE_COUNT, SECONDS, SEED, THREADS, TIME_LIMIT_S
+from mjbench.errors import InputError
 from mjbench.measuring.timing import Progress
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.workload import Product
 from mjbench.verification import selection
-from mjbench.verification.plan import BUDGET_S, ComparisonPlan
+from mjbench.verification.plan import BUDGET_S, QUICK_BUDGET_S, ComparisonPlan
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
-    from mjbench.api.start_states import Actions, States
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Comparison(Measured):
+class Comparison(Result):
     """Ways of stepping models, compared."""
 
-    @property
+    @functools.cached_property
     def models(self) -> tuple[ModelResults, ...]:
         """The results of each model at each size."""
         return tuple(derive_all(self.run.records))
 
-    @property
+    @functools.cached_property
     def document(self) -> CompareDocument:
         """All that `mjbench compare --json` has."""
         return CompareDocument.of(self.machine, self.models)
@@ -62,25 +64,9 @@ class Comparison(Measured):
         return tuple(self.document.crossovers)
 
 
+@with_options(CompareOptions)
 def compare(
-    *models: "Model",
-    paths: str | Iterable[str] | None = None,
-    threads: int | Iterable[int] | None = None,
-    chunk: int | Iterable[int] | None = None,
-    options: Mapping[str, Any] | None = None,
-    nbatch: int | Iterable[int] | None = None,
-    nstep: int | None = None,
-    hold: int = 1,
-    returns: str = Product.FINAL.value,
-    seed: int = 0,
-    settle_s: float | None = None,
-    states: "States | None" = None,
-    actions: "Actions | None" = None,
-    budget_s: float = BUDGET_S,
-    total_steps: float | None = None,
-    time_limit_s: float = TIME_LIMIT_S,
-    wait: bool = False,
-    on_progress: Progress | None = None,
+    *models: "Model", options: CompareOptions, on_progress: Progress | None = None
 ) -> Comparison:
     """Compare ways of stepping models: do they agree, and how fast are they?
 
@@ -90,27 +76,6 @@ def compare(
 
     Args:
       *models: names as on the command line, paths, MjModels or MjSpecs; none for all shipped ones.
-      paths: names of paths (see `mjbench paths`), `c` for all C paths, `usual` for those
-        and MJX where that is installed, `module:Class` for one of your own; None for `c`.
-      threads: thread counts; None for one, and all usable cores.
-      chunk: simulations that a thread takes at a time; None for the path's default.
-      options: values of further options of paths by name, such as `{"pool": ["new", "kept"]}`.
-      nbatch: simulations; several are measured one after the other; None for up to 64.
-      nstep: steps of each simulation; None for up to 100.
-      hold: steps for which each control is held: an environment's frame_skip.
-      returns: what every path returns: `final`, `trajectory` or `sensors`.
-      seed: of start states and controls.
-      settle_s: simulated seconds for which the model moves before the first start state; 0 starts
-        at keyframe 0, None stands for 0.1 with a keyframe, and for 5 without.
-      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
-        `mjbench.capture` stores them.
-      actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
-        of random ones.
-      budget_s: seconds for each model, agreement included; what compiles comes on top.
-      total_steps: steps that you will take in all: a path that compiles is advised only if that
-        pays within them; None for those of one block.
-      time_limit_s: a child process that reports nothing for this long is killed.
-      wait: whether to wait until no other mjbench measures on this machine.
       on_progress: called with what is measured now, and the share of all work that is done.
 
     Raises:
@@ -119,46 +84,39 @@ def compare(
       MachineError: a package is missing, or no model could be compared because processes failed.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    path_names = [] if paths is None else argument_values.names("paths", paths)
+    plans = plans_of(options, _own_path_folder(options.paths or ()))
+    with model_sources.sources(models or shipped_models.shipped()) as sources:
+        return Comparison.of(measurement(sources, plans), options.wait, on_progress)
+
+
+def plans_of(options: CompareOptions, import_from: str | None) -> list[ComparisonPlan]:
+    """Return a plan for each number of simulations.
+
+    Args:
+      import_from: folder of the user's own paths; None without any.
+    """
+    check_holds(options.nstep, options.hold)
+    if options.quick and options.budget_s is not None:
+        raise InputError("--quick is a budget of 5 s: give it, or --budget")
+    names, threads, chunk = options.paths or [], options.threads, options.chunk
     plan = ComparisonPlan(
         variants=(),
-        nstep=argument_values.optional(argument_values.whole, "nstep", nstep),
-        hold=argument_values.whole("hold", hold),
-        seed=argument_values.whole("seed", seed, SEED),
-        returns=argument_values.choice("returns", returns, Product),
-        budget_s=argument_values.number("budget_s", budget_s, SECONDS),
-        limit_s=argument_values.number("time_limit_s", time_limit_s, SECONDS),
-        import_from=_own_path_folder(path_names),
-        named=selection.named(path_names),
-        total_steps=argument_values.optional(
-            argument_values.whole, "total_steps", total_steps, LARGE_COUNT, is_float=True
-        ),
+        nstep=options.nstep,
+        hold=options.hold,
+        seed=options.seed,
+        starts=options.starts,
+        returns=Product(options.returns),
+        budget_s=options.budget_s or (QUICK_BUDGET_S if options.quick else BUDGET_S),
+        limit_s=options.time_limit_s,
+        import_from=import_from,
+        named=tuple(name for name in names if name != selection.USUAL_PATHS),
+        total_steps=options.total_steps,
     )
-    argument_values.holds(plan.nstep, plan.hold)
-    plans = selection.plans(
-        plan,
-        path_names,
-        argument_values.optional(argument_values.wholes, "threads", threads, THREADS),
-        argument_values.optional(argument_values.wholes, "chunk", chunk),
-        _option_texts(options or {}),
-        argument_values.optional(argument_values.wholes, "nbatch", nbatch),
-    )
-    with (
-        model_sources.sources(models or shipped_models.shipped()) as sources,
-        start_states.plan(settle_s, states, actions) as starts,
-    ):
-        sized = [replace(plan, starts=starts) for plan in plans]
-        return Comparison.of(measurement(sources, sized), wait, on_progress)
-
-
-def _option_texts(options: Mapping[str, Any]) -> list[str]:
-    if not isinstance(options, Mapping):
-        raise wrong_argument("options", options, "a dictionary")
-    several = {
-        name: [values] if isinstance(values, str) or not isinstance(values, Iterable) else values
-        for name, values in options.items()
-    }
-    return [f"{name}={','.join(map(str, values))}" for name, values in several.items()]
+    if options.scaling:
+        names = names or list(selection.SCALING_PATHS)
+        threads = threads or selection.scaling_threads()
+        chunk = chunk or list(selection.SCALING_CHUNKS)
+    return selection.plans(plan, names, threads, chunk, options.options or (), options.nbatch)
 
 
 def _own_path_folder(path_names: Sequence[str]) -> str | None:

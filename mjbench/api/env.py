@@ -7,29 +7,29 @@ from pathlib import Path
 from mjbench.api.session import Item, Measurement, finished, in_turn
 from mjbench.commands.env import measurement as environments
 from mjbench.commands.env.child_process import EnvironmentPlan
+from mjbench.commands.env.options import EnvironmentOptions
 from mjbench.commands.env.result import EnvironmentRecord
 from mjbench.commands.env.source import EnvironmentSource, resolve
-from mjbench.errors import Failure, MjbenchError, failure_of
+from mjbench.errors import Failure, InputError, MjbenchError, failure_of
 from mjbench.host import machine
 from mjbench.measuring.timing import Progress
 from mjbench.status import Status
 
 
-def measurement(
-    names: Sequence[str],
-    nstep: int | None,
-    seed: int,
-    threads: Sequence[int] | None,
-    nenv: Sequence[int] | None,
-    budget_s: float,
-    limit_s: float,
-) -> Measurement:
-    """Return the measurement; `nenv`: None for powers of two, and all cores."""
+def measurement(names: Sequence[str], options: EnvironmentOptions) -> Measurement:
+    """Return the measurement of environments; without numbers, of powers of two and all cores."""
+    if options.no_vector and options.nbatch:
+        raise InputError("give --nbatch or --no-vector, not both")
     sources = [resolve(name, Path.cwd()) for name in names]
     cores = machine.usable_cores()
-    counts = _doubled(cores) if nenv is None else nenv
+    counts = [] if options.no_vector else options.nbatch or _doubled(cores)
     plan = EnvironmentPlan(
-        nstep, seed, tuple(threads or sorted({1, cores})), tuple(counts), budget_s, limit_s
+        options.nstep,
+        options.seed,
+        tuple(options.threads or sorted({1, cores})),
+        tuple(counts),
+        options.budget_s,
+        options.time_limit_s,
     )
 
     def measure(source: EnvironmentSource, _: Progress) -> Item:

@@ -17,10 +17,10 @@ from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.commands.compare import accelerated_measurement
 from mjbench.commands.compare import show as report
 from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
-from mjbench.commands.compare.results import derive_all
+from mjbench.commands.compare.results import ModelComparison, comparisons, derive_all
 from mjbench.errors import Failure, failure_of
-from mjbench.host import isolate, machine, neighbours
-from mjbench.host.machine import CoreChange, ProcessorTime
+from mjbench.host import isolate, machine
+from mjbench.host.disturbance import Watch
 from mjbench.paired import launches
 from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
@@ -30,7 +30,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
 from mjbench.verification.path_verification import AgreementReport, ModelFiles, verify_in_child
 from mjbench.verification.plan import ComparisonPlan
-from mjbench.verification.records import MeasurementRecord, ModelRecord, of_model
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 # Share of a model's progress that verification stands for; the race is the rest.
 _VERIFICATION_SHARE = 0.2
@@ -76,9 +76,10 @@ def measure_model(
     Args:
       shares: of all work that is done before each plan, and after the last.
     """
-    of_sizes: list[Record] = []
+    of_sizes, stored = list[Record](), comparisons(earlier)
     for plan, of_work in zip(plans, itertools.pairwise(shares), strict=True):
-        known, is_interrupted = stored(source, plan, earlier), False
+        size, is_interrupted = (source.name, plan.nbatch), False
+        known = next((each for each in stored if each.model.size == size), None)
         if known is None:
             compared = ComparedModel(pool, source, plan, of_work, of_sizes, observer)
             try:
@@ -88,58 +89,16 @@ def measure_model(
             known = compared.known()
         of_sizes += known.records
         yield Item(known.records, is_part=plan is not plans[-1])
-        if known.is_interrupted:
+        if known.model.status == Status.INTERRUPTED:
             return
         if is_interrupted:
             raise KeyboardInterrupt
 
 
-@dataclass(frozen=True)
-class ModelComparison:
-    """What is known of one model at one size.
-
-    Attributes:
-      race: of the paths that run C and agree; None before it, and where there was none.
-    """
-
-    model: ModelRecord
-    measurements: tuple[MeasurementRecord, ...]
-    race: RaceRecord | None = None
-
-    @property
-    def is_interrupted(self) -> bool:
-        return self.model.status == Status.INTERRUPTED
-
-    @property
-    def records(self) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
-        return [self.model, *self.measurements, *([self.race] if self.race else [])]
-
-
-def stored(
-    source: ModelSource, plan: ComparisonPlan, records: Sequence[object]
-) -> ModelComparison | None:
-    """Return the comparison of a model at the plan's size from records of a run; None without."""
-    for record in records:
-        if not isinstance(record, ModelRecord):
-            continue
-        if (record.model, record.nbatch_asked) == (source.name, plan.nbatch):
-            return _of_model(record, records)
-    return None
-
-
-def _of_model(model: ModelRecord, records: Sequence[object]) -> ModelComparison:
-    measurements = of_model(MeasurementRecord, model, records)
-    races = of_model(RaceRecord, model, records)
-    return ModelComparison(model, tuple(measurements), next(iter(races), None))
-
-
 def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
     """Return the records of models that are not measured again: all ended, none by a failure."""
     done: list[Record] = []
-    for model in records:
-        if not isinstance(model, ModelRecord):
-            continue
-        known = _of_model(model, records)
+    for known in comparisons(records):
         raced = [m for m in known.measurements if m.status == Status.OK and not m.samples_s]
         if raced and known.race is None:  # the last line of the file was cut short
             continue
@@ -169,8 +128,7 @@ class ComparedModel:
         """
         self._pool, self._plan, self._name = pool, plan, source.name
         self._shares, self._of_sizes, self._observer = shares, of_sizes, observer
-        self._begin_s, self._processor_time = time.monotonic(), ProcessorTime.now()
-        self._cores = machine.allowed_cores()
+        self._begin_s, self._watch = time.monotonic(), Watch()
         self._children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
         self._race: RaceRecord | None = None
         self._is_complete = False
@@ -227,7 +185,7 @@ class ComparedModel:
 
     def _take_race(self, record: RaceRecord) -> None:
         """Take what a race has come to, and show it."""
-        self._race = self._with_disturbance(record)
+        self._race = replace(record, disturbance=self._watch.look())
         for unable in record.unable:
             index = self._plan.variants.index(record.variants[unable.variant])
             self._children.revise(index, unable.status, unable.detail)
@@ -236,18 +194,6 @@ class ComparedModel:
         text = f"{self._name}: launch {len(record.launches)}, {left} paths left"
         self._show_progress(text, min(1.0, max(_VERIFICATION_SHARE, spent)))
         self._show_known()
-
-    def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
-        earlier = self._race or record
-        names = sorted(
-            {*earlier.neighbours, *(each.command for each in neighbours.measuring_now())}
-        )
-        return replace(
-            record,
-            stolen_share=ProcessorTime.now().stolen_since(self._processor_time),
-            neighbours=names,
-            core_change=earlier.core_change or CoreChange.since(self._cores),
-        )
 
     def _run_accelerated(self) -> None:
         for index in self._plan.accelerated:
@@ -285,7 +231,7 @@ class ModelChildren:
     files: ModelFiles
     reference: ModelRecord | None = None
     ended: isolate.Ended | None = None
-    measured: dict[int, MeasurementRecord] = field(default_factory=dict)
+    measured: dict[int, VariantRecord] = field(default_factory=dict)
 
     @property
     def agreeing(self) -> list[int]:
@@ -312,7 +258,7 @@ class ModelChildren:
 
         # the child works in a folder of its own
         source = ModelSource(self.source.name, self.source.path.resolve())
-        fatal: dict[int, MeasurementRecord] = {}
+        fatal: dict[int, VariantRecord] = {}
         while True:
             excluded = frozenset([*fatal, *self.plan.accelerated])
             ended = isolate.run(
@@ -338,9 +284,9 @@ class ModelChildren:
         # a variant that was already refused is not timed, so another one ended the child
         return position if record is None or record.status == Status.OK else None
 
-    def _blank(self, position: int, status: Status, detail: str) -> MeasurementRecord:
+    def _blank(self, position: int, status: Status, detail: str) -> VariantRecord:
         variant = self.plan.variants[position]
-        return MeasurementRecord.of(self.source.name, variant, status, detail)
+        return VariantRecord.of(self.source.name, variant, status, detail)
 
     def revise(self, position: int, status: Status, detail: str) -> None:
         """Change what became of a variant after the fact; its snippet and check stay."""
@@ -353,7 +299,7 @@ class ModelChildren:
         """Measure one accelerated path alone; whatever becomes of it costs its own row."""
         variant = self.plan.variants[position]
 
-        def receive(record: MeasurementRecord) -> None:
+        def receive(record: VariantRecord) -> None:
             self.measured[position] = record
 
         request = AcceleratedRequest(
@@ -388,7 +334,7 @@ class ModelChildren:
             total_steps=self.plan.total_steps,
         )
 
-    def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
+    def measurements(self, timed: Collection[int], is_over: bool) -> tuple[VariantRecord, ...]:
         """Return the records of all variants, in the plan's order; a race has timed some."""
         untimed = self._untimed(is_over)
         records = []

@@ -4,32 +4,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mjbench.api import argument_values, model_sources, start_states
-from mjbench.api.measured import Measured
+from mjbench.api import model_sources
+from mjbench.api.functions import with_options
+from mjbench.api.result import Result
 from mjbench.api.session import Item, Items, Measurement, Observer, input_files, of_each_model
-from mjbench.commands.profile import habit_timing
-from mjbench.commands.profile import measure as loop_profile
+from mjbench.commands.profile import habit_timing, measure
 from mjbench.commands.profile.habit_timing import OverheadRow
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
+from mjbench.commands.profile.options import HabitOptions, InstructionOptions, ProfileOptions
 from mjbench.commands.profile.rendering import FrameTime
 from mjbench.counts import instructions
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.counts.records import counted
 from mjbench.errors import MachineError
-from mjbench.limits import SECONDS, TIME_LIMIT_S
-from mjbench.paired.run_sizes import Sizes
+from mjbench.options import stored
 from mjbench.releases import installs, release_names
 from mjbench.results.runs import Record
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.starts import StartPlan
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
-    from mjbench.api.start_states import States
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Profile(Measured):
+class Profile(Result):
     """Where the time of a model's steps goes."""
 
     @property
@@ -56,76 +54,53 @@ class Profile(Measured):
         return self.steps.stages
 
 
-def profile(
-    model: "Model",
-    *,
-    settle_s: float | None = None,
-    states: "States | None" = None,
-    budget_s: float = loop_profile.BUDGET_S,
-    time_limit_s: float = TIME_LIMIT_S,
-    wait: bool = False,
-) -> Profile:
+@with_options(ProfileOptions)
+def profile(model: "Model", *, options: ProfileOptions) -> Profile:
     """Return where a step's time goes: engine stages, Python around it, rendering.
 
     The same as `mjbench profile`. All is measured in child processes.
 
     Args:
       model: a name as on the command line, a path, an MjModel or an MjSpec.
-      settle_s: simulated seconds for which the model moves before the first start state; None for
-        its default.
-      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
-        `mjbench.capture` stores them, instead; None for none.
-      budget_s: seconds for the steps, and half of it for the frames of each backend.
-      time_limit_s: a child process that reports nothing for this long is killed.
-      wait: whether to wait until no other mjbench measures on this machine.
 
     Raises:
       InputError: there is no such model, it cannot be loaded, or it diverges.
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = argument_values.number("time_limit_s", time_limit_s, SECONDS)
-    budget_s = argument_values.number("budget_s", budget_s, SECONDS)
-    with (
-        model_sources.sources([model]) as sources,
-        start_states.plan(settle_s, states) as starts,
-    ):
-        return Profile.of(measurement(sources, starts, limit_s, budget_s), wait)
+    with model_sources.sources([model]) as sources:
+        return Profile.of(measurement(sources, options), options.wait)
 
 
-def measurement(
-    sources: Sequence[ModelSource], starts: StartPlan, limit_s: float, budget_s: float
-) -> Measurement:
+def measurement(sources: Sequence[ModelSource], options: ProfileOptions) -> Measurement:
     """Return the measurement of where the time of each model's steps goes."""
+    starts = options.starts
 
     def measure_model(source: ModelSource) -> list[ProfileRow]:
-        return [loop_profile.measure(source, limit_s, starts, budget_s)]
+        return [measure.measure(source, options.time_limit_s, starts, options.budget_s)]
 
-    arguments = {"budget_s": budget_s}
-    return of_each_model("profile", sources, starts, ProfileRow, measure_model, arguments)
+    return of_each_model("profile", sources, starts, ProfileRow, measure_model, stored(options))
 
 
-def of_habits(
-    sources: Sequence[ModelSource], starts: StartPlan, limit_s: float, budget_s: float
-) -> Measurement:
+def of_habits(sources: Sequence[ModelSource], options: HabitOptions) -> Measurement:
     """Return the measurement of what habits of a loop cost, `mjbench profile --habits`."""
+    starts = options.starts
 
     def measure_model(source: ModelSource) -> list[OverheadRow]:
+        limit_s, budget_s = options.time_limit_s, options.budget_s
         return [habit_timing.measure(source, limit_s, starts=starts, budget_s=budget_s)]
 
-    arguments = {"budget_s": budget_s}
-    return of_each_model("overhead", sources, starts, OverheadRow, measure_model, arguments)
+    return of_each_model("overhead", sources, starts, OverheadRow, measure_model, stored(options))
 
 
-def of_instructions(
-    sources: Sequence[ModelSource], releases: Sequence[str], sizes: Sizes, limit_s: float
-) -> Measurement:
+def of_instructions(sources: Sequence[ModelSource], options: InstructionOptions) -> Measurement:
     """Return the count of instructions per step, `mjbench profile --instructions`."""
-    specs = installs.parse_available(releases or (release_names.INSTALLED,))
+    sizes, limit_s = options.sizes, options.time_limit_s
+    specs = installs.parse_available(options.releases or (release_names.INSTALLED,))
     if problem := instructions.unavailable():
         raise MachineError(problem)
 
-    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
+    def count_all(earlier: Sequence[Record], observer: Observer) -> Items:
         known = {(record.build, record.model) for record in counted(earlier)}
         remaining = {(spec.key, source.name) for spec in specs for source in sources} - known
         with InstructionCounter(sizes) as counter:
@@ -145,4 +120,4 @@ def of_instructions(
         "models": [source.name for source in sources],
     }
     files = input_files(sources, specs, sizes.starts)
-    return Measurement("instructions", arguments, files, measure, counted)
+    return Measurement("instructions", arguments, files, count_all, counted)

@@ -7,24 +7,25 @@ from pathlib import Path
 from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.commands.run import launch, measure
 from mjbench.commands.run.launch import Program
+from mjbench.commands.run.options import RunOptions
 from mjbench.commands.run.result import ProgramRow
 from mjbench.errors import InputError
+from mjbench.options import stored
 from mjbench.results.runs import Record, Run
 
 
-def measurement(
-    program: Sequence[str], seconds: float | None, rate_hz: int | None, interpreter: str | None
-) -> Measurement:
+def measurement(program: Sequence[str], options: RunOptions) -> Measurement:
     """Return the measurement of a program with its arguments."""
     if not program:
         raise InputError("give a program to run")
-    to_run = Program(program, interpreter or sys.executable)
+    to_run = Program(program, options.python or sys.executable)
     launch.check(to_run)
 
     def items(earlier: Sequence[Record], observer: Observer) -> Items:
-        yield Item([measure.record(to_run.name, launch.run(to_run, seconds, rate_hz))])
+        seen = launch.run(to_run, options.seconds, options.rate_hz)
+        yield Item([measure.record(to_run.name, seen)])
 
-    arguments = {"program": program, "seconds": seconds, "rate_hz": rate_hz}
+    arguments = {"program": program, **stored(options)}
     files = [Path(program[0])] if Path(program[0]).is_file() else []
     return Measurement("run", arguments, files, items)
 

@@ -2,7 +2,7 @@
 
 Commands and programs measure alike: a `Measurement` says what is to be measured, and a `Session` is
 the time in which that happens. A command prints and stores each item as it comes; a program gets
-all of them together (`mjbench.api.measured`).
+all of them together (`mjbench.api.result`).
 """
 
 import contextlib
@@ -15,9 +15,9 @@ from typing import Any, Protocol, TypeVar
 
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable, wrong_argument
-from mjbench.host import conditions, machine, neighbours, platforms
-from mjbench.host.machine import CoreChange, ProcessorTime
-from mjbench.host.neighbours import Disturbance, Neighbour
+from mjbench.host import disturbance, machine, neighbours, platforms
+from mjbench.host.disturbance import Disturbance, Watch
+from mjbench.host.neighbours import Neighbour
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Progress
 from mjbench.releases.release_names import ReleaseSpec
@@ -217,7 +217,6 @@ class Session:
         self._folder, self._resume = folder, resume
         self._command_line, self._report = command_line, report
         self._file: RunFile | None = None
-        self._others: Sequence[Neighbour] = ()
 
     def __enter__(self) -> "Session":
         """Begin to measure.
@@ -228,8 +227,7 @@ class Session:
         """
         with contextlib.ExitStack() as closing:
             if self._wait is not None:
-                self._others = self._look(self._wait)
-            self._begin, self._cores = ProcessorTime.now(), machine.allowed_cores()
+                self._watch = Watch(self._look(self._wait))
             self.header = self._new_header()
             if self._folder is not None:
                 self._file = self._open(self._folder)
@@ -303,21 +301,15 @@ class Session:
     def run(self, records: Sequence[Record] | None = None) -> Run:
         return Run(self.header, tuple(self.records if records is None else records))
 
-    def end(self) -> Disturbance | None:
-        """Store and return what disturbed the run; None where nothing did.
+    def end(self) -> str:
+        """Store what disturbed the run; return it as a sentence, empty where nothing did.
 
         Raises:
           MachineError: it cannot be stored.
         """
         if self._wait is None:
-            return None
-        others = dict.fromkeys([*self._others, *neighbours.measuring_now()])
-        share = ProcessorTime.now().stolen_since(self._begin)
-        stolen_share = share if share >= conditions.NOTABLE_STOLEN else None
-        core_change = CoreChange.since(self._cores)
-        if not others and stolen_share is None and core_change is None:
-            return None
-        commands = [other.command for other in others]
-        disturbance = Disturbance(commands, stolen_share, core_change)
-        self.record(disturbance)
-        return disturbance
+            return ""
+        seen = self._watch.look()
+        if seen.clauses:
+            self.record(seen)
+        return disturbance.sentence(seen.clauses)

@@ -1,19 +1,15 @@
-"""From the start states that a program has to the plan by which a measurement draws starts."""
+"""From the start states and controls that a program has to the files that a measurement reads."""
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from mjbench.api import argument_values
 from mjbench.errors import InputError, describe, writing
 from mjbench.host import files
-from mjbench.limits import SECONDS_OR_ZERO
-from mjbench.simulation import starts
-from mjbench.simulation.starts import StartPlan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -25,24 +21,20 @@ Actions: TypeAlias = "str | os.PathLike[str] | ArrayLike"
 
 
 @contextlib.contextmanager
-def plan(
-    settle_s: float | None, states: "States | None", actions: "Actions | None" = None
-) -> Iterator[StartPlan]:
-    """Yield where start states and controls come from; arrays are in files while the block lasts.
+def in_files(values: Mapping[str, Any]) -> Iterator[dict[str, Path]]:
+    """Yield the files of `states` and `actions` among values; arrays lie in some for the block.
 
     Raises:
-      InputError: both `settle_s` and `states` are given, they are not arrays, or there is no such
-        file.
+      InputError: they are not arrays.
     """
-    settle_s = argument_values.optional(
-        argument_values.number, "settle_s", settle_s, SECONDS_OR_ZERO
-    )
+    stored: dict[str, Callable[[Any, Path], Path]]
+    stored = {"states": _states_file, "actions": _actions_file}
     with files.temporary_folder() as folder:
-        yield starts.start_plan(
-            settle_s,
-            None if states is None else _states_file(states, folder),
-            None if actions is None else _actions_file(actions, folder),
-        )
+        yield {
+            name: file_of(values[name], folder)
+            for name, file_of in stored.items()
+            if values.get(name) is not None
+        }
 
 
 def _states_file(states: "States", folder: Path) -> Path:

@@ -4,30 +4,23 @@ from collections.abc import Sequence
 
 from mjbench.api.session import Item, Items, Measurement, Observer, finished, in_turn, input_files
 from mjbench.commands.tune import knobs
-from mjbench.commands.tune.c_search import CSearch
+from mjbench.commands.tune.c_search import PARTS, Advance, CSearch, SearchPlan
 from mjbench.commands.tune.measurements import SILENCE_S, CMeasurements
+from mjbench.commands.tune.options import TuneOptions
 from mjbench.commands.tune.result import Effect, TuneRecord
-from mjbench.commands.tune.search_plan import PARTS, Advance, SearchPlan
 from mjbench.measuring.timing import Progress
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.starts import StartPlan
 
 
-def measurement(
-    sources: Sequence[ModelSource],
-    only: str | None,
-    skip: Sequence[str] | None,
-    max_error: float | None,
-    budget_s: float,
-    hold: int,
-    seed: int,
-    starts: StartPlan,
-    limit_s: float,
-) -> Measurement:
-    effect, skipped = Effect(only or Effect.APPROXIMATE), knobs.known(skip or ())
-    plan = SearchPlan(seed, starts, budget_s, max_error, effect, hold, skipped)
+def measurement(sources: Sequence[ModelSource], options: TuneOptions) -> Measurement:
+    """Return the search for faster settings of each model; InputError for an unknown setting."""
+    effect, skipped = Effect(options.only or Effect.APPROXIMATE), knobs.known(options.skip or ())
+    starts = options.starts
+    plan = SearchPlan(
+        options.seed, starts, options.budget_s, options.max_error, effect, options.hold, skipped
+    )
 
     def items(earlier: Sequence[Record], observer: Observer) -> Items:
         with WorkerPool() as pool:
@@ -36,7 +29,7 @@ def measurement(
                 def advance(done: int, text: str, share: float) -> None:
                     on_progress(text, (done + share) / PARTS)
 
-                return Item([tune(pool, source, plan, limit_s, advance)])
+                return Item([tune(pool, source, plan, options.time_limit_s, advance)])
 
             yield from in_turn(sources, tuned, earlier, observer)
 

@@ -26,7 +26,7 @@ from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.paired import targets, verdict
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.records import Judgement, TargetRow, VerdictRecord, finished
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
@@ -88,7 +88,7 @@ def between_releases(
         compiled = AcceleratedComparison(baseline, candidates, sources, path_names, plan.sizes)
         return _of_compiled(compiled, plan)
     targets.check_metric(metric, path_names)
-    if METRICS[metric].measured == Measured.COUNTS:
+    if METRICS[metric].is_exact:
         comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
         return _of_instructions(comparison, plan)
     pairs = targets.of_releases(baseline, candidates, sources, path_names)
@@ -202,7 +202,7 @@ def _of_compiled(comparison: AcceleratedComparison, plan: VerdictPlan) -> Measur
         },
         input_files(sources, comparison.specs, plan.sizes.starts),
         len(sources) * len(names) * len(comparison.candidates),
-        lambda pool, on_phase: accelerated_environments.prepare(pool, comparison),
+        lambda pool, on_phase: accelerated_environments.prepare_targets(pool, comparison),
         _COMPILER_PATIENCE_S,
     )
 

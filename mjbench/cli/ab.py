@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure_and_print
-from mjbench.cli.fail_on import FAIL_ON, FailOn
+from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import STORING, VERDICT_PLAN, metric_option, with_options
+from mjbench.cli.shared import takes
+from mjbench.commands.versions.options import TargetOptions
 from mjbench.errors import InputError, shown
-from mjbench.paired.metrics import METRICS, Metric
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
@@ -27,17 +26,8 @@ REVISION = "rev="
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
 @click.argument("functions", metavar="[FUNCTION]…", nargs=-1)
-@metric_option(*(metric for metric, spec in METRICS.items() if spec.is_of_targets))
-@with_options(FAIL_ON, VERDICT_PLAN, STORING)
-def ab(
-    baseline: str,
-    candidate: str,
-    functions: tuple[str, ...],
-    metric: str,
-    fail_on: FailOn,
-    plan: "VerdictPlan",
-    output: OutputOptions,
-) -> None:
+@takes(TargetOptions)
+def ab(baseline: str, candidate: str, functions: tuple[str, ...], options: TargetOptions) -> None:
     """Is CANDIDATE faster or slower than BASELINE, each given as KEY=VALUE,KEY=VALUE?
 
     Keys: model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
@@ -62,9 +52,9 @@ def ab(
       mjbench ab rev=main rev=HEAD bench:step --metric memory
       mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
-    from mjbench.commands.versions import show as verdicts
+    from mjbench.commands.versions import show
 
-    plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
+    plan = options.plan
     if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
         from mjbench.api.verdict_measurements import between_revisions
 
@@ -78,8 +68,8 @@ def ab(
         raise InputError(f"{name} is no function: {text}")
     else:
         measurement = _of_targets(baseline, candidate, plan)
-    run = measure_and_print(measurement, output, summary=verdicts.sections)
-    run.exit_with(fail_on.of_run(run.session.run(), plan.confidence))
+    run = measure_and_print(measurement, options, summary=show.sections)
+    run.exit_with(options.exit_code_of_run(run.session.run(), plan.confidence))
 
 
 def _are_functions(names: Sequence[str]) -> bool:

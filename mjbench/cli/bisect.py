@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.ab import REVISION, revision_comparison
-from mjbench.cli.context import OutputOptions, measure_and_print
+from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
+from mjbench.cli.shared import takes
+from mjbench.commands.versions.options import BisectOptions
 from mjbench.simulation import models
 
 if TYPE_CHECKING:
@@ -20,10 +21,8 @@ if TYPE_CHECKING:
 @click.argument("baseline", metavar="OLD")
 @click.argument("candidate", metavar="NEW")
 @click.argument("target", metavar="FUNCTION|MODEL")
-@with_options(VERDICT_PLAN, STORING)
-def bisect(
-    baseline: str, candidate: str, target: str, plan: "VerdictPlan", output: OutputOptions
-) -> None:
+@takes(BisectOptions)
+def bisect(baseline: str, candidate: str, target: str, options: BisectOptions) -> None:
     """Which commit or release after OLD, up to NEW, made it slower or faster?
 
     The ends are compared first, then the version in the middle with OLD, and so on by halving. The
@@ -44,7 +43,8 @@ def bisect(
       mjbench bisect rev=v1.0 rev=HEAD bench.py::step
     """
     of = _of_revisions if _are_revisions((baseline, candidate), target) else _of_releases
-    measure_and_print(of(baseline, candidate, target, plan), output, at_end=True).exit()
+    measurement = of(baseline, candidate, target, options.plan)
+    measure_and_print(measurement, options, at_end=True).exit()
 
 
 def _are_revisions(sides: Sequence[str], target: str) -> bool:

@@ -4,13 +4,13 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjbench.api import interrupts
 from mjbench.cli.group import command_line, option_names, report_line
 from mjbench.cli.output_file import OutputFile
+from mjbench.commands.shared_options import OutputOptions
 from mjbench.errors import MachineError
 from mjbench.status import ExitCode, Status, exit_code
 
@@ -24,20 +24,6 @@ if TYPE_CHECKING:
     Sections = Callable[[Run], Iterable[Section]]
 
 CODE_HINT = "--code prints the Python code, too."
-
-
-@dataclass(frozen=True)
-class OutputOptions:
-    """Where the results of a command go, as its options say.
-
-    Attributes:
-      wait: whether to wait for others that measure here; None for a command that measures no time.
-    """
-
-    results: Path
-    json_file: str | None = None
-    wait: bool | None = None
-    resume: Path | None = None
 
 
 class RunContext:
@@ -105,7 +91,7 @@ class RunContext:
                 return  # nothing was measured
             if self._session.file is not None and error is None:
                 self.out.print(f"\nRun file: {self._session.file}", soft_wrap=True)
-            for note in self._disturbances(self._session):
+            if note := self._disturbance(self._session):
                 if error is None:
                     self.out.print(note, soft_wrap=True)
                 else:
@@ -114,14 +100,13 @@ class RunContext:
                 self.interrupt(is_saved=self._write_error is None)
                 sys.exit(ExitCode.INTERRUPTED)
 
-    def _disturbances(self, session: "Session") -> Sequence[str]:
-        """Store what disturbed the run; return it in sentences."""
+    def _disturbance(self, session: "Session") -> str:
+        """Store what disturbed the run; return it as a sentence, empty where nothing did."""
         try:
-            disturbance = session.end()
+            return session.end()
         except MachineError as error:
             self._write_error = self._write_error or error
-            return ()
-        return () if disturbance is None else disturbance.sentences
+            return ""
 
     @property
     def session(self) -> "Session":

@@ -2,14 +2,14 @@
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, budget
+from mjbench.cli.shared import takes
+from mjbench.commands.doctor.options import DoctorOptions
 from mjbench.status import ExitCode
 
 
 @cli.command()
-@budget(12, "Time for comparing the cart-pole with itself.")
-@JSON
-def doctor(budget_s: float, json_file: str | None) -> None:
+@takes(DoctorOptions)
+def doctor(options: DoctorOptions) -> None:
     """What on this machine spoils measurements, and how small a change can it decide?
 
     It looks at the processor, its clock, the load, the host, Python, valgrind and rendering, and
@@ -27,10 +27,10 @@ def doctor(budget_s: float, json_file: str | None) -> None:
     from mjbench.host.conditions import Grade
     from mjbench.results.terminal import print_lines
 
-    with RunContext(json_file) as run:
+    with RunContext(options.json_file) as run:
         rows = all_conditions(neighbours.measuring_now())
         print_lines(run.out, [*condition_lines(rows)])
-        noise = compare_with_itself(budget_s)
+        noise = compare_with_itself(options.budget_s)
         run.show([noise_section(noise, rows)])
         run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
     if noise.decidable is None:

@@ -6,7 +6,8 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import JSON, FileName
+from mjbench.cli.shared import FileName, takes
+from mjbench.commands.shared_options import JsonOptions
 from mjbench.errors import InputError
 from mjbench.status import ExitCode, Status, exit_code
 
@@ -48,14 +49,14 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
     is_eager=True,
     help="Print what a rule finds, why, and what to write instead, and end; `all` lists the rules.",
 )
-@JSON
+@takes(JsonOptions)
 def lint(
     names: tuple[str, ...],
     select: str,
     ignore: str,
     form: str,
     statistics: bool,
-    json_file: str | None,
+    options: JsonOptions,
 ) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
@@ -84,7 +85,7 @@ def lint(
 
     if not names:
         raise InputError("no file or folder is given; for this folder: mjbench lint .")
-    if form != "text" and json_file == "-":
+    if form != "text" and options.json_file == "-":
         raise InputError(f"--json - and --output-format {form} cannot share standard output")
     if statistics and form != "text":
         raise InputError("--statistics prints counts alone: use it without --output-format")
@@ -95,7 +96,7 @@ def lint(
             choice.codes_for(file)  # refuses settings before anything is printed
     findings: list[Finding] = []
     unchecked: list[UncheckedFile] = []
-    with RunContext(json_file, regular_files(files)) as run:
+    with RunContext(options.json_file, regular_files(files)) as run:
         for result in check_all(files, choice):
             if isinstance(result, UncheckedFile):
                 unchecked.append(result)

@@ -2,14 +2,16 @@
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, models_argument, with_options
+from mjbench.cli.shared import models_argument, takes
+from mjbench.commands.shared_options import JsonOptions
+from mjbench.commands.show.options import ListOptions
 from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
 @models_argument()
-@with_options(LIMIT, JSON)
-def models(sources: list[ModelSource], limit_s: float, json_file: str | None) -> None:
+@takes(ListOptions)
+def models(sources: list[ModelSource], options: ListOptions) -> None:
     """List models: sizes, contacts and constraints at the start, timestep, integrator, solver.
 
     Without a MODEL: all shipped models.
@@ -20,21 +22,21 @@ def models(sources: list[ModelSource], limit_s: float, json_file: str | None) ->
       mjbench models gymnasium:ant
     """
     from mjbench.commands.show import listings
-    from mjbench.commands.show.listings import ModelRow, ModelsDocument
     from mjbench.commands.show.model_facts import list_models
+    from mjbench.results.json_form import ResultsDocument
 
-    with RunContext(json_file, [source.path for source in sources]) as run:
-        listed = list_models(sources, limit_s)
+    with RunContext(options.json_file, [source.path for source in sources]) as run:
+        listed = list_models(sources, options.time_limit_s)
         run.table(listings.models_table(listed))
         for line in listings.failed_models(listed):
             run.out.print(line, soft_wrap=True)
-        run.write(ModelsDocument(models=[ModelRow.of(model) for model in listed]))
+        run.write(ResultsDocument(results=listed))
     run.exit(model.status for model in listed)
 
 
 @cli.command()
-@JSON
-def paths(json_file: str | None) -> None:
+@takes(JsonOptions)
+def paths(options: JsonOptions) -> None:
     """List the ways of stepping, their options, and why one is not available here.
 
     \b
@@ -42,10 +44,11 @@ def paths(json_file: str | None) -> None:
       mjbench paths
     """
     from mjbench.commands.show import listings
-    from mjbench.commands.show.listings import PathRow, PathsDocument
+    from mjbench.commands.show.listings import PathRow
     from mjbench.paths import registry
+    from mjbench.results.json_form import ResultsDocument
 
     rows = [PathRow.of(path) for path in registry().values()]
-    with RunContext(json_file) as run:
+    with RunContext(options.json_file) as run:
         run.table(listings.paths_table(rows))
-        run.write(PathsDocument(paths=rows))
+        run.write(ResultsDocument(results=rows))

@@ -1,33 +1,18 @@
 """`mjbench profile`: where a step's time goes; and what habits and functions of the engine cost."""
 
-from typing import Any
-
-import click
-
-from mjbench.cli.context import OutputOptions, measure_and_print
+from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import (
-    COUNT,
-    COUNTS_OUTPUT,
-    LIMIT,
-    LOOP_STARTS,
-    SIZES,
-    STORING,
-    budget,
-    mode,
-    models_argument,
-    seconds,
-    with_options,
-)
+from mjbench.cli.shared import mode, models_argument, takes
+from mjbench.commands.profile.options import HabitOptions, InstructionOptions, ProfileOptions
+from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
 @mode("--habits", "What does each habit of a Python loop cost?")
 @mode("--instructions", "Count instructions by function; needs valgrind.")
 @models_argument("cartpole")
-@budget(4, "Time for the steps of each model, and half of it for the frames of each backend.")
-@with_options(LOOP_STARTS, LIMIT, STORING)
-def profile(output: OutputOptions, **options: Any) -> None:
+@takes(ProfileOptions)
+def profile(sources: list[ModelSource], options: ProfileOptions) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages, such as collision, constraint solver and kinematics, are from MuJoCo's own timers.
@@ -42,15 +27,13 @@ def profile(output: OutputOptions, **options: Any) -> None:
     """
     from mjbench.api.profile import measurement
 
-    measure_and_print(measurement(**options), output).exit()
+    measure_and_print(measurement(sources, options), options).exit()
 
 
 @cli.command("profile --habits")
 @models_argument("cartpole")
-@click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
-@budget(30, "About how long to time the habits of each model.")
-@with_options(LOOP_STARTS, LIMIT, STORING)
-def profile_habits(code: bool, output: OutputOptions, **options: Any) -> None:
+@takes(HabitOptions)
+def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
@@ -65,29 +48,13 @@ def profile_habits(code: bool, output: OutputOptions, **options: Any) -> None:
     """
     from mjbench.api.profile import of_habits
 
-    measure_and_print(of_habits(**options), output, code=code).exit()
+    measure_and_print(of_habits(sources, options), options, code=options.code).exit()
 
 
 @cli.command("profile --instructions")
 @models_argument()
-@click.option(
-    "--release",
-    "releases",
-    multiple=True,
-    metavar="RELEASE",
-    help="Release to count in; may be given several times.  [default: installed]",
-)
-@click.option("--top", type=COUNT, default=15, show_default=True, help="List this many functions.")
-@click.option(
-    "--time-limit",
-    "limit_s",
-    type=seconds(),
-    default="600s",
-    show_default=True,
-    help="Kill a release's process that finishes no model for this long.",
-)
-@with_options(SIZES, COUNTS_OUTPUT)
-def profile_instructions(top: int, output: OutputOptions, **options: Any) -> None:
+@takes(InstructionOptions)
+def profile_instructions(sources: list[ModelSource], options: InstructionOptions) -> None:
     """Count instructions per step, by function and stage; within 0.1 % the same on a busy machine.
 
     Needs valgrind. The first RELEASE draws start states and controls; every other one does the same
@@ -98,11 +65,11 @@ def profile_instructions(top: int, output: OutputOptions, **options: Any) -> Non
       mjbench profile --instructions humanoid --release 3.3.0 --release 4.0.0
     """
     from mjbench.api.profile import of_instructions
-    from mjbench.counts import show as counts
+    from mjbench.counts import show
     from mjbench.counts.records import InstructionsRecord
 
     measure_and_print(
-        of_instructions(**options),
-        output,
-        summary=lambda run: counts.sections(run.of_type(InstructionsRecord), top),
+        of_instructions(sources, options),
+        options,
+        summary=lambda run: show.sections(run.of_type(InstructionsRecord), options.top),
     ).exit()

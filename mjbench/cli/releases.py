@@ -8,9 +8,11 @@ import click
 from mjbench.api import interrupts
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import FILE, JSON, count
+from mjbench.cli.shared import FILE, Text, takes
+from mjbench.commands.shared_options import JsonOptions
 from mjbench.errors import InputError, MachineError
 from mjbench.limits import DAYS
+from mjbench.options import count
 from mjbench.status import ExitCode
 from mjbench.units import mebibytes
 
@@ -44,18 +46,19 @@ def releases(ctx: click.Context) -> None:
 
 @releases.command("list", short_help="list the releases there are")
 @HISTORY
-@JSON
-def list_releases(history: Path, json_file: str | None) -> None:
+@takes(JsonOptions)
+def list_releases(history: Path, options: JsonOptions) -> None:
     """List releases: on the package index, in the git history, installed here."""
-    from mjbench.commands.show.listings import ReleasesDocument, releases_table
+    from mjbench.commands.show.listings import releases_table
     from mjbench.releases import catalogue
+    from mjbench.results.json_form import ResultsDocument
 
-    with RunContext(json_file, [history]) as run:
+    with RunContext(options.json_file, [history]) as run:
         known = catalogue.list_releases(history)
         run.table(releases_table(known.releases))
         if known.problem:
             click.echo(f"The list lacks the package index: {known.problem}", err=True)
-        run.write(ReleasesDocument(releases=known.releases))
+        run.write(ResultsDocument(results=known.releases))
 
 
 @releases.command("update", short_help="append new releases to the git history")
@@ -111,13 +114,13 @@ def install_releases(names: tuple[str, ...]) -> None:
 
 
 @releases.command("installs", short_help="list what is installed in the cache")
-@JSON
-def list_installs(json_file: str | None) -> None:
+@takes(JsonOptions)
+def list_installs(options: JsonOptions) -> None:
     """List the installs in the cache folder, with their size and when they were last used."""
     from mjbench.commands.show.listings import InstallsDocument, install_lines
     from mjbench.releases import installs
 
-    with RunContext(json_file) as run:
+    with RunContext(options.json_file) as run:
         folder, sizes = installs.cache_folder(), installs.install_sizes()
         run.out.print("\n".join([f"In {folder}:", *install_lines(sizes)]), soft_wrap=True)
         run.write(InstallsDocument(folder=str(folder), installs=sizes))
@@ -126,7 +129,7 @@ def list_installs(json_file: str | None) -> None:
 @releases.command("prune", short_help="remove installs not used for some time")
 @click.option(
     "--days",
-    type=count(DAYS),
+    type=Text(count(DAYS)),
     default=30,
     show_default=True,
     help="Keep what was used within so many days.",

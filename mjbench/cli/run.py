@@ -1,15 +1,14 @@
 """`mjbench run`: where the time of the user's own program goes."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure_and_print
+from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import OUTPUT, count, seconds
+from mjbench.cli.shared import takes
+from mjbench.commands.run.options import RunOptions
 from mjbench.errors import InputError
-from mjbench.limits import SAMPLES_PER_S
 from mjbench.status import ExitCode
 
 
@@ -36,29 +35,8 @@ class _ProgramCommand(click.Command):
 
 @cli.command(cls=_ProgramCommand)
 @click.argument("program", nargs=-1, metavar="PROGRAM [ARGS]…", type=click.UNPROCESSED)
-@click.option(
-    "--seconds",
-    "--budget",
-    "seconds",
-    type=seconds(),
-    help="End the program, as Ctrl-C would, when it has stepped for this long; with MJX alone, this"
-    " counts from its first compiled function  [default: run it to its end]",
-)
-@click.option(
-    "--sample-rate",
-    "rate_hz",
-    type=count(SAMPLES_PER_S),
-    help="Samples of the program's stacks per second  [default: 100; 20 of a program with several"
-    " child processes]",
-)
-@click.option(
-    "--python",
-    "interpreter",
-    metavar="FILE",
-    help="Python interpreter that runs the program  [default: the one that runs mjbench]",
-)
-@OUTPUT
-def run(output: OutputOptions, **options: Any) -> None:
+@takes(RunOptions)
+def run(program: tuple[str, ...], options: RunOptions) -> None:
     """Where does the time of my own program go, and what should I change first?
 
     PROGRAM is a Python file, or -m and a module, as after `python`. Its arguments follow it;
@@ -73,9 +51,8 @@ def run(output: OutputOptions, **options: Any) -> None:
     """
     from mjbench.api.run import exit_code_of, measurement
 
-    if output.json_file == "-":
+    if options.json_file == "-":
         raise InputError("--json -: standard output is the program's own; name a file")
-    work = measurement(**options)
-    context = measure_and_print(work, output, to_stderr=True)
+    context = measure_and_print(measurement(program, options), options, to_stderr=True)
     code = exit_code_of(context.session.run())
     context.exit_with(ExitCode.INTERRUPTED if code is None else code)

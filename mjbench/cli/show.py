@@ -8,9 +8,9 @@ import click
 
 from mjbench.cli import show_pages
 from mjbench.cli.context import RunContext
-from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import CODE, FILE, JSON, RESULTS, FileName, with_options
+from mjbench.cli.shared import FILE, takes
+from mjbench.commands.show.options import ShowOptions
 from mjbench.errors import InputError
 from mjbench.status import ExitCode, exit_code
 
@@ -33,37 +33,8 @@ _MOST_RUNS = 20
     type=click.Choice(show_pages.FORMATS),
     help="html, markdown, comment (verdicts, for a pull request), or a format of other tools.",
 )
-@click.option(
-    "-o",
-    "--output",
-    metavar="FILE",
-    help="With a format: write to FILE, or - for stdout  [default: report.html, others to stdout]."
-    " After --html, a last word that ends in .html is FILE, too.",
-)
-@click.option(
-    "--against",
-    metavar="OLD",
-    type=FileName(),
-    help="Compare the speeds of RUN with those of an earlier one, row by row.",
-)
-@click.option(
-    "--across",
-    is_flag=True,
-    help="With --against: compare even where JAX, jaxlib, XLA flags, device or precision differ.",
-)
-@CODE
-@with_options(FAIL_ON, RESULTS, JSON)
-def show(
-    files: tuple[Path, ...],
-    form: str | None,
-    output: str | None,
-    against: str | None,
-    across: bool,
-    code: bool,
-    fail_on: FailOn,
-    results: Path,
-    json_file: str | None,
-) -> None:
+@takes(ShowOptions)
+def show(files: tuple[Path, ...], form: str | None, options: ShowOptions) -> None:
     """Show run files again; without a RUN, the newest in results/runs.
 
     Runs of several machines start with one table, a column a machine.
@@ -91,9 +62,10 @@ def show(
     """
     from mjbench.results import runs
 
-    if against is not None and (form or code):
+    against, output = options.against, options.output
+    if against is not None and (form or options.code):
         raise InputError("--against prints a table: leave out --code and formats")
-    if form and (code or json_file or fail_on.findings):
+    if form and (options.code or options.json_file or options.findings):
         raise InputError(
             "--code, --json and --fail-on belong to what is printed: leave out the format"
         )
@@ -102,34 +74,33 @@ def show(
     if form == "html" and not output and files and files[-1].suffix == ".html":
         files, output = files[:-1], str(files[-1])
     if against is None:
-        chosen = files or (runs.latest(results),)
+        chosen = files or (runs.latest(options.results),)
         if form:
             show_pages.write(chosen, form, output)
         else:
-            _print(chosen, code, json_file, fail_on)
+            _print(chosen, options)
         return
     if len(files) > 1:
         raise InputError("--against compares one RUN with OLD")
-    new = files[0] if files else runs.latest(results)
-    _show_differences(Path(against), new, across, fail_on, json_file)
+    _show_differences(against, files[0] if files else runs.latest(options.results), options)
 
 
-def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: FailOn) -> None:
+def _print(files: Sequence[Path], options: ShowOptions) -> None:
     """Print runs, and write their JSON document; end with the exit code of their verdicts."""
     from mjbench.commands.show.kinds import RECORD_TYPES
     from mjbench.results import runs
 
-    with RunContext(json_file, files) as run:
+    with RunContext(options.json_file, files) as run:
         stored = [runs.load(file, RECORD_TYPES) for file in dict.fromkeys(files)]
         if len(stored) == 1:
-            run.write(_shown(run, stored[0], code))
+            run.write(_shown(run, stored[0], options.code))
         else:
-            _print_several(run, stored, code)
-    if fail_on.findings:
-        run.exit_with(_exit_code(stored, fail_on))
+            _print_several(run, stored, options.code)
+    if options.findings:
+        run.exit_with(_exit_code(stored, options))
 
 
-def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
+def _exit_code(stored: "Sequence[Run]", options: ShowOptions) -> int:
     """Return the exit code that the verdicts of runs stand for, the worst one."""
     from mjbench.commands.versions import family
     from mjbench.paired.records import VerdictRecord
@@ -139,7 +110,7 @@ def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
         raise InputError("--fail-on is about verdicts of `versions` and `ab`, or add --against OLD")
 
     def code(run: "Run") -> int:
-        return fail_on.of_run(run, family.confidence_of(run.header))
+        return options.exit_code_of_run(run, family.confidence_of(run.header))
 
     worst = max(judged, key=code)
     exit_code = code(worst)
@@ -182,16 +153,16 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
     return kind.document(stored)
 
 
-def _show_differences(
-    old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None
-) -> None:
-    from mjbench.commands.show.documents import ResultsDocument
+def _show_differences(old: Path, new: Path, options: ShowOptions) -> None:
     from mjbench.commands.show.kinds import RECORD_TYPES
     from mjbench.commands.show.run_differences import differences, differences_section
     from mjbench.results import runs
+    from mjbench.results.json_form import ResultsDocument
 
-    with RunContext(json_file, [old, new]) as run:
-        rows = differences(runs.load(old, RECORD_TYPES), runs.load(new, RECORD_TYPES), across)
+    with RunContext(options.json_file, [old, new]) as run:
+        rows = differences(
+            runs.load(old, RECORD_TYPES), runs.load(new, RECORD_TYPES), options.across
+        )
         if not rows:
             raise InputError(
                 f"{old} and {new} have no timed row of `compare` in common; of verdicts,"
@@ -199,4 +170,5 @@ def _show_differences(
             )
         run.show([differences_section(rows)])
         run.write(ResultsDocument(results=rows))
-    run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))
+    code = options.exit_code_of_models([(row.model, row.verdict) for row in rows])
+    run.exit_with(exit_code(row.status for row in rows) or code)

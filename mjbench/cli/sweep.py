@@ -9,7 +9,8 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import FILE, JSON
+from mjbench.cli.shared import FILE, takes
+from mjbench.commands.sweep.options import SweepOptions
 from mjbench.errors import InputError, MjbenchError, writing
 
 if TYPE_CHECKING:
@@ -23,25 +24,8 @@ SWEEPS_FOLDER = Path("results/sweeps")
 
 @cli.command()
 @click.argument("plan", metavar="PLAN.toml", type=FILE)
-@click.option(
-    "--address",
-    metavar="HOST:PORT|auto",
-    help="Ray cluster to measure on; `auto` is the one that this machine belongs to"
-    "  [default: this machine alone]",
-)
-@click.option(
-    "-o",
-    "--output",
-    metavar="FOLDER",
-    type=FILE,
-    help="Folder for the run files; what it already has is not measured again"
-    "  [default: results/sweeps/PLAN]",
-)
-@click.option("--dry-run", is_flag=True, help="Print what would be measured; measure nothing.")
-@JSON
-def sweep(
-    plan: Path, address: str | None, output: Path | None, dry_run: bool, json_file: str | None
-) -> None:
+@takes(SweepOptions)
+def sweep(plan: Path, options: SweepOptions) -> None:
     """Run the command of PLAN.toml for each combination of its values, on a Ray cluster.
 
     Each result is a run file, stored as soon as it arrives. A node runs one command at a time. If
@@ -63,17 +47,18 @@ def sweep(
       mjbench sweep plan.toml
       mjbench sweep plan.toml --address auto
     """
-    from mjbench.commands.show.documents import ResultsDocument, SweepRow
+    from mjbench.commands.show.documents import SweepRow
     from mjbench.commands.sweep import measure as sweeps
+    from mjbench.results.json_form import ResultsDocument
 
-    target = output or SWEEPS_FOLDER / plan.stem
-    with RunContext(json_file, [plan]) as run:
+    target = options.output or SWEEPS_FOLDER / plan.stem
+    with RunContext(options.json_file, [plan]) as run:
         loaded, cells = sweeps.load(plan, check_command)
         files = {cell: target / cell.file_name for cell in cells}
         ended: dict[Cell, CellResult] = {}
-        missing = [] if dry_run else [cell for cell in cells if not files[cell].is_file()]
+        missing = [] if options.dry_run else [cell for cell in cells if not files[cell].is_file()]
         try:
-            results = _measure(run, missing, loaded, plan.absolute().parent, address)
+            results = _measure(run, missing, loaded, plan.absolute().parent, options.address)
             with contextlib.closing(results):
                 for cell, ended[cell] in results:
                     if ended[cell].content:

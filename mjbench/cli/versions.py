@@ -1,78 +1,27 @@
 """The command `mjbench versions`: releases of MuJoCo against each other."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure_and_print
-from mjbench.cli.fail_on import FAIL_ON, FailOn
+from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import (
-    COUNT,
-    NAMES,
-    STORING,
-    VERDICT_PLAN,
-    metric_option,
-    mode,
-    with_options,
-)
+from mjbench.cli.shared import mode, takes
+from mjbench.commands.versions.options import VersionsOptions
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.paired.metrics import Metric
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.release_names import ReleaseSpec
 
 
 @cli.command()
 @mode("--explain", "Which functions account for the difference? Needs valgrind.")
 @click.argument("names", nargs=-1, metavar="[OLD NEW…] [MODEL]…")
-@click.option("--old", metavar="RELEASE", help="The old release, if it is not the first argument.")
-@click.option(
-    "--new",
-    "news",
-    multiple=True,
-    metavar="RELEASE",
-    help="A new release; may be given several times.",
-)
-@click.option(
-    "--paths",
-    "path_names",
-    type=NAMES,
-    help="Ways of stepping, each compared between the releases  [default: python_loop]",
-)
-@metric_option(*Metric)
-@click.option(
-    "--function",
-    "functions",
-    multiple=True,
-    metavar="FUNCTION",
-    help="A function of your code to time in place of a MODEL, such as bench.py::step; may be given"
-    " several times. It is called as by `mjbench ab rev=…`; your code is the same on both sides.",
-)
-@click.option(
-    "--family",
-    type=COUNT,
-    help="Correct for N comparisons in all, where other commands make some of them: a change then"
-    " needs more evidence  [default: those of this command]",
-)
-@with_options(FAIL_ON, VERDICT_PLAN, STORING)
-def versions(
-    names: tuple[str, ...],
-    old: str | None,
-    news: tuple[str, ...],
-    path_names: list[str] | None,
-    metric: str,
-    functions: tuple[str, ...],
-    family: int | None,
-    fail_on: FailOn,
-    plan: "VerdictPlan",
-    output: OutputOptions,
-) -> None:
+@takes(VersionsOptions)
+def versions(names: tuple[str, ...], options: VersionsOptions) -> None:
     """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
 
     A release is a version (3.5.0), a wheel or a folder of wheels, `installed`, `newest` (the last
@@ -97,17 +46,16 @@ def versions(
     contacts, the verdict names it.
     """
     from mjbench.api.verdict_measurements import between_releases
-    from mjbench.commands.versions import show as verdicts
+    from mjbench.commands.versions import show
 
     releases, sources = (
-        (list(names), list[ModelSource]()) if functions else releases_and_models(names)
+        (list(names), list[ModelSource]()) if options.functions else releases_and_models(names)
     )
-    specs = _releases(old, news, releases)
-    sizes = replace(plan.sizes, metric=Metric(metric))
-    plan = replace(plan, family=family or 1, sizes=sizes)
-    measurement = between_releases(specs, sources, path_names, plan, functions)
-    run = measure_and_print(measurement, output, summary=verdicts.sections)
-    run.exit_with(fail_on.of_run(run.session.run(), plan.confidence))
+    specs = _releases(options.old, options.news, releases)
+    plan = options.plan
+    measurement = between_releases(specs, sources, options.paths, plan, options.functions)
+    run = measure_and_print(measurement, options, summary=show.sections)
+    run.exit_with(options.exit_code_of_run(run.session.run(), plan.confidence))
 
 
 def _releases(old: str | None, news: Sequence[str], releases: Sequence[str]) -> list["ReleaseSpec"]:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure_and_print
+from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, with_options
+from mjbench.cli.shared import takes
 from mjbench.cli.versions import releases_and_models
+from mjbench.commands.versions.options import ExplainOptions
 from mjbench.errors import InputError
 from mjbench.status import Status
 
@@ -27,14 +28,8 @@ if TYPE_CHECKING:
 
 @cli.command("versions --explain")
 @click.argument("names", nargs=-1, required=True, metavar="OLD NEW [MODEL]…")
-@click.option("--top", type=COUNT, default=15, show_default=True, help="List this many functions.")
-@click.option(
-    "--clock/--no-clock", default=True, show_default=True, help="Compare wall-clock times too."
-)
-@with_options(VERDICT_PLAN, STORING)
-def versions_explain(
-    names: tuple[str, ...], top: int, clock: bool, plan: "VerdictPlan", output: OutputOptions
-) -> None:
+@takes(ExplainOptions)
+def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
     """Explain what changed from the OLD release to the NEW one: instructions, work, or time alone.
 
     Needs valgrind. Lists instructions per step by function and by stage, the largest difference
@@ -60,7 +55,7 @@ def versions_explain(
         raise InputError(
             "name an OLD and a NEW release, such as `mjbench versions --explain 3.17.0 4.0.0`"
         )
-    specs = installs.parse_available(releases)
+    specs, plan = installs.parse_available(releases), options.plan
     counted: dict[str, tuple[ModelCount, ModelCount]] = {}
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Items":
@@ -72,7 +67,9 @@ def versions_explain(
             for number, source in enumerate(remaining):
                 observer(f"{source.name}: time", number / len(remaining) / 2)
                 targets = [Target(spec, source) for spec in specs]
-                times.append(_compare_times(pool, counter, targets, plan) if clock else None)
+                times.append(
+                    _compare_times(pool, counter, targets, plan) if options.clock else None
+                )
             observer("instructions", 0.5)
             baselines, candidates = (list(counter.count(spec, remaining)) for spec in specs)
             for baseline, candidate, time in zip(baselines, candidates, times, strict=True):
@@ -81,17 +78,17 @@ def versions_explain(
 
     def sections(run: "Run") -> "Iterator[Section]":
         for record in run.of_type(ExplainRecord):
-            yield report.explanation_section(*counted[record.model], record, top)
+            yield report.explanation_section(*counted[record.model], record, options.top)
 
     arguments = {
         **asdict(plan),
         "releases": [spec.key for spec in specs],
         "models": [source.name for source in sources],
-        "clock": clock,
+        "clock": options.clock,
     }
     files = input_files(sources, specs, plan.sizes.starts)
     measurement = Measurement("explain", arguments, files, items, records.finished)
-    run = measure_and_print(measurement, output, each=sections)
+    run = measure_and_print(measurement, options, each=sections)
     rows = run.session.run().of_type(ExplainRecord)
     run.exit(
         row.time.status if row.time and row.status == Status.OK else row.status for row in rows

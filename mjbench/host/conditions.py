@@ -17,6 +17,7 @@ from pathlib import Path
 
 from mjbench import units
 from mjbench.host import machine, neighbours, topology
+from mjbench.host.disturbance import NOTABLE_STOLEN
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Neighbour
 
@@ -29,8 +30,6 @@ _BETTER_CLOCK = "have the kernel use the processor's counter: boot with clocksou
 # A clock whose smallest step is longer cannot time a step, in nanoseconds.
 _MAX_TIMER_NS = 1000.0
 
-# The share of processor time that the host of a virtual machine must take before it counts.
-NOTABLE_STOLEN = 0.02
 # The share that threads must get of the cores that they can use: with less, their figures say more
 # about the machine's other guests than about what was measured.
 ENOUGH_CORES = 0.85

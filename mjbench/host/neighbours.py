@@ -10,13 +10,10 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import psutil
 
-from mjbench.bounds import NonNegativeFloat
 from mjbench.errors import one_line
-from mjbench.host.machine import CoreChange
 
 # Environment variable with which no other mjbench is noticed; the tests set it.
 IGNORE_VARIABLE = "MJBENCH_IGNORE_OTHERS"
@@ -36,43 +33,6 @@ class Neighbour:
 
     pid: int
     command: str
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """What disturbed a run: its last record, where anything did.
-
-    Attributes:
-      commands: of other mjbench that measured on this machine meanwhile.
-      stolen_share: of the processor time, which the host gave to others; None where that was small.
-      core_change: from the beginning to the end; None without one.
-    """
-
-    record_type: ClassVar[str] = "disturbance"
-    commands: Sequence[str] = ()
-    stolen_share: NonNegativeFloat | None = None
-    core_change: CoreChange | None = None
-
-    @property
-    def sentences(self) -> list[str]:
-        """What people should know before the numbers."""
-        sentences = []
-        if self.commands:
-            names = ", ".join(f"mjbench {name}" for name in dict.fromkeys(self.commands))
-            sentences.append(
-                "Another mjbench measured on this machine at the same time"
-                f" ({names}): these timings are unreliable."
-            )
-        if self.stolen_share is not None:
-            sentences.append(
-                f"The host took {100 * self.stolen_share:.0f} % of this machine's processor time"
-                " for others: timings are noisier for it, and verdicts take longer."
-            )
-        if self.core_change is not None:
-            sentences.append(
-                f"While this was measured, {self.core_change}: timings before and after differ."
-            )
-        return sentences
 
 
 def describe(others: Sequence[Neighbour]) -> str:

@@ -21,17 +21,10 @@ from mjbench.paths.accelerated import (
     start_fields,
 )
 from mjbench.paths.base import Resources
-from mjbench.paths.warp import CACHE_VARIABLE
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload, restore
 
-# Of JAX's cache of compiled programs, so that it has every program.
-_CACHES_ALL = {
-    "jax_enable_compilation_cache": True,
-    "jax_persistent_cache_min_compile_time_secs": 0.0,
-    "jax_persistent_cache_min_entry_size_bytes": -1,
-}
 # JAX reports it for each program that it asks its compiler for, found in the cache or not.
 _COMPILE_EVENT = "/jax/core/compile/backend_compile_duration"
 # What single steps are compared by.
@@ -51,7 +44,7 @@ def compiled_step(
       cache: folder of compiled programs, which processes of one environment share.
     """
     path, workload = _loaded(source, path_name, workload_file)
-    _use_cache(path, cache)
+    path.use_cache(cache)
     stored = {*cache.rglob("*")}
     compiled, took = _compiled(path, workload, Resources(workload), _requests(path))
     took = replace(took, is_cached=stored == {*cache.rglob("*")})
@@ -126,15 +119,3 @@ def _result(compiled: Compiled) -> dict[str, np.ndarray]:
         raise MachineError(f"{lost} of {workload.nbatch} simulations do not end in finite numbers")
     after = compiled.advance(start_fields(workload), workload.control, 1).fields
     return {name: after[name].astype(np.float32) for name in _COMPARED}
-
-
-def _use_cache(path: AcceleratedPath, folder: Path) -> None:
-    if "warp" in path.packages:
-        os.environ[CACHE_VARIABLE] = str(folder)
-    if "jax" not in path.packages:
-        return
-    import jax
-
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    for name, value in _CACHES_ALL.items():
-        jax.config.update(name, value)

@@ -61,6 +61,7 @@ class MetricSpec:
       is_exact: whether it has no noise, so that one measurement is certain.
       of_functions: whether it is of a function of the user's code, too, whose calls are its steps.
       of_compiling_paths: whether it is of a model by a path that compiles, too.
+      operation: the function of `operations` that prepares it; empty where it is not one.
       reads_source: whether it is of the file of a model, and not of the compiled model.
     """
 
@@ -75,12 +76,22 @@ class MetricSpec:
     is_exact: bool = False
     of_functions: bool = False
     of_compiling_paths: bool = False
+    operation: str = ""
     reads_source: bool = False
 
     @property
     def is_of_steps(self) -> bool:
         """Whether it is the time of steps, or of calls of a function."""
         return self.measured == Measured.STEPS
+
+    @property
+    def is_of_memory(self) -> bool:
+        return self.measured == Measured.MEMORY
+
+    @property
+    def compiles(self) -> bool:
+        """Whether it is the time that a process takes to compile once."""
+        return self.measured == Measured.COMPILATION
 
     @property
     def is_of_targets(self) -> bool:
@@ -102,13 +113,16 @@ class MetricSpec:
         return {Verdict.SLOWER: self.more, Verdict.FASTER: self.less}.get(verdict, verdict.value)
 
 
-def _operation(metric: Metric, meaning: str, reads_source: bool = False) -> MetricSpec:
+def _operation(
+    metric: Metric, operation: str, meaning: str, reads_source: bool = False
+) -> MetricSpec:
     return MetricSpec(
         metric,
         Measured.OPERATION,
         meaning,
         f", {meaning}",
         refusal="does not step by a path",
+        operation=operation,
         reads_source=reads_source,
     )
 
@@ -131,11 +145,13 @@ _ALL = (
         " need valgrind, and --confidence, --precision, --budget and --as-shipped do not apply.",
         is_exact=True,
     ),
-    _operation(Metric.LOAD, "loading the model", reads_source=True),
-    _operation(Metric.RESET, "mj_resetData"),
-    _operation(Metric.RAYS, "casting rays"),
-    _operation(Metric.ROLLOUT, "a call of rollout with 5 steps of each simulation"),
-    _operation(Metric.BATCH, "a call of Batch.rollout with 5 steps of each simulation"),
+    _operation(Metric.LOAD, "load", "loading the model", reads_source=True),
+    _operation(Metric.RESET, "reset", "mj_resetData"),
+    _operation(Metric.RAYS, "cast_rays", "casting rays"),
+    _operation(Metric.ROLLOUT, "call_rollout", "a call of rollout with 5 steps of each simulation"),
+    _operation(
+        Metric.BATCH, "call_batch", "a call of Batch.rollout with 5 steps of each simulation"
+    ),
     MetricSpec(
         Metric.MEMORY,
         Measured.MEMORY,

@@ -5,7 +5,7 @@ A comparison averages over placements of machine code where those of both releas
 
 import itertools
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from mjbench.simulation.workload_sampling import SampleRequest
 _MODEL, _NBATCH, _NSTEP = "pile", 2, 20
 
 
-def check(pool: WorkerPool, release: ReleaseSpec) -> None:
+def check_movable(pool: WorkerPool, release: ReleaseSpec) -> None:
     """Make sure that a release can be moved: to every residue, and within its page.
 
     Moved libraries must load, report the version of the release, and step a model to the same
@@ -57,46 +57,33 @@ def _check(pool: WorkerPool, release: ReleaseSpec) -> None:
     processes: list[WorkerProcess] = []
     try:
         processes.extend(pool.start(release, placement=placement) for placement in placements)
-        shipped, *moved = processes
-        workload, expected = _as_shipped(pool, release, shipped)
-        for process in moved:
-            _compare(pool, release, process, workload, expected)
+        _compare(pool, release, processes)
     finally:
         pool.end(processes)
     movable.note_checked(install)
 
 
-def _as_shipped(
-    pool: WorkerPool, release: ReleaseSpec, process: WorkerProcess
-) -> tuple[Path, np.ndarray]:
-    """Return the file of a workload, and the final states of a process as shipped."""
-    source = models.resolve(_MODEL)
-    pool.wait_for(process, release)
-    try:
-        process.call(Worker.load_model, source.name, source.path, {})
-        request = SampleRequest(_NBATCH, _NSTEP, starts=KEYFRAME_STARTS)
-        workload = pool.save(process.call(Worker.make_workload, request).workload)
-        return workload, process.call(Worker.observe, workload).final_state
-    except InputError as error:
-        raise ImmovableError(f"it cannot be checked: {error}") from error
-
-
-def _compare(
-    pool: WorkerPool,
-    release: ReleaseSpec,
-    process: WorkerProcess,
-    workload: Path,
-    expected: np.ndarray,
-) -> None:
-    source = models.resolve(_MODEL)
-    try:
-        pool.wait_for(process, release)
-        process.call(Worker.load_model, source.name, source.path, {})
-        states = process.call(Worker.observe, workload).final_state
-    except (InputError, ChildError) as error:
-        raise ImmovableError(f"with moved libraries it fails: {error}") from error
-    if not np.array_equal(states, expected):
-        raise ImmovableError("with moved libraries it steps to other states")
+def _compare(pool: WorkerPool, release: ReleaseSpec, processes: Sequence[WorkerProcess]) -> None:
+    """Step a model in each process, the first of which is as shipped."""
+    source, request = models.resolve(_MODEL), SampleRequest(_NBATCH, _NSTEP, starts=KEYFRAME_STARTS)
+    workload, expected = Path(), None
+    for process in processes:
+        try:
+            pool.wait_for(process, release)
+            process.call(Worker.load_model, source.name, source.path, {})
+            if expected is None:
+                workload = pool.save(process.call(Worker.make_workload, request).workload)
+            states = process.call(Worker.observe, workload).final_state
+        except (InputError, ChildError) as error:
+            if expected is not None:
+                raise ImmovableError(f"with moved libraries it fails: {error}") from error
+            if isinstance(error, ChildError):
+                raise
+            raise ImmovableError(f"it cannot be checked: {error}") from error
+        if expected is None:
+            expected = states
+        elif not np.array_equal(states, expected):
+            raise ImmovableError("with moved libraries it steps to other states")
 
 
 @dataclass(frozen=True)
@@ -127,7 +114,7 @@ def placement_control(
     """Return that placements are averaged, if the libraries of both releases can be moved."""
     for release in (baseline, candidate):
         try:
-            check(pool, release)
+            check_movable(pool, release)
         except ImmovableError as error:
             problem = f"the code of MuJoCo {release.version} cannot be moved: {error}"
             return PlacementControl(False, problem)

@@ -15,7 +15,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.errors import InputError, UnavailableError
-from mjbench.paired.metrics import Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.simulation import compat, models, workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product, Workload
@@ -63,7 +63,7 @@ class Operation:
         return self.prepare(ModelSource(self.model, file), self.repeats)
 
 
-def _load(source: ModelSource, repeats: int) -> PreparedOperation:
+def load(source: ModelSource, repeats: int) -> PreparedOperation:
     file, load = str(source.path), mujoco.MjModel.from_xml_path
     models.load(source)  # says in one line what is wrong with it
     if source.path.suffix == ".mjb":
@@ -119,7 +119,7 @@ def _copy_data(source: ModelSource, repeats: int) -> PreparedOperation:
     return PreparedOperation(run, lambda: _state(duplicate(data)) - _state(data))
 
 
-def _reset(source: ModelSource, repeats: int) -> PreparedOperation:
+def reset(source: ModelSource, repeats: int) -> PreparedOperation:
     model = models.load(source)
     data, reset = _stepped_data(model), mujoco.mj_resetData
 
@@ -134,7 +134,7 @@ def _reset(source: ModelSource, repeats: int) -> PreparedOperation:
     return PreparedOperation(run, result)
 
 
-def _cast_rays(source: ModelSource, repeats: int) -> PreparedOperation:
+def cast_rays(source: ModelSource, repeats: int) -> PreparedOperation:
     model = models.load(source)
     data = workload.start_data(model)
     mujoco.mj_forward(model, data)
@@ -178,8 +178,8 @@ def _call_path(
 
 
 _ROLLOUT = {"threads": 1, "pool": "kept"}
-_call_rollout = functools.partial(_call_path, "rollout", _ROLLOUT, Product.SENSORS)
-_call_batch = functools.partial(_call_path, "batch_rollout", {"threads": 1}, Product.FINAL)
+call_rollout = functools.partial(_call_path, "rollout", _ROLLOUT, Product.SENSORS)
+call_batch = functools.partial(_call_path, "batch_rollout", {"threads": 1}, Product.FINAL)
 
 
 def _deterministic_work(model: mujoco.MjModel, nbatch: int, returns: Product) -> Workload:
@@ -211,31 +211,27 @@ def _sizes(model: mujoco.MjModel) -> np.ndarray:
 
 
 _ALL = (
-    Operation("load cartpole", "MjModel.from_xml_path", "cartpole", 1, _load),
-    Operation("load pile", "MjModel.from_xml_path", "pile", 1, _load),
+    Operation("load cartpole", "MjModel.from_xml_path", "cartpole", 1, load),
+    Operation("load pile", "MjModel.from_xml_path", "pile", 1, load),
     Operation("spec", "MjSpec: add 500 geoms and compile", "", 500, _edit_spec),
     Operation("data cartpole", "MjData(model)", "cartpole", 2, _create_data),
     Operation("data pile", "MjData(model)", "pile", 1, _create_data),
     Operation("copy pile", "copy.copy(data)", "pile", 1, _copy_data),
-    Operation("reset cartpole", "mj_resetData", "cartpole", 100, _reset),
-    Operation("reset pile", "mj_resetData", "pile", 40, _reset),
-    Operation("rays humanoid", "mj_ray", "humanoid", 500, _cast_rays),
-    Operation("rays pile", "mj_ray", "pile", 300, _cast_rays),
-    Operation("rollout cartpole", "rollout, 64 × 5 steps", "cartpole", 64, _call_rollout),
-    Operation("rollout humanoid", "rollout, 8 × 5 steps", "humanoid", 8, _call_rollout),
-    Operation("batch cartpole", "Batch.rollout, 64 × 5 steps", "cartpole", 64, _call_batch),
-    Operation("batch humanoid", "Batch.rollout, 8 × 5 steps", "humanoid", 8, _call_batch),
+    Operation("reset cartpole", "mj_resetData", "cartpole", 100, reset),
+    Operation("reset pile", "mj_resetData", "pile", 40, reset),
+    Operation("rays humanoid", "mj_ray", "humanoid", 500, cast_rays),
+    Operation("rays pile", "mj_ray", "pile", 300, cast_rays),
+    Operation("rollout cartpole", "rollout, 64 × 5 steps", "cartpole", 64, call_rollout),
+    Operation("rollout humanoid", "rollout, 8 × 5 steps", "humanoid", 8, call_rollout),
+    Operation("batch cartpole", "Batch.rollout, 64 × 5 steps", "cartpole", 64, call_batch),
+    Operation("batch humanoid", "Batch.rollout, 8 × 5 steps", "humanoid", 8, call_batch),
 )
 
 
-# How the operation of each metric is prepared, on any model.
-OF_METRIC: Mapping[Metric, Prepare] = {
-    Metric.LOAD: _load,
-    Metric.RESET: _reset,
-    Metric.RAYS: _cast_rays,
-    Metric.ROLLOUT: _call_rollout,
-    Metric.BATCH: _call_batch,
-}
+def prepare_of(metric: Metric) -> Prepare:
+    """Return the function that prepares the operation of a metric, on any model."""
+    prepare: Prepare = globals()[METRICS[metric].operation]
+    return prepare
 
 
 def registry() -> Mapping[str, Operation]:

@@ -17,7 +17,7 @@ import itertools
 import math
 import random
 from abc import abstractmethod
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -41,8 +41,6 @@ from mjbench.releases.release_names import ReleaseSpec
 
 # The positions of the baseline and the candidate.
 BOTH = (0, 1)
-# Asks new processes, of the baseline and the candidate, for what a launch needs, without waiting.
-Equip = Callable[[Sequence[WorkerProcess]], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,30 +64,31 @@ class ProcessPairs:
         pool: WorkerPool,
         releases: tuple[ReleaseSpec, ReleaseSpec],
         names: tuple[str, str],
-        placements: Iterator[PlacementPair] | None = None,
     ):
-        """Start the processes of the first launch; `equip` tells all of them what they need."""
+        """Start nothing yet."""
         self._pool, self._releases, self._names = pool, releases, names
-        self._placements = placements or itertools.repeat(AS_SHIPPED)
-        self._seeds = pool.seeds(releases)
-        self._next_seeds = next(self._seeds)
-        self._equip: Equip | None = None
+        self._knows_work = False
         # Those that were started ahead, for the next launch.
         self._next: ProcessPair | None = None
         # Those whose launches are over, and which are ended while the next ones start.
         self._finished: list[ProcessPair] = []
         self._failure: MjbenchError | None = None
-        try:
-            self._start_ahead(cores.USABLE)
-        except BaseException:
-            self.close()
-            raise
 
-    def equip(self, equip: Equip) -> None:
-        """Have the processes of every launch asked for what they need, the next one's now."""
-        self._equip = equip
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+        """Have the processes of a launch read what they need, without waiting."""
+
+    def start(self, placements: Iterator[PlacementPair] | None = None) -> None:
+        """Start the processes of the first launch; `equip_all` tells what they need."""
+        self._placements = placements or itertools.repeat(AS_SHIPPED)
+        self._seeds = self._pool.seeds(self._releases)
+        self._next_seeds = next(self._seeds)
+        self._start_ahead(cores.USABLE)
+
+    def equip_all(self) -> None:
+        """Have the processes of every launch equipped, the next one's now."""
+        self._knows_work = True
         if self._next is not None:
-            equip(self._next.processes)
+            self.equip(self._next.processes)
 
     def wait(self) -> None:
         """Wait until the processes of the next launch are ready."""
@@ -100,11 +99,11 @@ class ProcessPairs:
             for process, release in zip(next_pair.processes, self._releases, strict=True):
                 self._pool.wait_for(process, release)
         except BaseException:
-            self.close()
+            self.end_all()
             raise
 
     @contextlib.contextmanager
-    def launch(self, core: int | None) -> Iterator[ProcessPair]:
+    def launched(self, core: int | None) -> Iterator[ProcessPair]:
         """Yield the processes of a launch, which must be ready, with this thread on their core.
 
         The processes of the next launch start on other cores meanwhile. Ask nothing of the
@@ -140,7 +139,7 @@ class ProcessPairs:
             self._failure = error
             return True
 
-    def close(self) -> None:
+    def end_all(self) -> None:
         if self._next is not None:
             self._finished.append(self._next)
         self._next, self._failure = None, None
@@ -164,8 +163,8 @@ class ProcessPairs:
                     self._releases[i], self._names[i], both[i], i, allowed, seeds
                 )
             pair = ProcessPair((started[0], started[1]), placements)
-            if self._equip is not None:
-                self._equip(pair.processes)
+            if self._knows_work:
+                self.equip(pair.processes)
             if self._next_seeds.program != seeds.program:
                 for i in random.sample(BOTH, 2):
                     release = self._releases[i]
@@ -177,7 +176,7 @@ class ProcessPairs:
         return pair
 
 
-class PairTargets(Targets[LaunchRow]):
+class PairTargets(ProcessPairs, Targets[LaunchRow]):
     """Two sides, the baseline and the candidate: each launch measures both.
 
     Attributes:
@@ -207,7 +206,7 @@ class PairTargets(Targets[LaunchRow]):
         as_shipped: bool = True,
     ):
         """Start nothing yet, nor the time limit, which starts with the work."""
-        self._pool, self._releases, self._names = pool, releases, names
+        super().__init__(pool, releases, names)
         self._metric, self._time_limit = METRICS[metric], time_limit
         self._averages = not as_shipped and self._metric.follows_placement
         self._is_first = True
@@ -223,9 +222,6 @@ class PairTargets(Targets[LaunchRow]):
           MachineError: a process crashed, hung or failed.
           OutOfTimeError: the time limit does not allow one launch.
         """
-
-    def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """Have the processes of a launch read what they need, without waiting."""
 
     @abstractmethod
     def _prepare_blocks(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
@@ -253,19 +249,18 @@ class PairTargets(Targets[LaunchRow]):
         least = self._time_limit.min_launches
         self._time_limit.min_launches = self.placement.launches_with(least)
         # those of the first launch import MuJoCo while the work is fixed
-        placements = self.placement.placements()
-        self._pairs = ProcessPairs(self._pool, self._releases, self._names, placements)
-        self._closing.callback(self._pairs.close)
+        self._closing.callback(self.end_all)
+        self.start(self.placement.placements())
         self.fix_work()
-        self._pairs.equip(self.equip)
+        self.equip_all()
 
     def launch(self, positions: Sequence[int] = BOTH) -> LaunchRow:
         """Measure both once, in fresh processes, on a free core."""
-        self._pairs.wait()
+        self.wait()
         # work with threads gets all cores, so nothing may start on one of them meanwhile
         threaded = self.nthread > 1
         had = self._cores_had() if threaded else None
-        with self._pairs.launch(None if threaded else cores.freest_core()) as pair:
+        with self.launched(None if threaded else cores.freest_core()) as pair:
             launch = self._measure(pair)
             return replace(launch, cores=had, compilations=self.compilations(pair))
 
@@ -280,9 +275,8 @@ class PairTargets(Targets[LaunchRow]):
         if cores.countable(self.nthread) == 1:
             return 1.0
         if self._counting is None:
-            self._counting = self._pool.start(self._releases[0])
-            self._closing.callback(self._pool.end, [self._counting])
-            self._counting.wait()
+            counting = self._pool.ready(self._releases[0])
+            self._counting = self._closing.enter_context(counting)
         return self._counting.count_cores(self.nthread) or 1.0
 
     def _measure(self, pair: ProcessPair) -> LaunchRow:
@@ -321,7 +315,7 @@ class PairTargets(Targets[LaunchRow]):
             return count < 1
         if count < layout_count(all_blocks_s, self.nsection):
             return True
-        return count < MAX_LAYOUTS and not self._pairs.is_next_ready()
+        return count < MAX_LAYOUTS and not self.is_next_ready()
 
     def launch_s(self, all_blocks_s: float) -> float:
         is_read_once = self._metric.is_read_once

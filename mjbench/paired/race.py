@@ -205,7 +205,7 @@ class RaceLaunches(Targets[RaceLaunch]):
             for position in prepared:
                 path, options = self._variants[position].path, self._variants[position].options
                 with _attributed(process, position, "preparing"):
-                    process.call(race_blocks.prepare, path, dict(options))
+                    process.call(race_blocks.prepare_path, path, dict(options))
             rows = time_rounds(
                 functools.partial(self._time_round, process, prepared), len(prepared)
             )

@@ -70,7 +70,7 @@ def equip(
 
 
 @activity("preparing a run")
-def prepare(worker: Worker, path_name: str, options: Mapping[str, Any]) -> None:
+def prepare_path(worker: Worker, path_name: str, options: Mapping[str, Any]) -> None:
     """Prepare a path after the others; check what it returns, and run a short one once more."""
     race = worker.extension(RaceBlocks)
     worker.scattered.append(memory_layout.scattered(worker.rng))

@@ -8,14 +8,14 @@ import functools
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import ClassVar
 
 import numpy as np
 
-from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.host.machine import CoreChange
+from mjbench.bounds import NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.host.disturbance import Disturbance
 from mjbench.measuring import launch_stats, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paths.base import nthread
@@ -139,9 +139,6 @@ class RaceRecord:
       unable: those that could not go on.
       is_cut_short: whether the race ended before it was decided, or before there were
         `MIN_FINAL_LAUNCHES` after it: its budget was used, or something ended it.
-      stolen_share: share of the processor time that the host gave to others; None where unknown.
-      neighbours: other measurements that ran on this machine meanwhile.
-      core_change: of the cores that paths could use, since the beginning; None without one.
     """
 
     record_type: ClassVar[str] = "race"
@@ -156,9 +153,7 @@ class RaceRecord:
     detail: str = ""
     is_cut_short: bool = False
     launches: Sequence[RaceLaunch] = ()
-    stolen_share: NonNegativeFloat | None = None
-    neighbours: Sequence[str] = ()
-    core_change: CoreChange | None = None
+    disturbance: Disturbance = field(default_factory=Disturbance)
 
     def __post_init__(self) -> None:
         positions = {each.variant for each in self.unable}.union(self.slow, *self.groups)

@@ -10,7 +10,7 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.errors import InputError, describe
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.records import TargetRow
 from mjbench.paths import base
 from mjbench.releases import release_names
@@ -96,7 +96,7 @@ def of_releases(
 
 def check_metric(metric: Metric, path_names: Iterable[str]) -> None:
     refusal = METRICS[metric].refusal
-    if METRICS[metric].measured == Measured.COMPILATION:
+    if METRICS[metric].compiles:
         raise InputError(f"--metric {metric} {refusal}: `mjbench versions … --paths mjx`")
     others = dict.fromkeys(name for name in path_names if refusal and name != paths.BASE)
     if others:
@@ -109,7 +109,7 @@ def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
     spec = METRICS[metric]
     for target in targets:
         unused = [*target.options] if spec.refusal else []
-        if not target.has_timer and spec.measured in (Measured.OPERATION, Measured.MEMORY):
+        if not (target.has_timer or spec.is_of_steps):
             unused.append("timer")
         if spec.reads_source:
             unused += target.model_options

@@ -128,13 +128,9 @@ class TimeLimit:
         enough_s = _MARGIN * (before_s + count * launch_s)
         launches = f"{count} launch{'es' if count > 1 else ''}"
         return (
-            f"a launch takes about {_two_digits(launch_s)} s, and {self._purpose} needs at least"
-            f" {launches}: give --budget {_rounded_up(enough_s)}s or more"
+            f"a launch takes about {float(f'{launch_s:.2g}'):g} s, and {self._purpose} needs at"
+            f" least {launches}: give --budget {_rounded_up(enough_s)}s or more"
         )
-
-
-def _two_digits(seconds: float) -> str:
-    return f"{float(f'{seconds:.2g}'):g}"
 
 
 def _rounded_up(seconds: float) -> int:

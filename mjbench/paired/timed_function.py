@@ -23,7 +23,7 @@ from mjbench.measuring.timing import LEAST_S
 from mjbench.paired import memory_blocks
 from mjbench.paired.call_results import Leaf, leaves
 from mjbench.paired.loop_sections import LoopSection
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.worker import Worker, activity
 
 # How many results are compared: a function may keep state from call to call.
@@ -348,11 +348,11 @@ def prepare_function(
 
     def section() -> LoopSection:
         function = imported.fresh()
-        if METRICS[metric].measured == Measured.MEMORY:
+        if METRICS[metric].is_of_memory:
             block = functools.partial(_block, function, count)
             return memory_blocks.peak_section(block)
         if isinstance(function, calls.PreparedCall):
-            if METRICS[metric].measured == Measured.COMPILATION:
+            if METRICS[metric].compiles:
                 return _called_once(function)
             check = functools.partial(calls.repeat, function.result, 1)
             return LoopSection(function.timed, function.prepare, check)

@@ -67,12 +67,7 @@ class VerdictPlan:
 
 
 def judge(
-    log_ratios: Sequence[float],
-    min_effect: float,
-    confidence: float,
-    precision: float,
-    residues: Sequence[int] | None = None,
-    family: int = 1,
+    log_ratios: Sequence[float], plan: VerdictPlan, residues: Sequence[int] | None = None
 ) -> Judgement:
     """Judge launches, each the natural logarithm of candidate time over baseline time.
 
@@ -82,16 +77,16 @@ def judge(
 
     Launches are enough if the verdict is `same`, or if the interval's half-width is at most a SHARE
     of the change (to stop as soon as the interval excludes "no change" would overstate the change).
-    They are also enough if the half-width is at most `precision`, or half of the smallest effect if
-    that is less. In a family of comparisons, `slower` and `faster` need more: an e-value that
+    They are also enough if the half-width is at most the precision, or half of the smallest effect
+    if that is less. In a family of comparisons, `slower` and `faster` need more: an e-value that
     suffices for any number of changes in the family (see `launch_stats.e_benjamini_hochberg`).
 
+    The confidence is that of the whole procedure, however often this is called.
+
     Args:
-      confidence: of the whole procedure, however often it is called.
       residues: of the launches' placements; None if libraries stay where they are.
     """
-    evidence = launch_stats.evidence(log_ratios, confidence, residues)
-    return conclude(evidence, min_effect, confidence, precision, family)
+    return conclude(launch_stats.evidence(log_ratios, plan.confidence, residues), plan)
 
 
 def judge_exactly(ratio: Ratio, min_effect: float) -> Judgement:
@@ -104,20 +99,18 @@ def judge_exactly(ratio: Ratio, min_effect: float) -> Judgement:
     return Judgement(verdict, ratio, 0, True, None, None)
 
 
-def conclude(
-    evidence: Evidence, min_effect: float, confidence: float, precision: float, family: int = 1
-) -> Judgement:
-    """Judge what launches show; see `judge` for the rule and the other arguments."""
+def conclude(evidence: Evidence, plan: VerdictPlan) -> Judgement:
+    """Judge what launches show; see `judge` for the rule."""
     interval = evidence.interval
-    log_effect = float(np.log1p(min_effect))
+    log_effect = float(np.log1p(plan.min_effect))
     has_launches = interval.count >= MIN_LAUNCHES
     verdict = _verdict(interval, log_effect) if has_launches else Verdict.INCONCLUSIVE
     # half of the effect: an interval as wide as the effect on both sides could never be `same`
-    precise = min(float(np.log1p(precision)), log_effect / 2)
+    precise = min(float(np.log1p(plan.precision)), log_effect / 2)
     is_narrow = interval.half_width <= max(precise, abs(interval.mean) * SHARE)
     is_change = verdict in (Verdict.SLOWER, Verdict.FASTER)
     e_value = evidence.e_positive if interval.mean > 0 else evidence.e_negative
-    is_sure = not is_change or e_value * (1 - confidence) >= family
+    is_sure = not is_change or e_value * (1 - plan.confidence) >= plan.family
     return Judgement(
         verdict,
         Ratio.of_log(interval.mean, interval.half_width),
@@ -292,14 +285,8 @@ def judge_launches(
     used = [launch for launch in launches if launch.placements.is_moved] or launches
     if not used:
         return None
-    return judge(
-        [launch.log_ratio + log_scale for launch in used],
-        plan.min_effect,
-        plan.confidence,
-        plan.precision,
-        [launch.placements.residue for launch in used if launch.placements.is_moved] or None,
-        plan.family,
-    )
+    residues = [launch.placements.residue for launch in used if launch.placements.is_moved]
+    return judge([launch.log_ratio + log_scale for launch in used], plan, residues or None)
 
 
 def _judge_as_shipped(
@@ -315,4 +302,4 @@ def _judge_as_shipped(
         [launch.log_ratio + log_scale for launch in moved],
         [launch.placements.residue for launch in moved],
     )
-    return conclude(Evidence(interval, 1.0, 1.0), plan.min_effect, plan.confidence, plan.precision)
+    return conclude(Evidence(interval, 1.0, 1.0), plan)

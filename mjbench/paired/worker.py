@@ -233,7 +233,7 @@ class Worker:
         self.scattered.append(memory_layout.scattered(self.rng))
 
     @activity("preparing a run")
-    def prepare(
+    def prepare_run(
         self,
         path_name: str,
         options: Mapping[str, Any],

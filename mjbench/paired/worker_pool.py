@@ -308,6 +308,16 @@ class WorkerPool:
         process.wait()
         self._checked.add(release.key)
 
+    @contextlib.contextmanager
+    def ready(self, release: ReleaseSpec, name: str = "") -> Iterator[WorkerProcess]:
+        """Yield a process that has imported a release; it ends with the block."""
+        process = self.start(release, name)
+        try:
+            self.wait_for(process, release)
+            yield process
+        finally:
+            self.end([process])
+
     def end(self, processes: Sequence[WorkerProcess]) -> None:
         """End processes of this pool, all of them even where ending one is interrupted."""
         with contextlib.ExitStack() as ending:

@@ -146,6 +146,10 @@ class AcceleratedPath(SteppingPath):
         """Return environment variables to set before its process starts; None removes one."""
         return {}
 
+    @abstractmethod
+    def use_cache(self, folder: pathlib.Path) -> None:
+        """Have this process take compiled programs from a folder, and keep all of its own there."""
+
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Compiled:
         """Return a compiled run, with buffers for what the reference run needs."""
         return self.compile(workload, options, reference_peaks(workload, resources))

@@ -70,6 +70,9 @@ class Mjx(AcceleratedPath):
             _MATMUL: _matmul_precision(),
         }
 
+    def use_cache(self, folder: Path) -> None:
+        use_jax_cache(folder)
+
     def device_kind(self) -> str:
         import jax
 
@@ -178,6 +181,10 @@ class MjxWarp(Mjx):
     def environment(self) -> dict[str, str | None]:
         return {**super().environment(), CACHE_VARIABLE: None}
 
+    def use_cache(self, folder: Path) -> None:
+        super().use_cache(folder)
+        os.environ[CACHE_VARIABLE] = str(folder)
+
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
         from mjbench.paths.warp import configure_warp
 
@@ -196,6 +203,16 @@ class MjxWarp(Mjx):
 
         parts = (super().peak_gpu_memory_bytes(device), peak_gpu_memory_bytes())
         return sum(part for part in parts if part) or None
+
+
+def use_jax_cache(folder: Path) -> None:
+    """See `AcceleratedPath.use_cache`."""
+    import jax
+
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_enable_compilation_cache", True)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 def _matmul_precision() -> str:
@@ -298,13 +315,9 @@ class MjxProgram:
 
     def cached_compile_s(self) -> float:
         """Return the seconds of compiling the timed program where a cache, filled first, has it."""
-        import jax
         from jax.experimental.compilation_cache import compilation_cache
 
-        jax.config.update("jax_compilation_cache_dir", tempfile.mkdtemp(dir=Path.cwd()))
-        jax.config.update("jax_enable_compilation_cache", True)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+        use_jax_cache(Path(tempfile.mkdtemp(dir=Path.cwd())))
         compilation_cache.reset_cache()
         self._trace(self._fixed_nstep)[0].compile()
         again, _ = self._trace(self._fixed_nstep)

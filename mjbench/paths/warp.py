@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,9 @@ class Warp(AcceleratedPath):
 
     def environment(self) -> dict[str, str | None]:
         return {CACHE_VARIABLE: None}
+
+    def use_cache(self, folder: Path) -> None:
+        os.environ[CACHE_VARIABLE] = str(folder)
 
     def device_kind(self) -> str:
         import warp as wp
@@ -121,7 +124,6 @@ class _StepGraph:
         self._data, self._capture = data, capture
         self._arrays = {n: v for n, v in vars(data).items() if isinstance(v, wp.array)}
         self.reload()
-        self._rollout = self._make_rollout()
 
     def reload(self) -> None:
         self._start = self._fields_on_device(start_fields(self._workload))
@@ -152,21 +154,18 @@ class _StepGraph:
         rows = (np.asarray(array.numpy(), dtype=np.float64) for array in solved)
         return StepOutcome(self._fields(), _contacts(self._data), *rows)
 
-    def _make_rollout(self) -> "_Rollout":
+    def _rollout(self, start: Mapping[str, Any], controls: Sequence[Any], nstep: int) -> None:
         import warp as wp
 
-        arrays, data, capture, hold = self._arrays, self._data, self._capture, self._workload.hold
-
-        def rollout(start: Mapping[str, Any], controls: Sequence[Any], nstep: int) -> None:
-            for name, values in start.items():
-                wp.copy(arrays[name], values)
-            for k in range(nstep):
-                if k % hold == 0:
-                    wp.copy(data.ctrl, controls[k // hold])
-                wp.capture_launch(capture.graph)
-            wp.synchronize()
-
-        return rollout
+        arrays, ctrl, hold = self._arrays, self._data.ctrl, self._workload.hold
+        capture_launch, graph = wp.capture_launch, self._capture.graph
+        for name, values in start.items():
+            wp.copy(arrays[name], values)
+        for k in range(nstep):
+            if k % hold == 0:
+                wp.copy(ctrl, controls[k // hold])
+            capture_launch(graph)
+        wp.synchronize()
 
     def _fields_on_device(self, fields: Mapping[str, np.ndarray]) -> dict[str, Any]:
         supported = supported_fields(fields, self._arrays, Warp.engine)
@@ -184,10 +183,6 @@ class _StepGraph:
             name: np.asarray(self._arrays[name].numpy(), dtype=np.float64).reshape(nbatch, -1)
             for name in (*self._start, "ctrl")
         }
-
-
-# (arrays by field, one array of controls for each control, nstep)
-_Rollout = Callable[[Mapping[str, Any], Sequence[Any], int], None]
 
 
 def configure_warp() -> None:

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mjbench.host.neighbours import Disturbance
+from mjbench.host import disturbance
+from mjbench.host.disturbance import Disturbance
 from mjbench.measuring.ratio import LogEstimate
 from mjbench.results import formats
 from mjbench.results.formats import Bounded, Form
@@ -256,9 +257,8 @@ def filled(*tables: DataTable) -> list[DataTable]:
 def after_disturbances(run: "Run", sections: Iterable[Section]) -> list[Section]:
     """Return the sections of a run; what disturbed it comes first."""
     cautions = [
-        Conclusion(sentence, Tone.CAUTION)
-        for disturbance in run.of_type(Disturbance)
-        for sentence in disturbance.sentences
+        Conclusion(disturbance.sentence(each.clauses), Tone.CAUTION)
+        for each in run.of_type(Disturbance)
     ]
     listed = list(sections)
     if listed:

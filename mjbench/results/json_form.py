@@ -7,12 +7,30 @@ that of a dataclass without it has all its fields.
 
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, TypeVar
 
+from mjbench.host.machine import Machine
 from mjbench.results import runs
 
 _T = TypeVar("_T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultsDocument:
+    """The document of a command whose results do not depend on one machine."""
+
+    schema: int = runs.SCHEMA
+    results: Sequence[object]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineResultsDocument:
+    """The document of a command that has only results, of one machine."""
+
+    schema: int = runs.SCHEMA
+    machine: Machine
+    results: Sequence[object]
 
 
 def in_json(

@@ -4,9 +4,9 @@ Field names are the keys of the format (docs/formats.md). None is what was not r
 apply.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar
 
 from mjbench import paths
 from mjbench.bounds import (
@@ -72,14 +72,19 @@ class ModelRecord:
     total_steps: PositiveInt | None = None
 
     @property
+    def size(self) -> tuple[str, int | None]:
+        """Which model it is, and at which size asked for."""
+        return self.model, self.nbatch_asked
+
+    @property
     def block_steps(self) -> int | None:
         """The steps of one block, all simulations together; None before its size is known."""
         return self.nbatch * self.nstep if self.nbatch and self.nstep else None
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasurementRecord:
-    """One variant on one model at one size, which is that of a `ModelRecord` (see `of_model`).
+class VariantRecord:
+    """One variant on one model at one size, which a `ModelRecord` describes.
 
     Attributes:
       agrees: whether it does what the reference does; None where that was not compared or judged.
@@ -93,7 +98,7 @@ class MeasurementRecord:
       samples_s: seconds of each block of an accelerated path.
     """
 
-    record_type: ClassVar[str] = "measurement"
+    record_type: ClassVar[str] = "variant"
     model: str
     path: str
     options: Mapping[str, Any]
@@ -123,7 +128,7 @@ class MeasurementRecord:
     @classmethod
     def of(
         cls, model: str, variant: Variant, status: Status = Status.OK, detail: str = ""
-    ) -> "MeasurementRecord":
+    ) -> "VariantRecord":
         path = paths.find(variant.path)
         return cls(
             model=model,
@@ -134,31 +139,3 @@ class MeasurementRecord:
             closed_loop=path.closed_loop,
             precision=path.precision if isinstance(path, AcceleratedPath) else None,
         )
-
-
-class OfModel(Protocol):
-    """A record of a model at one size."""
-
-    @property
-    def model(self) -> str: ...
-
-    @property
-    def nbatch_asked(self) -> int | None: ...
-
-
-_R = TypeVar("_R", bound=OfModel)
-
-
-def of_model(kind: type[_R], model: OfModel, records: Iterable[object]) -> list[_R]:
-    """Return the records of a type that are of a model at one size, from those of a run."""
-    return [
-        record
-        for record in records
-        if isinstance(record, kind)
-        and (record.model, record.nbatch_asked) == (model.model, model.nbatch_asked)
-    ]
-
-
-RECORD_TYPES: Mapping[str, type] = {
-    kind.record_type: kind for kind in (ModelRecord, MeasurementRecord)
-}

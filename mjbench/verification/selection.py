@@ -88,11 +88,6 @@ def plans(
     return [dataclasses.replace(plan, nbatch=size) for size in sizes]
 
 
-def named(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names that a user gave without the one that asks for no path in particular."""
-    return tuple(name for name in names if name != USUAL_PATHS)
-
-
 def expand(names: Sequence[str]) -> list[str]:
     """Return paths by name, with `c` replaced by the C paths, `usual` by those and MJX if there.
 

@@ -117,6 +117,9 @@ def test_states_of_the_program_are_the_starts(inline: None) -> None:
         ),
         (lambda: mjbench.profile("missing.xml"), "no such file"),
         (lambda: mjbench.latency("cartpole", rate_hz=0), "rate_hz must be above 0"),
+        (lambda: mjbench.latency("cartpole", settle_s=-1.0), "settle_s must be at least 0"),
+        (lambda: mjbench.latency("cartpole", states="missing.npz"), "no such file"),
+        (lambda: mjbench.latency("cartpole", settle_s=0.5, states={"qpos": [[0.0]]}), "not both"),
     ],
 )
 def test_bad_input_is_refused_in_a_line(call: Any, message: str) -> None:

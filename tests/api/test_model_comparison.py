@@ -15,10 +15,10 @@ from commands import TESTS
 from pretender import Pretender
 
 from mjbench.api import model_comparison
-from mjbench.api.model_comparison import ComparedModel, ModelChildren, ModelComparison
+from mjbench.api.model_comparison import ComparedModel, ModelChildren
 from mjbench.api.session import Observer
 from mjbench.commands.compare import accelerated_measurement
-from mjbench.commands.compare.results import PathResult, derive
+from mjbench.commands.compare.results import ModelComparison, PathResult, derive
 from mjbench.host import isolate, machine, neighbours
 from mjbench.host.machine import CoreChange
 from mjbench.host.neighbours import Neighbour
@@ -32,7 +32,7 @@ from mjbench.simulation.workload import Product
 from mjbench.status import Status
 from mjbench.verification.path_verification import ModelFiles
 from mjbench.verification.plan import WITHOUT_TIMER, ComparisonPlan, Variant
-from mjbench.verification.records import MeasurementRecord, ModelRecord
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 
 class Recorded(ComparedModel):
@@ -154,8 +154,8 @@ def test_another_measurement_that_ended_during_the_race_stays_on_record(
     seen = itertools.chain([[Neighbour(1, "versions")]], itertools.repeat([]))
     monkeypatch.setattr(neighbours, "measuring_now", lambda: next(seen))
     first, *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
-    assert first.race is not None and first.race.neighbours == ["versions"]
-    assert last.race is not None and last.race.neighbours == ["versions"]
+    assert first.race is not None and first.race.disturbance.commands == ["versions"]
+    assert last.race is not None and last.race.disturbance.commands == ["versions"]
 
 
 @pytest.mark.usefixtures("inline")
@@ -167,7 +167,7 @@ def test_a_core_that_was_lost_during_the_race_stays_on_record(
     monkeypatch.setattr(machine, "usable_cores", lambda: 2)
     *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
     assert last.race is not None
-    assert last.race.core_change == CoreChange(2, 1)
+    assert last.race.disturbance.core_change == CoreChange(2, 1)
 
 
 @pytest.mark.usefixtures("inline")
@@ -196,7 +196,7 @@ def test_what_was_measured_before_an_interruption_comes_last(
     monkeypatch.setattr(RaceLaunches, "launch", interrupted)
     monkeypatch.setattr("mjbench.paired.race.RaceBudget.left_s", lambda budget: 100.0)
     *_, last = comparisons(pool, contact_file, Variant("python_loop_hold", {}))
-    assert last.is_interrupted
+    assert last.model.status == Status.INTERRUPTED
     assert last.race is not None
     assert len(last.race.launches) == at_launch
     rows = results(last).values()
@@ -328,7 +328,7 @@ def verified(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildre
     return of_model
 
 
-def rows_of(of_model: ModelChildren) -> dict[str, MeasurementRecord]:
+def rows_of(of_model: ModelChildren) -> dict[str, VariantRecord]:
     """Return the records as if a race had timed all that agrees."""
     return {
         record.path: record for record in of_model.measurements(of_model.agreeing, is_over=True)
@@ -430,7 +430,7 @@ def test_a_compiler_that_takes_too_long_bounds_what_the_path_costs(
 
     def run(request: Any, on_record: Any, import_from: Any) -> isolate.Ended:
         if compile_s is not None:
-            record = MeasurementRecord.of("m", request.variant)
+            record = VariantRecord.of("m", request.variant)
             on_record(dataclasses.replace(record, compile_s=compile_s))
         return isolate.Ended(Status.TIMEOUT, "no answer, killed (--time-limit)")
 

@@ -228,7 +228,7 @@ def call_or_compile_nothing(
     """Stand in for children that compile the path `mjx`.
 
     tests/benchmarks/test_mjx.py tests what they time, and
-    tests/comparison/test_accelerated_measurement.py compiles the path.
+    tests/commands/compare/test_accelerated_measurement.py compiles the path.
     """
     if function is mjx.compare_with_handwritten:  # this one still compiles the program by hand
         assert arguments[0].name == "mjx"

@@ -6,14 +6,16 @@ from pathlib import Path
 import pytest
 
 from mjbench.api.session import Item, Items, Measurement, Observer, Session
-from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
+from mjbench.cli.context import RunContext, measure_and_print
 from mjbench.commands.profile.habit_timing import OverheadRow
+from mjbench.commands.shared_options import OutputOptions
 from mjbench.commands.show import kinds
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, neighbours
+from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import ProcessorTime
-from mjbench.host.neighbours import Disturbance, Neighbour
+from mjbench.host.neighbours import Neighbour
 from mjbench.results import runs
 from mjbench.results.content import Section, Tone
 from mjbench.results.run_writer import RunFile
@@ -39,7 +41,7 @@ def measured(
         yield from items()
 
     measurement = Measurement("overhead", {}, [], yielded)
-    return measure_and_print(measurement, OutputOptions(folder, None, False, resume), each=names)
+    return measure_and_print(measurement, OutputOptions(results=folder, resume=resume), each=names)
 
 
 def nothing(earlier: Sequence[Record], observer: Observer) -> Items:
@@ -105,7 +107,7 @@ def test_an_interrupt_while_results_are_printed_names_where_they_are(
 
     measurement = Measurement("overhead", {}, [], lambda *_: (Item([each]) for each in [row("a")]))
     with pytest.raises(SystemExit, match="130"):
-        measure_and_print(measurement, OutputOptions(tmp_path, None, False), summary=interrupted)
+        measure_and_print(measurement, OutputOptions(results=tmp_path), summary=interrupted)
     assert capsys.readouterr().err == "mjbench: interrupted; what was measured is saved\n"
     assert stored(tmp_path) == ["a"]
 
@@ -148,7 +150,7 @@ def test_time_that_the_host_took_is_reported_where_it_matters(
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: share)
     with RunContext(session=Session(Measurement("versions", {}, [], nothing))):
         pass
-    expected = "The host took 13 % of this machine's processor time for others"
+    expected = "Disturbed: the host took 13 % of the processor time for others. Measure again."
     assert (expected in capsys.readouterr().out) == is_reported
 
 
@@ -173,7 +175,7 @@ def test_what_disturbed_a_run_is_its_last_record_and_comes_first_when_it_is_show
     run = runs.load(file, RECORD_TYPES)
     assert run.records[-1] == Disturbance([], 0.13)
     first, *_ = kinds.kind_of(run).sections(run)[0].conclusions
-    assert (first.tone, first.text[:18]) == (Tone.CAUTION, "The host took 13 %")
+    assert (first.tone, first.text[:29]) == (Tone.CAUTION, "Disturbed: the host took 13 %")
 
 
 def test_a_continued_run_has_what_disturbed_it_before_and_since(
@@ -210,7 +212,10 @@ def test_others_that_measure_are_named_at_the_beginning_and_at_the_end(
         assert (
             "is measuring on this machine (mjbench compare, process 7)" in capsys.readouterr().out
         )
-    assert "at the same time (mjbench compare, mjbench ab)" in capsys.readouterr().out
+    assert (
+        "mjbench ab, mjbench compare measured on this machine at the same time"
+        in capsys.readouterr().out
+    )
 
 
 def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:
@@ -227,5 +232,5 @@ def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:
 
     measurement = Measurement("overhead", {}, [], lambda *_: items())
     with pytest.raises(BrokenPipeError):
-        measure_and_print(measurement, OutputOptions(tmp_path, None, False), each=fail)
+        measure_and_print(measurement, OutputOptions(results=tmp_path), each=fail)
     assert ended

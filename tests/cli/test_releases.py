@@ -36,7 +36,7 @@ def test_without_network_the_list_shows_what_is_known_here_and_says_so(tmp_path:
     assert "package index" in done.stderr
     document = json.loads(out.read_text())
     assert document["schema"] == 1
-    rows = {row["version"]: row for row in document["releases"]}
+    rows = {row["version"]: row for row in document["results"]}
     keys = {"version", "uploaded", "tag", "in_history", "in_index", "installed"}
     assert set(rows["2.3.7"]) == keys
     assert rows["2.3.7"]["in_history"]

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mjbench.host import neighbours
-from mjbench.host.neighbours import Disturbance, Neighbour
+from mjbench.host.neighbours import Neighbour
 
 ME = 20
 
@@ -115,8 +115,3 @@ def test_one_that_is_alone_waits_for_nobody() -> None:
     calls: list[object] = []
     neighbours.wait_for_others(calls.append, list, calls.append)
     assert calls == []
-
-
-def test_a_disturbance_names_each_command_once() -> None:
-    (sentence,) = Disturbance(["compare", "ab", "compare"]).sentences
-    assert "(mjbench compare, mjbench ab)" in sentence

@@ -14,9 +14,8 @@ import pytest
 from mjbench.errors import MachineError
 from mjbench.measuring.calls import Compilation, PreparedCall
 from mjbench.paired import accelerated_function
-from mjbench.paths.accelerated import CPU, Compiled, accelerated_path
+from mjbench.paths.accelerated import CPU, Compiled
 from mjbench.paths.base import States
-from mjbench.paths.warp import CACHE_VARIABLE
 from mjbench.paths.warp_buffers import OverflowedError
 from mjbench.simulation import models, workload
 from mjbench.simulation.workload import Workload
@@ -92,6 +91,7 @@ def stub_path(prepare: Callable[..., Compiled], **others: object) -> SimpleNames
         "packages": (),
         "environment": dict,
         "cannot_run": lambda *_: None,
+        "use_cache": lambda folder: None,
     }
     return SimpleNamespace(prepare=prepare, **(usual | others))
 
@@ -141,16 +141,6 @@ def test_compiling_anew_is_timed_without_what_a_process_has_kept(
     took = call.compilation()
     assert took.first_run_s > 0
     assert took == Compilation(0.5, 1.0, took.first_run_s, programs=2)
-
-
-def test_warp_keeps_its_kernels_where_processes_of_an_environment_look(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv(CACHE_VARIABLE, "/elsewhere")
-    path = accelerated_path("warp")
-    assert path.environment()[CACHE_VARIABLE] is None
-    accelerated_function._use_cache(path, tmp_path)
-    assert os.environ[CACHE_VARIABLE] == str(tmp_path)
 
 
 def test_the_run_alone_is_timed(program: Program, step: PreparedCall) -> None:

@@ -11,14 +11,13 @@ import pytest
 from paired_examples import BRIEF_SIZES, CARTPOLE
 
 from mjbench.errors import InputError
-from mjbench.paired import operations, pair_launches, target_pair
+from mjbench.paired import operations, pair_launches
 from mjbench.paired.metrics import Metric
 from mjbench.paired.operations import PreparedOperation
 from mjbench.paired.outcomes import ResultsOutcome
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.target_pair import OperationPair, TargetPair, pair_of
-from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_answers import ReadyOperation
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
@@ -79,13 +78,14 @@ def test_all_that_a_block_of_an_operation_computes_is_compared(
             return ReadyOperation(50_000, prepare().result())
 
     @contextlib.contextmanager
-    def loaded(*arguments: Any) -> Iterator[Any]:
-        yield [Process(), Process()], (Path("baseline.mjb"), Path("candidate.mjb"))
+    def loaded(pair: OperationPair) -> Iterator[Any]:
+        pair.models = Path("baseline.mjb"), Path("candidate.mjb")
+        yield [Process(), Process()]
 
-    monkeypatch.setattr(target_pair, "loaded", loaded)
-    monkeypatch.setattr(operations, "OF_METRIC", {Metric.RAYS: cast_rays})
+    monkeypatch.setattr(OperationPair, "loaded", loaded)
+    monkeypatch.setattr(operations, "cast_rays", cast_rays)
     pool, targets = cast(WorkerPool, None), (CARTPOLE, CARTPOLE)
-    pair = OperationPair(pool, targets, Sizes(metric=Metric.RAYS), TimeLimit())
+    pair = OperationPair(pool, targets, Sizes(metric=Metric.RAYS))
     pair.fix_work()
     expected = ResultsOutcome.DIFFERENT if differs else ResultsOutcome.SAME
     assert pair.results.outcome == expected
@@ -95,4 +95,4 @@ def test_loading_is_of_a_source_and_not_of_a_compiled_model(tmp_path: Path) -> N
     file = tmp_path / "model.mjb"
     models.save(models.load(CARTPOLE.model), file)
     with pytest.raises(InputError, match=r"model\.mjb is compiled"):
-        operations.OF_METRIC[Metric.LOAD](ModelSource("", file), 1)
+        operations.load(ModelSource("", file), 1)

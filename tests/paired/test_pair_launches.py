@@ -51,7 +51,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
 
     def spying(baseline: Any, candidate: Any, count: int) -> Any:
         spied.pids.append((baseline.pid, candidate.pid))
-        spied.started_ahead.append(pair._pairs._next is not None)
+        spied.started_ahead.append(pair._next is not None)
         if has_affinity:
             pids = (0, baseline.pid, candidate.pid)
             spied.affinities.append([os.sched_getaffinity(pid) for pid in pids])
@@ -137,7 +137,7 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
     time_quads = pair_launches.time_quads
 
     def kill_next(baseline: Any, candidate: Any, count: int) -> Any:
-        ahead = pair._pairs._next
+        ahead = pair._next
         assert ahead is not None
         os.kill(ahead.processes[0].pid, signal.SIGKILL)
         return time_quads(baseline, candidate, count)
@@ -170,11 +170,12 @@ def test_programs_of_other_seeds_start_with_the_last_launch_of_those_before(
         patch.setattr(pool, "start", spying)
         patch.setattr(pool, "start_program_early", start_early)
         pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
+        pairs.start()
         for _ in range(launches):
-            with pairs.launch(None):
+            with pairs.launched(None):
                 pass
             pairs.wait()
-        pairs.close()
+        pairs.end_all()
     # in random order, and none again for the first launch of those programs
     assert sorted(early) == [(0, 2 * launches), (1, 2 * launches)]
 
@@ -198,13 +199,14 @@ def test_the_processes_of_a_launch_end_while_the_next_start(
     with monkeypatch.context() as patch:
         patch.setattr(pool, "end", spying)
         pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
-        with pairs.launch(core) as first:
+        pairs.start()
+        with pairs.launched(core) as first:
             assert ended == []
         assert ended == ([*first.processes] if is_alone else [])
         pairs.wait()
-        with pairs.launch(core) as second:
+        with pairs.launched(core) as second:
             assert ended == [*first.processes]
-        pairs.close()
+        pairs.end_all()
     assert ended[:4] == [*first.processes, *second.processes]
 
 
@@ -229,7 +231,7 @@ def test_where_one_process_of_a_launch_cannot_start_the_other_ends(
     release = CARTPOLE.release
     before = list(pool._processes)
     with pytest.raises(MachineError, match="no process is left"):
-        ProcessPairs(pool, (release, release), ("baseline", "candidate"))
+        ProcessPairs(pool, (release, release), ("baseline", "candidate")).start()
     assert len(started) == 1
     assert pool._processes == before
 

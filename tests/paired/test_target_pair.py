@@ -13,15 +13,20 @@ import mjbench
 from mjbench.errors import InputError
 from mjbench.paired import run_sizes, target_pair
 from mjbench.paired.run_sizes import Sizes
-from mjbench.paired.target_pair import pair_of, prepare_simulations
+from mjbench.paired.target_pair import StepPair, pair_of
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_SETTLE_S, KEYFRAME_STARTS, StartPlan, Starts
 from mjbench.simulation.workload import Product
 from mjbench.verification import step_costs
+
+
+def prepared(pool: WorkerPool, targets: tuple[Target, Target], sizes: Sizes) -> StepPair:
+    pair = StepPair(pool, targets, sizes)
+    pair.fix_work()
+    return pair
 
 
 def test_models_of_different_size_do_as_many_simulations_each(
@@ -57,8 +62,8 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
 
 
 def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool) -> None:
-    prepared = prepare_simulations(pool, (CUBES, CUBES), Sizes(), TimeLimit())
-    check = prepared.work
+    pair = prepared(pool, (CUBES, CUBES), Sizes())
+    check = pair.work
     assert check.baseline == check.candidate
     assert check.baseline.contacts > 0
     assert check.drift is not None
@@ -66,7 +71,7 @@ def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool
     assert check.drift.runs[-1].step == check.nstep
     assert {drift.difference for drift in check.drift.runs} == {0.0}
     assert not check.changes
-    assert all(file.is_file() for file in (*prepared.models, *prepared.workloads))
+    assert all(file.is_file() for file in (*pair.models, *pair.workloads))
 
 
 def test_runs_with_other_stopwatch_readings_do_identical_work(
@@ -86,7 +91,7 @@ def test_runs_with_other_stopwatch_readings_do_identical_work(
         return answer
 
     monkeypatch.setattr(WorkerProcess, "call", call_with_another_clock)
-    runs = [prepare_simulations(pool, (target, target), Sizes(), TimeLimit()) for _ in range(2)]
+    runs = [prepared(pool, (target, target), Sizes()) for _ in range(2)]
     first, second = runs
     assert next(readings_s) == 1e-4  # measured once
     assert first.work == second.work
@@ -102,9 +107,9 @@ def test_starts_are_settled_and_the_check_says_so(pool: WorkerPool) -> None:
         (KEYFRAME_STARTS, Starts(0.0, 0.0)),
     ):
         sizes = Sizes(nbatch=2, nstep=2, starts=plan)
-        prepared = prepare_simulations(pool, (CUBES, CUBES), sizes, TimeLimit())
-        assert prepared.work.starts == starts
-        assert prepared.work.candidate_starts is None
+        pair = prepared(pool, (CUBES, CUBES), sizes)
+        assert pair.work.starts == starts
+        assert pair.work.candidate_starts is None
 
 
 def test_a_file_of_states_that_fits_neither_model_is_bad_input(
@@ -113,7 +118,7 @@ def test_a_file_of_states_that_fits_neither_model_is_bad_input(
     file = tmp_path / "states.npz"
     np.savez(file, qpos=np.zeros((3, 5)))
     with pytest.raises(InputError, match="the model's qpos has 14 numbers, the file's 5"):
-        prepare_simulations(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)), TimeLimit())
+        prepared(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)))
 
 
 def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
@@ -125,16 +130,16 @@ def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
         mujoco.mj_step(model, data, 2000)
     target = Target(INSTALLED, models.resolve("cartpole"))
     sizes = Sizes(starts=StartPlan(file=file))
-    prepared = prepare_simulations(pool, (target, target), sizes, TimeLimit())
-    assert prepared.work.nstep == 10
-    assert prepared.nsim >= target_pair.NSTART
-    assert prepared.work.starts.file == "states.npz"
+    pair = prepared(pool, (target, target), sizes)
+    assert pair.work.nstep == 10
+    assert pair.nsim >= target_pair.NSTART
+    assert pair.work.starts.file == "states.npz"
 
 
 def test_changed_work_is_reported(pool: WorkerPool) -> None:
     candidate = replace(CUBES, model_options={"iterations": "1", "solver": "cg"})
     sizes = Sizes(starts=KEYFRAME_STARTS)
-    check = prepare_simulations(pool, (CUBES, candidate), sizes, TimeLimit()).work
+    check = prepared(pool, (CUBES, candidate), sizes).work
     assert check.changes
     assert any(change.startswith("solver iterations") for change in check.changes)
 
@@ -154,7 +159,7 @@ def test_each_of_two_models_settles_by_itself(pool: WorkerPool, tmp_path: Path) 
     """Weightless, the box of the candidate never lands, wherever the baseline's lies."""
     plain = _boxes(tmp_path, "plain.xml", ">")
     weightless = _boxes(tmp_path, "weightless.xml", "gravity='0 0 0'>")
-    check = prepare_simulations(pool, (plain, weightless), Sizes(), TimeLimit()).work
+    check = prepared(pool, (plain, weightless), Sizes()).work
     assert (check.baseline.contacts, check.candidate.contacts) == (4, 0)
     assert check.candidate_starts is not None
     assert check.drift is not None and check.drift.one_step > 0 and check.drift.runs == ()
@@ -180,7 +185,7 @@ def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
 ) -> None:
     fine, coarse = _boxes(tmp_path, "a.xml", ">"), _boxes(tmp_path, "b.xml", "timestep='0.004'>")
     sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
-    check = prepare_simulations(pool, (fine, coarse), sizes, TimeLimit()).work
+    check = prepared(pool, (fine, coarse), sizes).work
     assert check.timesteps_s == (0.002, 0.004)
     assert check.log_scale == pytest.approx(-np.log(2))
 
@@ -189,7 +194,7 @@ def test_sensors_are_work(pool: WorkerPool, tmp_path: Path) -> None:
     seeing = _boxes(tmp_path, "a.xml", ">", "<rangefinder site='eye'/><clock/>")
     blind = _boxes(tmp_path, "b.xml", ">")
     sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
-    check = prepare_simulations(pool, (seeing, blind), sizes, TimeLimit()).work
+    check = prepared(pool, (seeing, blind), sizes).work
     assert check.changes == ["sensors 2 → 0", "rays 1 → 0"]
 
 
@@ -205,7 +210,7 @@ def test_an_option_that_does_not_exist_is_bad_input(
 ) -> None:
     baseline = replace(CARTPOLE, model_options=options)
     with pytest.raises(InputError) as caught:
-        prepare_simulations(pool, (baseline, CARTPOLE), Sizes(), TimeLimit())
+        prepared(pool, (baseline, CARTPOLE), Sizes())
     assert message in str(caught.value).lower()
 
 
@@ -285,8 +290,8 @@ def test_the_run_of_a_plain_loop_is_divided_if_its_states_are_whole(
 
     monkeypatch.setattr(WorkerProcess, "call", call_another_build)
     target = replace(CARTPOLE, path=path)
-    prepared = prepare_simulations(pool, (target, target), sizes, TimeLimit())
-    assert (prepared.nsection > 1) == is_divided
+    pair = prepared(pool, (target, target), sizes)
+    assert (pair.nsection > 1) == is_divided
 
 
 def test_a_run_is_not_divided_where_a_section_of_the_faster_target_would_be_too_short(
@@ -295,8 +300,8 @@ def test_a_run_is_not_divided_where_a_section_of_the_faster_target_would_be_too_
     humanoid = Target(CARTPOLE.release, models.resolve("humanoid"))
     both = [(humanoid, humanoid), (CARTPOLE, humanoid), (humanoid, CARTPOLE)]
     sizes = Sizes(starts=KEYFRAME_STARTS)
-    prepared = [prepare_simulations(pool, each, sizes, TimeLimit()) for each in both]
-    assert [each.nsection for each in prepared] == [10, 1, 1]
+    pairs = [prepared(pool, each, sizes) for each in both]
+    assert [each.nsection for each in pairs] == [10, 1, 1]
 
 
 @pytest.mark.parametrize(("size", "count"), [(8, 1), (16, 2), (7, 3), (5, 5), (1, 1)])

@@ -22,7 +22,7 @@ from mjbench.paired.records import Judgement, LaunchRow, VerdictRecord, WorkDiff
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
-from mjbench.paired.verdict import judge
+from mjbench.paired.verdict import VerdictPlan, judge
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.releases.release_names import ReleaseSpec
@@ -47,7 +47,7 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
 
 def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:
     ticks = iter(range(0, 10_000, 100))
-    plan = verdict.VerdictPlan(time_limit_s=350.0, as_shipped=True)
+    plan = VerdictPlan(time_limit_s=350.0, as_shipped=True)
     record = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: float(next(ticks)))
     assert record.ratio is not None
     assert record.verdict == Verdict.INCONCLUSIVE
@@ -61,9 +61,7 @@ def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None
 def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
     pool: WorkerPool,
 ) -> None:
-    plan = verdict.VerdictPlan(
-        as_shipped=True, time_limit_s=2.0, sizes=Sizes(nbatch=1_000_000, nstep=1000)
-    )
+    plan = VerdictPlan(as_shipped=True, time_limit_s=2.0, sizes=Sizes(nbatch=1_000_000, nstep=1000))
     row = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert (row.status, row.samples) == (Status.OK, [])
     assert (row.verdict, row.ratio) == (Verdict.INCONCLUSIVE, None)
@@ -77,7 +75,7 @@ def test_a_launch_that_proves_too_heavy_is_not_finished(
 ) -> None:
     monkeypatch.setattr(target_pair, "launch_s", lambda all_blocks_s, *nsection: 0.01)
     monkeypatch.setattr(pair_launches, "launch_s", lambda all_blocks_s, *nsection: 100.0)
-    plan = verdict.VerdictPlan(time_limit_s=60.0, as_shipped=True)
+    plan = VerdictPlan(time_limit_s=60.0, as_shipped=True)
     result = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert result.verdict == Verdict.INCONCLUSIVE
     assert result.detail.startswith("a launch takes about 100 s")
@@ -121,7 +119,7 @@ def invented_decision(
 
     monkeypatch.setattr(verdict, "pair_of", pair)
     pool: Any = None
-    plan = verdict.VerdictPlan()
+    plan = VerdictPlan()
     return verdict.decide_pair(
         pool, CARTPOLE, CARTPOLE, plan, clock=lambda: clock[0], use_workload=use_workload
     )
@@ -203,12 +201,12 @@ def test_a_slowdown_well_below_the_smallest_effect_is_mostly_called_the_same() -
 
 
 def test_few_launches_give_no_verdict_however_clear() -> None:
-    assert not judge([0.5, 0.5001], 0.01, 0.99, 0.005).enough
-    assert judge([0.5, 0.5001] * 5, 0.01, 0.99, 0.005).verdict == Verdict.SLOWER
+    assert not judge([0.5, 0.5001], VerdictPlan()).enough
+    assert judge([0.5, 0.5001] * 5, VerdictPlan()).verdict == Verdict.SLOWER
 
 
 def test_launches_that_are_all_alike_are_judged() -> None:
-    judgement = judge([0.0] * 8, 0.01, 0.99, 0.005)
+    judgement = judge([0.0] * 8, VerdictPlan())
     assert (judgement.verdict, judgement.ratio) == (Verdict.SAME, Ratio(1.0, 1.0, 1.0))
 
 
@@ -217,24 +215,22 @@ def test_placements_are_averaged_out() -> None:
     residues = [0, 16, 32, 48] * 6
     jitter = np.random.default_rng(0).normal(scale=0.001, size=24)
     log_ratios = [0.05 * (r == 32) + j for r, j in zip(residues, jitter, strict=True)]
-    judgement = judge(log_ratios, 0.01, 0.99, 0.005, residues)
+    judgement = judge(log_ratios, VerdictPlan(), residues)
     assert judgement.verdict == Verdict.SLOWER
     assert judgement.ratio.estimate == pytest.approx(1.0125, abs=0.0005)
     assert judgement.ratio.is_above(1.01)
-    assert judge(log_ratios, 0.01, 0.99, 0.005).verdict == Verdict.INCONCLUSIVE
+    assert judge(log_ratios, VerdictPlan()).verdict == Verdict.INCONCLUSIVE
 
 
 def test_a_change_in_a_family_needs_an_e_value_that_suffices_for_the_family() -> None:
     log_ratios = list(np.random.default_rng(2).normal(0.02, 0.008, 12))
-    alone, one_of_many = (
-        judge(log_ratios, 0.01, 0.99, 0.005, family=family) for family in (1, 1000)
-    )
+    alone, one_of_many = (judge(log_ratios, VerdictPlan(family=family)) for family in (1, 1000))
     assert alone.enough
     assert alone.verdict == one_of_many.verdict == Verdict.SLOWER
     assert 100 <= alone.e_slower == one_of_many.e_slower < 100_000
     assert alone.e_faster < 1
     assert not one_of_many.enough
-    assert judge([0.0] * 8, 0.01, 0.99, 0.005, family=1000).enough  # `same` waits for no family
+    assert judge([0.0] * 8, VerdictPlan(family=1000)).enough  # `same` waits for no family
 
 
 def test_a_family_is_rarely_called_slower_and_hardly_takes_more_launches() -> None:
@@ -347,7 +343,7 @@ def launch(log_ratio: float, placements: PlacementPair) -> LaunchRow:
 def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
     moved = PlacementPair(Placement(16, 16), Placement(0, 0))
     launches = [launch(0.0, moved)] * 8 + [launch(0.05, AS_SHIPPED)] * 3
-    plan = verdict.VerdictPlan()
+    plan = VerdictPlan()
     averaged, shipped = (
         judged(launches, plan, 0.0)
         for judged in (verdict.judge_launches, verdict._judge_as_shipped)
@@ -362,7 +358,7 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
 
 def test_steps_alike_of_twice_the_timestep_are_twice_as_fast() -> None:
     launches = [launch(0.001 * k, AS_SHIPPED) for k in range(-4, 5)]
-    judged = verdict.judge_launches(launches, verdict.VerdictPlan(), log_scale=-math.log(2))
+    judged = verdict.judge_launches(launches, VerdictPlan(), log_scale=-math.log(2))
     assert judged is not None
     assert judged.verdict == Verdict.FASTER
     assert judged.ratio.estimate == pytest.approx(0.5)

@@ -84,7 +84,7 @@ def test_steps_call_a_function_of_the_engine_that_they_step_with(
     observed = process.call(Worker.observe, pool.save(workload))
     workload = workload.only(np.arange(2), observed.final_state)
     process.call(Worker.equip, model_file, pool.save(workload), "python_loop")
-    prepare = functools.partial(process.call, Worker.prepare, "python_loop", {}, (), (0, 1))
+    prepare = functools.partial(process.call, Worker.prepare_run, "python_loop", {}, (), (0, 1))
     assert prepare(callback="mj_factorM") > 0
     with pytest.raises(ChildError, match="with mj_Euler called inside each step does not reach"):
         prepare(callback="mj_Euler")
@@ -99,9 +99,9 @@ def test_a_run_can_be_prepared_without_the_timer_of_the_python_package() -> None
     worker.workload = workload.make(worker.model, nbatch=1, nstep=3)
     worker.final_state = reference_run.observe(worker.workload).final_state
     try:
-        worker.prepare("python_loop", {}, cores=(), simulations=(0,))
+        worker.prepare_run("python_loop", {}, cores=(), simulations=(0,))
         assert has_clock(worker.model)
-        worker.prepare("python_loop", {}, cores=(), simulations=(0,), has_timer=False)
+        worker.prepare_run("python_loop", {}, cores=(), simulations=(0,), has_timer=False)
         assert not has_clock(worker.model)
     finally:
         engine_clock(True)

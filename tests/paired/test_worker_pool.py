@@ -28,7 +28,7 @@ from mjbench.status import Status
             "SIGSEGV) while loading the model",
         ),
         ("observe", "os._exit(3)", "exit code 3 while stepping the model"),
-        ("prepare", "time.sleep(60)", "no answer within 5 s while preparing a run"),
+        ("prepare_run", "time.sleep(60)", "no answer within 5 s while preparing a run"),
         ("_block", "os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL) while"),
         ("_block", "args[0].warm_up(); args[0].run(); return -5", "a block took -5 ns"),
         (
@@ -37,7 +37,7 @@ from mjbench.status import Status
             "RuntimeError: half a release",
         ),
         ("make_workload", "raise MemoryError", "out of memory"),
-        ("prepare", "raise SystemExit(3)", "SystemExit: 3"),
+        ("prepare_run", "raise SystemExit(3)", "SystemExit: 3"),
     ],
 )
 def test_a_target_that_misbehaves_is_named_in_one_line_and_leaves_no_process(

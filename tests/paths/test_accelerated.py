@@ -1,5 +1,6 @@
 """What accelerated paths say of themselves: packages, models, snippets, buffers."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from quick_engines import QUICK_WARP
 from mjbench import extras, paths
 from mjbench.errors import MachineError
 from mjbench.paths import warp
+from mjbench.paths.accelerated import accelerated_path
 from mjbench.paths.warp_buffers import check_overflow
 from mjbench.simulation import reference_trajectory, workload
 from mjbench.verification import selection
@@ -111,3 +113,13 @@ def test_a_process_that_measures_warp_compiles_everything_anew(
     monkeypatch.chdir(tmp_path)
     warp.configure_warp()
     assert Path(config.kernel_cache_dir).parent == tmp_path
+
+
+def test_warp_keeps_its_kernels_where_processes_of_an_environment_look(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(warp.CACHE_VARIABLE, "/elsewhere")
+    path = accelerated_path("warp")
+    assert path.environment()[warp.CACHE_VARIABLE] is None
+    path.use_cache(tmp_path)
+    assert os.environ[warp.CACHE_VARIABLE] == str(tmp_path)

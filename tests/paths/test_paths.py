@@ -28,7 +28,7 @@ SWEEP: dict[str, list[Any]] = {
     "data": ["shared", "persistent"],
     "engine_threads": [None, 2],
 }
-# paths that compile are held to tolerances: tests/comparison/test_accelerated_measurement.py
+# paths that compile are held to tolerances: tests/commands/compare/test_accelerated_measurement.py
 C_PATHS = {name: path for name, path in paths.registry().items() if not path.compiles}
 VARIANTS = [
     pytest.param(path, options, id=" ".join([name, *(f"{k}={v}" for k, v in options.items())]))

@@ -4,13 +4,14 @@ from pathlib import Path
 
 from example_records import JUDGED
 
+from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.host import machine
 from mjbench.results import run_writer, runs
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
-from mjbench.verification.records import RECORD_TYPES, MeasurementRecord
+from mjbench.verification.records import VariantRecord
 
-RECORD = MeasurementRecord(
+RECORD = VariantRecord(
     model="m",
     path="mjx",
     options={},
@@ -32,4 +33,4 @@ def stored(folder: Path) -> Path:
 
 def test_a_record_comes_back_as_it_was(tmp_path: Path) -> None:
     run = runs.load(stored(tmp_path), RECORD_TYPES)
-    assert run.of_type(MeasurementRecord) == [RECORD]
+    assert run.of_type(VariantRecord) == [RECORD]

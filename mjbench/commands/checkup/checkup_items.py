@@ -150,7 +150,7 @@ def _of_paths(
 
 
 def _whose(row: Advice, loops: set[Loop]) -> str:
-    nbatch = row.result.model_record.nbatch
+    nbatch = row.result.nbatch
     count = f"{nbatch} simulations at once" if nbatch else "many simulations at once"
     if loops == {Loop.OPEN}:
         return f", for {count} with controls known beforehand"

@@ -69,15 +69,15 @@ class CheckedRun:
 
     Attributes:
       final_fields: (nbatch, size) arrays by MjData field, after the last step of the compiled run.
-      final_shadow: difference of the shadow from C at the end of the run, the largest over
-        simulations; `final_shadow_median` is the median.
+      has_parted: whether a constraint acts in the run, so that simulations diverge.
+      final_shadow: difference of the shadow from C at the end of the run: the median over
+        simulations where they have parted, else the largest.
     """
 
     judgement: EngineJudgement
     final_fields: Fields
-    unconstrained_nstep: int
+    has_parted: bool
     final_shadow: float
-    final_shadow_median: float
 
 
 def probe_workload(model: mujoco.MjModel, workload: Workload) -> Workload:
@@ -103,13 +103,9 @@ def check_run(
         precision, parts, constraints.pairs, states, constraints.contact_states
     )
     _, final_shadow = check.errors(workload.nstep, check.final_fields)
-    return CheckedRun(
-        judgement,
-        check.final_fields,
-        check.reference.unconstrained_nstep,
-        float(final_shadow.max()),
-        float(np.median(final_shadow)),
-    )
+    has_parted = check.reference.unconstrained_nstep < workload.nstep
+    shadow = float(np.median(final_shadow) if has_parted else final_shadow.max())
+    return CheckedRun(judgement, check.final_fields, has_parted, shadow)
 
 
 class _Check:
@@ -148,22 +144,21 @@ class _Check:
 
     def smooth(self) -> JudgedPart:
         """Judge steps on which no constraint acts, and the run as long as none does."""
-        model, limit = self._workload.model, SMOOTH_LIMIT[self._precision]
+        model, precision = self._workload.model, self._precision
         reached = take_single_steps(self._programs.smooth, self.judged).fields
-        measures = [judge_smooth(model, self.judged, reached, self._precision)]
+        measures = [judge_smooth(model, self.judged, reached, precision)]
         singles = self._single_steps(MAX_SINGLE_STEPS)
         outcome = take_single_steps(self._programs.timed, singles, repeats=True)
         unconstrained, repeated, still_share = _step_errors(model, singles, outcome)
-        if unconstrained is not None:
-            error = finite_or_none(unconstrained)
-            measures.append(Measure("an unconstrained step", error, limit))
-        if repeated is not None:
-            name = "a step beside the same one in another simulation"
-            limit = SOLUTION_LIMIT[self._precision]
-            measures.append(Measure(name, finite_or_none(repeated), limit))
-        nstep = self.reference.unconstrained_nstep
-        if nstep:
-            measures.append(self._unconstrained_run(nstep, unconstrained or 0.0))
+        for name, errors, limits in (
+            ("an unconstrained step", unconstrained, SMOOTH_LIMIT),
+            ("a step beside the same one in another simulation", repeated, SOLUTION_LIMIT),
+        ):
+            if len(errors):
+                measures.append(Measure(name, finite_or_none(errors.max()), limits[precision]))
+        if nstep := self.reference.unconstrained_nstep:
+            step_error = float(unconstrained.max(initial=0.0))
+            measures.append(self._unconstrained_run(nstep, step_error))
         measures.append(Measure("share of steps that change no state", still_share, STILL_LIMIT))
         return JudgedPart.of(PartName.SMOOTH, *measures)
 
@@ -269,13 +264,12 @@ def take_single_steps(
 
 def _step_errors(
     model: mujoco.MjModel, singles: SingleSteps, outcome: StepOutcome
-) -> tuple[float | None, float | None, float]:
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Return how far single steps of the timed program are from C's.
 
     Returns:
-      The largest error where no constraint acts; the largest difference between a step and the same
-      in another simulation; both None without such steps; and of the steps that change a state in
-      C, the share that change none.
+      Errors of the steps on which no constraint acts; differences between a step and the same in
+      another simulation; and of the steps that change a state in C, the share that change none.
     """
     count, total = len(singles.state), len(next(iter(outcome.fields.values())))
     step = np.arange(total) % count  # which of the single steps a row took
@@ -289,11 +283,7 @@ def _step_errors(
     stays = agreement.max_relative_error(outcome.fields, before, COMPARED) == 0
     first = {name: values[step] for name, values in outcome.fields.items()}
     repeated = agreement.max_relative_error(outcome.fields, first, COMPARED)[count:]
-    return (
-        float(errors.max()) if len(errors) else None,
-        float(repeated.max()) if len(repeated) else None,
-        float(stays[moves].mean()) if moves.any() else 0.0,
-    )
+    return errors, repeated, float(stays[moves].mean()) if moves.any() else 0.0
 
 
 def timed_end_problem(compiled: Compiled, checked: CheckedRun) -> str:
@@ -316,8 +306,7 @@ def reordered_end_problem(compiled: Compiled, checked: CheckedRun) -> str:
     order = workloads.draw_order(workload.nbatch, np.random.default_rng(workload.seed))
     workload.reorder(order)
     compiled.reload()
-    compiled.clear()
-    compiled.run()
+    compiled.block_s()
     expected = {name: values[order] for name, values in checked.final_fields.items()}
     problem = _end_problem(compiled, checked, expected, is_exact=False)
     return f"once the simulations are reordered, {problem}" if problem else ""
@@ -333,11 +322,8 @@ def _end_problem(compiled: Compiled, checked: CheckedRun, expected: Fields, is_e
         return f"in timed blocks {lost} simulations do not end in finite numbers"
     error, allowed = float(errors.max()), 0.0
     if not is_exact:
-        shadow = checked.final_shadow
-        if checked.unconstrained_nstep < workload.nstep:
-            error, shadow = float(np.median(errors)), checked.final_shadow_median
-        rounding = float(np.finfo(np.float32).eps)
-        allowed = SHADOW_FACTOR * max(shadow, rounding)
+        error = float(np.median(errors)) if checked.has_parted else error
+        allowed = SHADOW_FACTOR * max(checked.final_shadow, float(np.finfo(np.float32).eps))
     if error <= allowed:
         return ""
     return f"timed blocks end {error:.2g} from the run that was checked"

@@ -171,21 +171,22 @@ def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
     other = int((counts[:, 0] != counts[:, 1]).sum())
     effect = largest = None
     if states.effects:
-        effect = float(np.quantile(states.effects, CLOSE_QUANTILE, method="higher"))
-        largest = max(states.effects)
-    farthest = _Apart(*np.array(states.apart).max(axis=0).tolist()) if states.apart else None
+        usual = np.quantile(states.effects, CLOSE_QUANTILE, method="higher")
+        effect, largest = finite_or_none(float(usual)), finite_or_none(max(states.effects))
+    apart = np.array(states.apart or [_Apart(*[np.nan] * 4)]).max(axis=0)
+    distance_m, position_m, normal_degrees, tangent_degrees = map(finite_or_none, apart)
     return PairContacts(
         types=types,
         states=len(counts),
         other_counts=other,
         count=float(counts[:, 0].mean()),
         count_in_c=float(counts[:, 1].mean()),
-        distance_m=farthest and farthest.distance_m,
-        position_m=farthest and farthest.position_m,
-        normal_degrees=farthest and farthest.normal_degrees,
-        tangent_degrees=farthest and farthest.tangent_degrees,
-        effect=None if effect is None else finite_or_none(effect),
-        largest_effect=None if largest is None else finite_or_none(largest),
+        distance_m=distance_m,
+        position_m=position_m,
+        normal_degrees=normal_degrees,
+        tangent_degrees=tangent_degrees,
+        effect=effect,
+        largest_effect=largest,
         beside_flex=states.beside_flex,
         unmet=states.unmet,
         answer=_answer(types, states, limit),

@@ -48,7 +48,7 @@ from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.verification import selection
 from mjbench.verification.plan import Variant
-from mjbench.verification.records import MeasurementRecord
+from mjbench.verification.records import VariantRecord
 
 # Timed blocks: for this many seconds, no fewer and no more than these.
 STEADY_S, MIN_BLOCKS, MAX_BLOCKS = 2.0, 7, 100
@@ -76,7 +76,7 @@ class AcceleratedRequest:
 
 def run(
     request: AcceleratedRequest,
-    on_record: Callable[[MeasurementRecord], None],
+    on_record: Callable[[VariantRecord], None],
     import_from: str | None = None,
 ) -> isolate.Ended:
     """Measure one path in a child that may crash; InputError where it does not compile."""
@@ -95,7 +95,7 @@ def run(
 def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     """Measure one path on one model; runs in the child.
 
-    Messages: its `MeasurementRecord` as far as it is known, again after each stage and each timed
+    Messages: its `VariantRecord` as far as it is known, again after each stage and each timed
     block, so that an interrupt leaves what was timed; the last one counts. The path disagrees where
     single steps do, the run, or the end of the timed blocks.
     """
@@ -108,7 +108,7 @@ class _Measurement:
     def __init__(self, request: AcceleratedRequest, channel: Channel):
         self._request, self._channel, self._variant = request, channel, request.variant
         self._path = accelerated_path(request.variant.path)
-        self._record = MeasurementRecord.of(request.source.name, request.variant)
+        self._record = VariantRecord.of(request.source.name, request.variant)
 
     def run(self) -> None:
         request, path, options = self._request, self._path, self._variant.options

@@ -6,7 +6,7 @@ follows from each limit). "Measured" is the largest value among the engines whos
 `close` in results/judgements.json: 26 pairs of a model and an engine in float32, 3 in float64.
 Some were judged when `SOLUTION_LIMIT` was 1e-4; none of their solutions is beyond that. A
 limit that is "chosen" has no other source than what is said. Planted faults have to be beyond the
-limits, and C itself within them (`tests/comparison/test_accelerated_agreement.py`).
+limits, and C itself within them (`tests/commands/compare/test_accelerated_agreement.py`).
 """
 
 from mjbench.simulation.accelerated_judgement import Precision

@@ -53,7 +53,7 @@ class Reason(StrEnum):
     *("rivals", "rival_speedup", "most_gain", "unable", "break_even", "difference"),
     *("realtime_factor", "snippet"),
     **{name: f"result.{name}" for name in ("model", "difference", "realtime_factor")},
-    nbatch="result.model_record.nbatch",
+    nbatch="result.nbatch",
     rivals="rival_variants",
 )
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ def _thread_advice(race: RaceRecord, own: Sequence["PathResult"]) -> ThreadAdvic
     chosen = fastest[enough]
     return ThreadAdvice(
         model=chosen.model,
-        nbatch=chosen.model_record.nbatch,
+        nbatch=chosen.nbatch,
         path=chosen.path,
         nthread=enough,
         most_tried=max(fastest),
@@ -290,7 +290,7 @@ def _thread_advice(race: RaceRecord, own: Sequence["PathResult"]) -> ThreadAdvic
 def conclusion(advice: Advice, names_size: bool = False) -> str:
     """Return which path to use, and why; `names_size`: for how many simulations."""
     gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
-    begin = f"{_LOOPS[advice.loop]}{_size(advice.result.model_record.nbatch, names_size)}"
+    begin = f"{_LOOPS[advice.loop]}{_size(advice.result.nbatch, names_size)}"
     path = described(advice.variant)
     return "; ".join([f"{begin}: {path}{gain}", *_reasons(advice)])
 

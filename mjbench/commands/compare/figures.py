@@ -86,9 +86,9 @@ def crossover_figure(name: str, models: Sequence[ModelResults]) -> Figure:
             for model_results in models
             if model_results.model.model == name
             for result in model_results.results
-            if result.steps_per_s and result.model_record.nbatch
+            if result.steps_per_s and result.nbatch
         ],
-        (Column("simulations", formats.count), lambda result: result.model_record.nbatch),
+        (Column("simulations", formats.count), lambda result: result.nbatch),
         (Column("steps per second", formats.count), lambda result: result.steps_per_s),
         (Column("path"), lambda result: str(result.variant)),
     )

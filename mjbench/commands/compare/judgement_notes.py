@@ -7,23 +7,14 @@ from mjbench.commands.compare.results import PathResult
 from mjbench.releases.release import version_key
 from mjbench.results import formats
 from mjbench.results.content import Column, DataTable
-from mjbench.simulation.accelerated_judgement import (
-    EngineAnswer,
-    EngineJudgement,
-    JudgedPart,
-    Measure,
-)
+from mjbench.simulation.accelerated_judgement import EngineAnswer, JudgedPart, Measure
 from mjbench.units import listed, plain
 
 
 def judgement_tables(results: Sequence[PathResult]) -> list[DataTable]:
     """Return what was judged of accelerated paths."""
     judged = [(r.path, r.judgement) for r in results if r.judgement and r.judgement.parts]
-    return [_part_table(judged), _contact_table(judged)]
-
-
-def _part_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
-    return DataTable.of(
+    parts = DataTable.of(
         "Judged parts",
         [(path, part) for path, judgement in judged for part in judgement.parts],
         (Column("judged"), lambda row: row[0]),
@@ -31,6 +22,24 @@ def _part_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
         (Column("answer"), lambda row: row[1].answer.value),
         (Column("nearest to its limit", wraps=True), lambda row: _decisive(row[1])),
     )
+    contacts = DataTable.of(
+        "Contacts",
+        [(path, pair) for path, judgement in judged for pair in judgement.pairs],
+        (Column("contacts of"), lambda row: row[0]),
+        (Column("geoms"), lambda row: "–".join(row[1].types)),
+        (Column("states", formats.count, leaves=1), lambda row: row[1].states),
+        (Column("contacts", formats.tenths), lambda row: row[1].count),
+        (Column("in C", formats.tenths), lambda row: row[1].count_in_c),
+        (
+            Column("apart mm", lambda metres: _significant(1000 * metres), leaves=3),
+            lambda row: row[1].position_m,
+        ),
+        (Column("normals °", _significant, leaves=2), lambda row: row[1].normal_degrees),
+        (Column("acceleration", _share, leaves=4), lambda row: row[1].effect),
+        (Column("largest", _share), lambda row: row[1].largest_effect),
+        (Column("answer"), lambda row: row[1].answer.value),
+    )
+    return [parts, contacts]
 
 
 def _decisive(part: JudgedPart) -> str:
@@ -45,27 +54,6 @@ def _closeness(measure: Measure) -> float:
     if measure.limit == 0:
         return float("inf") if measure.value else 0.0
     return measure.value / measure.limit
-
-
-def _contact_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
-    return DataTable.of(
-        "Contacts",
-        [(path, pair) for path, judgement in judged for pair in judgement.pairs],
-        (Column("contacts of"), lambda row: row[0]),
-        (Column("geoms"), lambda row: "–".join(row[1].types)),
-        (Column("states", formats.count, leaves=1), lambda row: row[1].states),
-        (Column("contacts", formats.tenths), lambda row: row[1].count),
-        (Column("in C", formats.tenths), lambda row: row[1].count_in_c),
-        (Column("apart mm", _millimetres, leaves=3), lambda row: row[1].position_m),
-        (Column("normals °", _significant, leaves=2), lambda row: row[1].normal_degrees),
-        (Column("acceleration", _share, leaves=4), lambda row: row[1].effect),
-        (Column("largest", _share), lambda row: row[1].largest_effect),
-        (Column("answer"), lambda row: row[1].answer.value),
-    )
-
-
-def _millimetres(metres: float) -> str:
-    return _significant(1000 * metres)
 
 
 def _significant(value: float) -> str:

@@ -6,7 +6,8 @@ A speed is derived only for a measurement whose final states agree.
 import functools
 import math
 import statistics
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.commands.compare.advice import (
@@ -17,7 +18,7 @@ from mjbench.commands.compare.advice import (
     advise_clock,
     advise_threads,
 )
-from mjbench.host import conditions
+from mjbench.host import conditions, disturbance
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
@@ -26,7 +27,7 @@ from mjbench.results.runs import Record
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import Status
 from mjbench.verification.plan import Variant
-from mjbench.verification.records import MeasurementRecord, ModelRecord, of_model
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
@@ -53,7 +54,7 @@ _OF_MODEL = (
     **{name: f"model_record.{name}" for name in _OF_MODEL},
 )
 @dataclass(frozen=True, kw_only=True)
-class PathResult(MeasurementRecord):
+class PathResult(VariantRecord):
     """What a comparison says of one variant; None is what cannot be said.
 
     Attributes:
@@ -91,17 +92,18 @@ class PathResult(MeasurementRecord):
         return self.judgement.reason if self.judgement is not None and is_close else ""
 
     @property
+    def nbatch(self) -> int | None:
+        """Simulations that were measured."""
+        return self.model_record.nbatch
+
+    @property
     def variant(self) -> Variant:
         return Variant(self.path, self.options)
 
     @property
-    def is_base(self) -> bool:
-        return self.variant == Variant(BASE, {})
-
-    @property
     def interval(self) -> Ratio | None:
         """The speed-up with its interval; None of the plain loop, whose speed-up is 1."""
-        return None if self.is_base else self.speedup
+        return None if self.variant == Variant(BASE, {}) else self.speedup
 
     @property
     def loop(self) -> Loop:
@@ -181,24 +183,16 @@ class ModelResults:
 
     @property
     def disturbances(self) -> list[str]:
-        race, lines = self.race, list[str]()
-        stolen = (race.stolen_share if race else None) or 0.0
-        if stolen >= conditions.NOTABLE_STOLEN:
-            lines.append(f"the host took {100 * stolen:.0f} % of the processor time for others")
-        if race and race.neighbours:
-            others = ", ".join(f"mjbench {name}" for name in race.neighbours)
-            lines.append(f"{others} measured on this machine at the same time")
-        if race and race.core_change:
-            lines.append(str(race.core_change))
+        clauses = self.race.disturbance.clauses if self.race is not None else []
         if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
-            lines.append(f"threads had {self.cores}")
-        return lines
+            clauses.append(f"threads had {self.cores}")
+        return clauses
 
     @property
     def cautions(self) -> list[str]:
         sentences = []
         if self.disturbances:
-            sentences.append(disturbed(self.disturbances))
+            sentences.append(disturbance.sentence(self.disturbances))
         model = self.model
         if model.facts is None or model.work is None or not model.facts.can_fall:
             return sentences
@@ -233,32 +227,58 @@ class ModelResults:
 
 
 def derive(
-    model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
+    model: ModelRecord, measurements: Sequence[VariantRecord], race: RaceRecord | None
 ) -> ModelResults:
     untimed = ModelResults(model, (), race)
     return replace(untimed, results=tuple(_result(untimed, each) for each in measurements))
 
 
-def derive_all(records: Sequence[Record]) -> list[ModelResults]:
-    """Return the results of a run's records, model by model, in the order they were measured."""
+@dataclass(frozen=True)
+class ModelComparison:
+    """The records of one model at one size.
+
+    Attributes:
+      race: of the paths that run C and agree; None before it, and where there was none.
+    """
+
+    model: ModelRecord
+    measurements: tuple[VariantRecord, ...]
+    race: RaceRecord | None = None
+
+    @property
+    def records(self) -> list[ModelRecord | VariantRecord | RaceRecord]:
+        return [self.model, *self.measurements, *([self.race] if self.race else [])]
+
+
+def comparisons(records: Sequence[Record]) -> list[ModelComparison]:
+    """Return the records of a run by model and size, in the order they were measured."""
+    by_size = defaultdict[tuple[str, int | None], list[Record]](list)
+    for record in records:
+        if isinstance(record, ModelRecord | VariantRecord | RaceRecord):
+            by_size[record.model, record.nbatch_asked].append(record)
     return [
-        derive(
+        ModelComparison(
             model,
-            of_model(MeasurementRecord, model, records),
-            next(iter(of_model(RaceRecord, model, records)), None),
+            tuple(record for record in same if isinstance(record, VariantRecord)),
+            next((record for record in same if isinstance(record, RaceRecord)), None),
         )
-        for model in records
+        for same in by_size.values()
+        for model in same
         if isinstance(model, ModelRecord)
     ]
 
 
-def path_results(records: Sequence[Record]) -> Iterator[PathResult]:
-    """Yield the results of a whole run, one a variant; see `derive_all`."""
-    for model_results in derive_all(records):
-        yield from model_results.results
+def derive_all(records: Sequence[Record]) -> list[ModelResults]:
+    """Return the results of a run's records, model by model, in the order they were measured."""
+    return [derive(each.model, each.measurements, each.race) for each in comparisons(records)]
 
 
-def _result(derived: ModelResults, record: MeasurementRecord) -> PathResult:
+def path_results(records: Sequence[Record]) -> list[PathResult]:
+    """Return the results of a whole run, one a variant; see `derive_all`."""
+    return [result for each in derive_all(records) for result in each.results]
+
+
+def _result(derived: ModelResults, record: VariantRecord) -> PathResult:
     """Return the result of a variant; an accelerated path is timed alone, in one process."""
     model, race = derived.model, derived.race
     base_ns = race.base_step_ns if race is not None else None
@@ -286,8 +306,3 @@ def _result(derived: ModelResults, record: MeasurementRecord) -> PathResult:
     )
     break_even = math.inf if base_ns is None else timed.pays_after_steps(base_ns)
     return replace(timed, overtakes_after_steps=break_even if math.isfinite(break_even) else None)
-
-
-def disturbed(disturbances: Sequence[str]) -> str:
-    """Return what disturbed a measurement, as a sentence, and what to do."""
-    return f"Disturbed: {'; '.join(disturbances)}. Measure again."

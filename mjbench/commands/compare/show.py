@@ -4,12 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.commands.compare import figures as comparison_figures
-from mjbench.commands.compare.advice import (
-    Advice,
-    clock_conclusion,
-    conclusion,
-    thread_conclusion,
-)
+from mjbench.commands.compare.advice import Advice, clock_conclusion, conclusion, thread_conclusion
 from mjbench.commands.compare.crossovers import crossovers, describe_crossover
 from mjbench.commands.compare.judgement_notes import (
     judgement_conclusion,
@@ -53,10 +48,11 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
     """Yield what several models, or one at several sizes, come to together."""
     results = [result for model in models for result in model.results]
     if rows := crossovers(results):
-        yield _crossover_section(
+        names = dict.fromkeys(row.model for row in rows)
+        yield Section(
             "From how many simulations on is an accelerated path faster?",
-            {describe_crossover(row): row.model for row in rows},
-            models,
+            [Conclusion(describe_crossover(row)) for row in rows],
+            figures=[comparison_figures.crossover_figure(name, models) for name in names],
         )
     if len({each.model.model for each in models}) > 1:
         advice = advice_table(models)
@@ -70,22 +66,14 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
             )
 
 
-def _crossover_section(
-    heading: str, model_of: Mapping[str, str], models: Sequence[ModelResults]
-) -> Section:
-    return Section(
-        heading=heading,
-        conclusions=[Conclusion(text) for text in model_of],
-        figures=[
-            comparison_figures.crossover_figure(name, models)
-            for name in dict.fromkeys(model_of.values())
-        ],
-    )
-
-
 def model_section(sizes: Sequence[ModelResults]) -> Section:
     """Return what follows for one model at each of its sizes, and one table of all sizes."""
-    timed = [each for each in sizes if _has_results(each)]
+    timed = [
+        each
+        for each in sizes
+        if each.model.status == Status.OK
+        or any(r.is_timed or r.agrees is False for r in each.results)
+    ]
     conclusions = [each for size in sizes for each in _conclusions(size, len(sizes) > 1)]
     about = [line for each in timed for line in notes(each)]
     about += [line for each in sizes for line in detail_lines(each.model)]
@@ -125,11 +113,6 @@ def section_so_far(sizes: Sequence[ModelResults]) -> Section | None:
         conclusions=[each for each in conclusions if is_advised or each.tone == Tone.CAUTION],
         tables=[path_table(timed) if is_advised else path_table(timed).without([""])],
     )
-
-
-def _has_results(model_results: ModelResults) -> bool:
-    is_ok = model_results.model.status == Status.OK
-    return is_ok or any(r.is_timed or r.agrees is False for r in model_results.results)
 
 
 def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conclusion]:
@@ -187,7 +170,7 @@ def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
 
 def advice_table(models: Sequence[ModelResults]) -> DataTable:
     advice = [row for model_results in models for row in model_results.advice]
-    sizes = {(row.result.model, row.result.model_record.nbatch) for row in advice}
+    sizes = {(row.result.model, row.result.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
     names = formats.short_names([row.result.model for row in advice])
     return DataTable.of(
@@ -196,7 +179,7 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
         (Column("model"), lambda row: names[row.result.model]),
         (
             Column("simulations", formats.count),
-            lambda row: row.result.model_record.nbatch if has_sizes else None,
+            lambda row: row.result.nbatch if has_sizes else None,
         ),
         (Column("loop", leaves=2), lambda row: row.loop.value),
         (Column("advised"), lambda row: f"{mark(row.is_certain)} {row.variant}"),
@@ -295,10 +278,7 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
         [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
         (Column(""), lambda row: row[0]),
         (Column("path", wraps=True), lambda row: str(row[1].variant)),
-        (
-            Column("simulations", formats.count),
-            lambda row: row[1].model_record.nbatch if has_sizes else None,
-        ),
+        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
         (Column("ns/step", formats.count), lambda row: row[1].step_ns),
         (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
         (Column("95 %", formats.ends), lambda row: row[1].interval),
@@ -313,7 +293,7 @@ def _shown(model_results: ModelResults) -> list[PathResult]:
     return [
         result
         for result in model_results.results
-        if not _is_unavailable(result)
+        if result.status != Status.UNAVAILABLE
         and (result.status, result.agrees) != (Status.INTERRUPTED, None)
     ]
 
@@ -325,10 +305,6 @@ def _unlike(model_results: ModelResults) -> list[PathResult]:
 
 def times_real_time(factor: float) -> str:
     return f"{factor:,.0f}" if factor >= 10 else plain(factor, 2)
-
-
-def _is_unavailable(result: PathResult) -> bool:
-    return result.status == Status.UNAVAILABLE
 
 
 _AGREES = "yes"
@@ -371,12 +347,19 @@ def _memory(result: PathResult) -> str:
 
 def notes(model_results: ModelResults) -> list[str]:
     """Return what a reader of the table must know: reasons, and how many cores there were."""
-    model, results = model_results.model, model_results.results
-    lines = [
+    model, race = model_results.model, model_results.race
+    results, lines = model_results.results, list[str]()
+    if model.status == Status.OK and not _unlike(model_results):
+        lines.append("All paths agree with the plain loop.")
+    if model_results.clock_advice is not None:
+        lines.append(engine_clock.OFF_NOTE)
+    if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
+        lines.append(f"The race ended early: {race.status}: {race.detail}")
+    lines += [
         f"{r.variant}: {r.status}: {r.detail}"
         for r in results
         if r.detail
-        and not _is_unavailable(r)
+        and r.status != Status.UNAVAILABLE
         and (r.status, r.detail) != (model.status, model.detail)
     ]
     lines += _unavailable_lines(results)
@@ -388,25 +371,13 @@ def notes(model_results: ModelResults) -> list[str]:
     ]
     lines += [
         f"{result.path}: {keyword_arguments(result.buffer_sizes).removeprefix(', ')} suffice for"
-        f" {result.model_record.nbatch} simulations like these: twice what this run needed at most"
+        f" {result.nbatch} simulations like these: twice what this run needed at most"
         for result in results
         if result.buffer_sizes and result.agrees
     ]
     # where threads had too few cores, the heading says so
     if model_results.cores is not None and not model_results.disturbances:
         lines.append(f"Threads had {model_results.cores} (calibration).")
-    return [*_race_notes(model_results), *lines]
-
-
-def _race_notes(model_results: ModelResults) -> list[str]:
-    lines = []
-    if model_results.model.status == Status.OK and not _unlike(model_results):
-        lines.append("All paths agree with the plain loop.")
-    if model_results.clock_advice is not None:
-        lines.append(engine_clock.OFF_NOTE)
-    race = model_results.race
-    if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
-        lines.append(f"The race ended early: {race.status}: {race.detail}")
     return lines
 
 
@@ -428,7 +399,7 @@ def _what_would_decide(model_results: ModelResults) -> Iterator[str]:
 
 def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
     paths_by_reason = defaultdict[str, dict[str, None]](dict)
-    for result in filter(_is_unavailable, results):
+    for result in (each for each in results if each.status == Status.UNAVAILABLE):
         paths_by_reason[result.detail][result.path] = None
     return [
         f"Not compared: {', '.join(names)}: {reason}" for reason, names in paths_by_reason.items()

@@ -8,21 +8,26 @@ order.
 import functools
 import random
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mjbench.commands.env import adapters, construction, engine, physics_comparison
+from mjbench import paths
+from mjbench.commands.env import adapters, construction, engine, physics_comparison, timer
 from mjbench.commands.env.adapters import EnvironmentAdapter
-from mjbench.commands.env.passes import EnvironmentPasses, Pass, in_random_order, send_rounds
+from mjbench.commands.env.passes import EnvironmentPasses, Pass, in_random_order, time_rounds
 from mjbench.commands.env.physics_comparison import PhysicsAlone, PhysicsComparison
 from mjbench.commands.env.recording import EngineWatch, Recording, StepTrace
 from mjbench.commands.env.repetition import FieldDifference, physics_differences
-from mjbench.commands.env.result import EnvironmentFacts, EnvironmentRecord, PhysicsCheck
+from mjbench.commands.env.result import (
+    EnvironmentFacts,
+    EnvironmentRecord,
+    PathSamples,
+    PhysicsCheck,
+)
 from mjbench.commands.env.source import EnvironmentSource
-from mjbench.commands.env.timer import LayerTime, measure_cost
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.host.isolate import Channel
@@ -73,32 +78,8 @@ class EnvironmentRequest:
         return max((nthread(variant.options) for variant in self.variants), default=1)
 
 
-@dataclass(frozen=True)
-class EnvironmentRound:
-    """One round; nanoseconds are per step of the environment, and as in its record.
-
-    Attributes:
-      layers: what each function took in all steps of the layered pass.
-      path_ns: of each path, by the position of its variant.
-    """
-
-    step_ns: float
-    compared_ns: float | None
-    reset_ns: float
-    layered_ns: float
-    timer_ns: float
-    layers: tuple[LayerTime, ...]
-    path_ns: Mapping[int, float]
-    cores: float
-
-
 def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
-    """Measure one environment.
-
-    Messages: an `EnvironmentRecord` without times; where a plain loop does its physics, an
-    `AgreementReport` per variant; an `EnvironmentRound` for each round; another `AgreementReport`
-    for each path of which a timed block did not reach the states of the plain loop.
-    """
+    """Measure one environment; each message is its record so far, an `EnvironmentRecord`."""
     channel.doing("making the environment")
     adapter = adapters.adapt(construction.make(request.source))
     channel.doing("stepping the environment")
@@ -120,19 +101,51 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
         facts=_facts(adapter, recording, times, seed, unrepeated),
         check=_check(recording, physics),
         changes=recording.changes,
-        timer_cost=measure_cost(),
+        timer_cost=timer.measure_cost(),
     )
-    channel.send(record)
+    progress = _Progress(record, channel)
     comparison = None
     if isinstance(physics, PhysicsAlone):
-        comparison = physics_comparison.prepare(physics, request.variants, channel)
-    turns = _Turns(passes, comparison, request, channel)
-    send_rounds(turns.round, request.plan.budget_s, channel)
+        comparison = physics_comparison.prepare(
+            physics, request.variants, progress.add_path, channel
+        )
+    turns = _Turns(passes, comparison, request, progress)
+    time_rounds(turns.round, progress.send, request.plan.budget_s, channel)
     if comparison is not None:
-        for position, difference in comparison.differences.items():
-            detail = f"in a timed block: {difference}"
-            channel.send(AgreementReport(position, Status.DISAGREES, detail))
+        record = progress.record
+        wrong = {
+            i: replace(
+                record.paths[i],
+                status=Status.DISAGREES,
+                detail=f"in a timed block: {difference}",
+                ns=(),
+            )
+            for i, difference in comparison.differences.items()
+        }
+        progress.send(
+            replace(record, paths=[wrong.get(i, path) for i, path in enumerate(record.paths)])
+        )
         comparison.close()
+
+
+class _Progress:
+    def __init__(self, record: EnvironmentRecord, channel: Channel):
+        self.channel = channel
+        self.send(record)
+
+    def send(self, record: EnvironmentRecord) -> None:
+        self.record = record
+        self.channel.send(record)
+
+    def add_path(self, variant: Variant, report: AgreementReport) -> None:
+        path = PathSamples(
+            path=variant.path,
+            options=variant.options,
+            closed_loop=paths.find(variant.path).closed_loop,
+            status=report.status,
+            detail=report.detail,
+        )
+        self.send(replace(self.record, paths=[*self.record.paths, path]))
 
 
 def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple[Pass, Recording]:
@@ -255,39 +268,46 @@ class _Turns:
         passes: EnvironmentPasses,
         comparison: PhysicsComparison | None,
         request: EnvironmentRequest,
-        channel: Channel,
+        progress: _Progress,
     ):
         self._passes, self._comparison = passes, comparison
-        self._variants, self._channel = request.variants, channel
+        self._variants, self._progress = request.variants, progress
         self._elsewhere = engine.bindings()
         self._random = random.Random(request.plan.seed)
         self._rng = np.random.default_rng([request.plan.seed, 6])
         cores = min(machine.usable_cores(), request.most_threads)
         self._calibration = machine.Calibration(cores) if cores > 1 and comparison else None
 
-    def round(self) -> EnvironmentRound:
-        """Time both passes and every path once, in random order."""
-        comparison = self._comparison
+    def round(self) -> EnvironmentRecord:
+        """Time both passes and every path once, in random order; return the record with them."""
+        comparison, record = self._comparison, self._progress.record
         turns: list[Callable[[], Any]] = [self._both_passes, self._cores]
         if comparison is not None:
             comparison.reorder(self._rng)
             turns += [functools.partial(self._path_ns, comparison, i) for i in comparison.prepared]
         (plain, layered), cores, *path_ns = in_random_order(turns, self._random)
-        return EnvironmentRound(
-            step_ns=float(plain.step_ns.mean()),
-            compared_ns=float(plain.step_ns[comparison.physics.numbers].mean())
-            if comparison
-            else None,
-            reset_ns=float(np.mean(plain.reset_ns)),
-            layered_ns=float(layered.step_ns.mean()),
-            timer_ns=float(np.median(layered.step_ns - plain.step_ns)),
-            layers=tuple(layered.layers),
-            path_ns=dict(zip(comparison.prepared, path_ns, strict=True)) if comparison else {},
-            cores=cores,
+        compared_ns, paths = record.compared_ns, record.paths
+        if comparison is not None:
+            compared_ns = [*compared_ns, float(plain.step_ns[comparison.physics.numbers].mean())]
+            ns = dict(zip(comparison.prepared, path_ns, strict=True))
+            paths = [
+                replace(path, ns=[*path.ns, ns[i]]) if i in ns else path
+                for i, path in enumerate(paths)
+            ]
+        return replace(
+            record,
+            step_ns=[*record.step_ns, float(plain.step_ns.mean())],
+            compared_ns=compared_ns,
+            reset_ns=[*record.reset_ns, float(np.mean(plain.reset_ns))],
+            layered_ns=[*record.layered_ns, float(layered.step_ns.mean())],
+            timer_ns=[*record.timer_ns, float(np.median(layered.step_ns - plain.step_ns))],
+            layers=timer.in_all_rounds([*record.layers, *layered.layers], len(record.step_ns) + 1),
+            paths=paths,
+            cores=[*record.cores, cores],
         )
 
     def _both_passes(self) -> tuple[Pass, Pass]:
-        self._channel.doing("timing the environment")
+        self._progress.channel.doing("timing the environment")
         return self._passes.side_by_side(self._elsewhere, self._random)
 
     def _cores(self) -> float:
@@ -300,5 +320,5 @@ class _Turns:
         return self._calibration.cores(single_s, together_s)
 
     def _path_ns(self, comparison: PhysicsComparison, position: int) -> float:
-        self._channel.doing(f"timing {self._variants[position]}", position)
+        self._progress.channel.doing(f"timing {self._variants[position]}", position)
         return 1e9 * comparison.block_s(position) / len(comparison.physics.numbers)

@@ -12,34 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.bounds import NonNegativeFloat
 from mjbench.commands.env.layers import Layer
-from mjbench.commands.env.timer import TimerCost
+from mjbench.commands.env.timer import LayerSamples, TimerCost
 from mjbench.measuring import stats
 from mjbench.measuring.stats import Estimate
 
 # Smallest divisor; no clock shows a shorter time.
 _LEAST_NS = 1e-3
-
-
-@dataclass(frozen=True)
-class LayerSamples:
-    """What a function inside the step took in each round.
-
-    Attributes:
-      name: of the function, or of the wrapper's or environment's class.
-      calls: of it, per step of the environment.
-      timed_calls: of these, how many were timed.
-      inner_calls: timed calls of other functions, per step.
-      ns: per step, without functions that it calls and that are timed, with the timer's cost.
-    """
-
-    layer: Layer
-    name: str
-    calls: NonNegativeFloat
-    timed_calls: NonNegativeFloat
-    inner_calls: NonNegativeFloat
-    ns: Sequence[NonNegativeFloat]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,13 @@ from mjbench.commands.env.construction import as_input_error
 from mjbench.commands.env.engine import Binding
 from mjbench.commands.env.recording import EngineWatch
 from mjbench.commands.env.repetition import Fingerprint
-from mjbench.commands.env.timer import ClockNs, LayerTime, LayerTimer, engine_timed, functions_timed
+from mjbench.commands.env.timer import (
+    ClockNs,
+    LayerSamples,
+    LayerTimer,
+    engine_timed,
+    functions_timed,
+)
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Contender
@@ -30,15 +36,17 @@ LEAST_ROUNDS, MOST_ROUNDS = 7, 100
 PATIENCE = 20
 
 
-def send_rounds(time_round: Callable[[], object], budget_s: float, channel: Channel) -> None:
-    """Time rounds until the budget is used, and send each but the first, which touches memory."""
-    results: list[object] = []
+def time_rounds(
+    time_round: Callable[[], _T], add: Callable[[_T], None], budget_s: float, channel: Channel
+) -> None:
+    """Time rounds until the budget is used, and add each but the first, which touches memory."""
+    results: list[_T] = []
     contender = Contender(lambda: results.append(time_round()))
     longest_s = timing.block_s(contender)
     channel.allow_silence(PATIENCE * longest_s)
     rounds = timing.rounds([contender], budget_s, LEAST_ROUNDS, MOST_ROUNDS, longest_s=longest_s)
     for (seconds,) in rounds:
-        channel.send(results.pop())
+        add(results.pop())
         longest_s = max(longest_s, seconds)
         channel.allow_silence(PATIENCE * longest_s)
 
@@ -58,14 +66,14 @@ class Pass:
     Attributes:
       step_ns: (nstep,) of each step of the environment.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
-      layers: with the timer's cost; none where functions were not timed.
+      layers: as one round; none where functions were not timed.
     """
 
     step_ns: np.ndarray
     reset_ns: list[int] = field(default_factory=list)
     lengths: list[int] = field(default_factory=list)
     returned: Fingerprint = field(default_factory=Fingerprint)
-    layers: Sequence[LayerTime] = ()
+    layers: Sequence[LayerSamples] = ()
 
 
 # Prepares an episode after its reset, and yields a function that returns the outcome of a step and
@@ -106,7 +114,7 @@ class EnvironmentPasses:
         while replays:
             rng.shuffle(replays)
             replays = [replay for replay in replays if next(replay, False)]
-        return plain, replace(layered, layers=[each for each in timer.layers() if each.calls])
+        return plain, replace(layered, layers=timer.layers(len(self.actions)))
 
     def _begin_plain(self) -> contextlib.AbstractContextManager[_TimedStep]:
         return self._timed(self._step())

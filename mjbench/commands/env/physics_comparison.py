@@ -11,7 +11,7 @@ recorded; then every path is compared with the plain loop, as in `mjbench compar
 
 import collections
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -201,9 +201,12 @@ def described(number: int, difference: Difference) -> str:
 
 
 def prepare(
-    physics: PhysicsAlone, variants: Sequence[Variant], channel: Channel
+    physics: PhysicsAlone,
+    variants: Sequence[Variant],
+    add: Callable[[Variant, AgreementReport], None],
+    channel: Channel,
 ) -> PhysicsComparison:
-    """Verify every path, the plain loop first, and send an `AgreementReport` for each."""
+    """Verify every path, the plain loop first, and add a report of each."""
     workload, observation = reference_run.observe_healthy(physics.workload)
     if workload.nbatch < physics.workload.nbatch:
         raise MachineError(f"the physics diverges ({observation.diagnosis()})")
@@ -221,11 +224,11 @@ def prepare(
         channel.allow_silence(0.0)
         if variant.path == _ONE_CALL and not physics.holds:
             detail = "the environment sets another control for each step of the engine"
-            channel.send(AgreementReport(position, Status.UNAVAILABLE, detail))
+            add(variant, AgreementReport(position, Status.UNAVAILABLE, detail))
             continue
         report, prepared = verify(position, variant, case, further)
         guard.check(f"{variant} ")
-        channel.send(report)
+        add(variant, report)
         if prepared is not None:
             prepared_by_position[position] = prepared
     further.close()

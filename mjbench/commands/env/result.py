@@ -22,11 +22,11 @@ from mjbench.bounds import (
     PositiveInt,
 )
 from mjbench.commands.env.construction import ReleaseMismatch
-from mjbench.commands.env.layer_shares import LayerSamples, LayerShare, LayerTimes, TimerEffect
+from mjbench.commands.env.layer_shares import LayerShare, LayerTimes, TimerEffect
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.recording import ModelChange
 from mjbench.commands.env.repetition import FieldDifference
-from mjbench.commands.env.timer import TimerCost
+from mjbench.commands.env.timer import LayerSamples, TimerCost
 from mjbench.errors import Failure
 from mjbench.measuring import stats
 from mjbench.measuring.stats import Estimate

@@ -3,7 +3,7 @@
 At every call and return of a timed function the time since the one before is charged to the
 function that ran meanwhile. So the times of all layers add up to the step, whatever calls what.
 Timing costs time itself, more than a loop of such calls shows, because the engine leaves little of
-the timer in the caches. So nothing is subtracted here: `LayerTime` counts the calls, and
+the timer in the caches. So nothing is subtracted here: `LayerSamples` have the calls, and
 `layer_shares` subtracts what each costs beside this environment.
 """
 
@@ -44,22 +44,41 @@ class TimerCost:
         return self.inside_ns + self.outside_ns
 
 
-@dataclass(slots=True)
-class LayerTime:
-    """What one function, or the lines of the step itself, took in a pass.
+@dataclass(frozen=True)
+class LayerSamples:
+    """What a function inside the step, or the lines of the step itself, took in each round.
 
     Attributes:
-      timed_calls: calls of it that were timed, and so cost inside it.
-      inner_calls: timed calls of other functions, which cost it what they cost outside.
-      ns: nanoseconds, without those of functions that it calls and that are timed, too.
+      name: of the function, or of the wrapper's or environment's class.
+      calls: of it, per step of the environment.
+      timed_calls: of these, how many were timed, and so cost inside it.
+      inner_calls: timed calls of other functions, which cost it what they cost outside, per step.
+      ns: per step, without functions that it calls and that are timed, with the timer's cost.
     """
 
     layer: Layer
     name: str
+    calls: NonNegativeFloat
+    timed_calls: NonNegativeFloat
+    inner_calls: NonNegativeFloat
+    ns: Sequence[NonNegativeFloat]
+
+
+@dataclass(slots=True)
+class _Total:
     calls: int = 0
     timed_calls: int = 0
     inner_calls: int = 0
     ns: int = 0
+
+
+def in_all_rounds(samples: Sequence[LayerSamples], nround: int) -> list[LayerSamples]:
+    """Join the rounds of each function; without those that were not called in each."""
+    joined: dict[tuple[Layer, str], LayerSamples] = {}
+    for each in samples:
+        first = joined.setdefault((each.layer, each.name), replace(each, ns=[]))
+        joined[each.layer, each.name] = replace(first, ns=[*first.ns, *each.ns])
+    return [each for each in joined.values() if len(each.ns) == nround]
 
 
 class LayerTimer:
@@ -68,18 +87,15 @@ class LayerTimer:
     def __init__(self, clock_ns: ClockNs = time.perf_counter_ns):
         self._clock_ns = clock_ns
         self._thread = threading.get_ident()
-        self._totals: dict[tuple[Layer, str], LayerTime] = {}
-        self._stack: list[LayerTime] = []
+        self._totals: dict[tuple[Layer, str], _Total] = {}
+        self._stack: list[_Total] = []
         self._last = [0]
-
-    def _totals_of(self, layer: Layer, name: str) -> LayerTime:
-        return self._totals.setdefault((layer, name), LayerTime(layer, name))
 
     def outermost(
         self, function: Callable[[Any], Any], layer: Layer, name: str
     ) -> Callable[[Any], tuple[Any, int]]:
         """Return a function that runs a whole step, and returns its result and its nanoseconds."""
-        own, stack, last = self._totals_of(layer, name), self._stack, self._last
+        own, stack, last = self._totals.setdefault((layer, name), _Total()), self._stack, self._last
         clock_ns = self._clock_ns
 
         def run(action: Any) -> tuple[Any, int]:
@@ -101,7 +117,7 @@ class LayerTimer:
 
         Outside of a step, and in another thread, it does nothing else.
         """
-        own, stack, last = self._totals_of(layer, name), self._stack, self._last
+        own, stack, last = self._totals.setdefault((layer, name), _Total()), self._stack, self._last
         clock_ns, thread, get_ident = self._clock_ns, self._thread, threading.get_ident
 
         def run(*args: Any, **keywords: Any) -> Any:
@@ -128,8 +144,19 @@ class LayerTimer:
             functools.update_wrapper(run, function)
         return run
 
-    def layers(self) -> list[LayerTime]:
-        return [replace(total) for total in self._totals.values()]
+    def layers(self, nstep: int = 1) -> list[LayerSamples]:
+        """Return what each function that was called took in `nstep` steps, as one round."""
+        return [
+            LayerSamples(
+                *key,
+                each.calls / nstep,
+                each.timed_calls / nstep,
+                each.inner_calls / nstep,
+                [each.ns / nstep],
+            )
+            for key, each in self._totals.items()
+            if each.calls
+        ]
 
 
 def measure_cost(clock_ns: ClockNs = time.perf_counter_ns) -> TimerCost:
@@ -152,8 +179,7 @@ def _block_ns(clock_ns: ClockNs) -> tuple[int, int, int]:
 
     plain_ns = call_many(_nothing)
     _, all_ns = timer.outermost(lambda _: call_many(timed), Layer.REST, "outside")(None)
-    inside_ns = next(each.ns for each in timer.layers() if each.name == "inside")
-    return plain_ns, inside_ns, all_ns
+    return plain_ns, timer._totals[Layer.REST, "inside"].ns, all_ns
 
 
 def _nothing() -> None:

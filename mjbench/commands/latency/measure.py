@@ -24,22 +24,21 @@ from mjbench.bounds import (
     Share,
     check_measured,
 )
+from mjbench.commands.latency.options import LatencyOptions
 from mjbench.errors import InputError, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
-from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import stats
 from mjbench.simulation import compat, models, reference_run, starts, workload_sampling
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.reference_run import Work
-from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
+from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.simulation.workload import Workload, whole_holds
 from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
-# Steps to measure unless the user says, and about how long they may take, in seconds; no fewer than
-# LEAST_NSTEP.
-NSTEP, LEAST_NSTEP, BUDGET_S = 10_000, 1_000, 10.0
+# Steps to measure unless the user says, as far as the budget allows; no fewer than LEAST_NSTEP.
+NSTEP, LEAST_NSTEP = 10_000, 1_000
 # Steps after which a simulation starts again, so that it stays where the model usually is.
 RUN_NSTEP = 100
 # Steps before the first that counts.
@@ -61,23 +60,6 @@ class Pace(enum.StrEnum):
     """When the one before has ended."""
     PACED = "paced"
     """When it is due."""
-
-
-@dataclass(frozen=True)
-class LatencyRequest:
-    """What is measured on a model; None chooses the number of steps, and real time as the rate.
-
-    Attributes:
-      budget_s: about how long the steps of a pace may take, if there are more than LEAST_NSTEP.
-    """
-
-    source: ModelSource
-    nstep: int | None = None
-    rate_hz: float | None = None
-    hold: int = 1
-    seed: int = 0
-    starts: StartPlan = DEFAULT_STARTS
-    budget_s: float = BUDGET_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +150,9 @@ class LatencyRow:
 QUANTILES = (0.5, 0.99, 0.999)
 
 
-def measure(request: LatencyRequest, limit_s: float = TIME_LIMIT_S) -> list[StepSamples]:
+def measure(source: ModelSource, plan: StartPlan, options: LatencyOptions) -> list[StepSamples]:
     """Return the steps of a model at each pace, measured in a child process."""
-    return isolate.call(measure_in_child, request, limit_s=limit_s)
+    return isolate.call(measure_in_child, source, plan, options, limit_s=options.time_limit_s)
 
 
 def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRow:
@@ -230,29 +212,31 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
     return [float(histogram.get_value_at_percentile(100 * q)) for q in quantiles]
 
 
-def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamples]:
+def measure_in_child(
+    source: ModelSource, plan: StartPlan, options: LatencyOptions, channel: Channel
+) -> list[StepSamples]:
     channel.doing("loading the model")
-    model = models.load(request.source)
+    model = models.load(source)
     channel.doing("drawing start states")
     step_s = reference_run.step_s(model)
-    affordable = max(LEAST_NSTEP, int(request.budget_s / step_s))
-    nstep = request.nstep or min(NSTEP, affordable)
+    affordable = max(LEAST_NSTEP, int(options.budget_s / step_s))
+    nstep = options.nstep or min(NSTEP, affordable)
     nrun = -(-(nstep + WARM_UP_NSTEP) // RUN_NSTEP)
     channel.allow_silence(_PATIENCE * step_s * (nrun + 1) * RUN_NSTEP)
-    run_nstep, max_nstep = whole_holds(RUN_NSTEP, request.hold), starts.max_settling_nstep(step_s)
+    run_nstep, max_nstep = whole_holds(RUN_NSTEP, options.hold), starts.max_settling_nstep(step_s)
     sample_request = SampleRequest(
-        nrun, run_nstep, request.hold, request.seed, request.starts, max_nstep, may_shorten=True
+        nrun, run_nstep, options.hold, options.seed, plan, max_nstep, may_shorten=True
     )
     sample = workload_sampling.draw(model, sample_request)
     timestep_s = float(model.opt.timestep)
-    rate_hz = request.rate_hz or 1 / timestep_s
+    rate_hz = options.rate_hz or 1 / timestep_s
     samples: list[StepSamples] = []
     for pace in Pace:
         channel.doing(f"timing {pace} steps")
         is_paced = pace == Pace.PACED
         count = nstep
-        if is_paced and request.nstep is None:
-            count = max(LEAST_NSTEP, min(nstep, int(request.budget_s * rate_hz)))
+        if is_paced and options.nstep is None:
+            count = max(LEAST_NSTEP, min(nstep, int(options.budget_s * rate_hz)))
         total = count + WARM_UP_NSTEP
         channel.allow_silence(_PATIENCE * step_s * total + 2 * total / rate_hz)
         measured = record_steps(sample.workload, count, 1e9 / rate_hz if is_paced else 0.0)

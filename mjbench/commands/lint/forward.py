@@ -3,7 +3,8 @@
 `mj_step` computes from the state before it, and then integrates. What is computed belongs to the
 old state until something computes it again. For positions, `mj_kinematics` does; `mj_forward` also
 finds contacts and solves constraints, which the next `mj_step` does once more.
-tests/loop/test_lint_forward.py checks that the functions named here give what `mj_forward` gives.
+tests/commands/lint/test_forward.py checks that the functions named here give what `mj_forward`
+gives.
 """
 
 import ast

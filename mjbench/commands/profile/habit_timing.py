@@ -19,6 +19,7 @@ from mjbench.bounds import AnyFloat, Nanoseconds, NonNegativeInt
 from mjbench.commands.profile import habits
 from mjbench.commands.profile.habits import BARE, ONE_CALL, ZERO_STEPS, compile_loop, script
 from mjbench.commands.profile.loop_starts import LoopStarts
+from mjbench.commands.profile.options import HabitOptions
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.measuring import stats, timing
@@ -30,7 +31,7 @@ from mjbench.status import Status
 # A block of the bare loop, in seconds; the most quads of each habit in a launch.
 BLOCK_S, MOST_QUADS = 0.001, 12
 # The fewest and most launches, and seconds for all of them.
-LEAST_LAUNCHES, LAUNCHES, BUDGET_S = 3, 6, 30.0
+LEAST_LAUNCHES, LAUNCHES, BUDGET_S = 3, 6, HabitOptions().budget_s
 LEAST_NSTEP = 10
 CONFIDENCE = 0.95
 _BLOCKS_PER_QUAD = 4

@@ -21,6 +21,7 @@ from mjbench.bounds import AnyFloat, Nanoseconds, NonNegativeInt, Share, Timeste
 from mjbench.commands.profile import habits, rendering, step_parts
 from mjbench.commands.profile.habits import Habit, compile_loop
 from mjbench.commands.profile.loop_starts import LoopStarts
+from mjbench.commands.profile.options import ProfileOptions
 from mjbench.commands.profile.rendering import FrameTime
 from mjbench.commands.profile.step_parts import SensorCost, StepPart
 from mjbench.host import isolate
@@ -38,7 +39,8 @@ from mjbench.status import Status
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS = 0.004, 15, 200
 # Seconds for the steps of a model; the shares of the loop, and of each kind of parts; what the
 # frames of a backend may take on top, as a share.
-BUDGET_S, LOOP_SHARE, PART_SHARE, FRAME_SHARE = 4.0, 0.5, 0.125, 0.5
+BUDGET_S = ProfileOptions().budget_s
+LOOP_SHARE, PART_SHARE, FRAME_SHARE = 0.5, 0.125, 0.5
 # Seconds for the sensors of a stage, where only stages are asked for.
 BRIEF_S = 0.05
 # Frames for each second of simulated time, where physics, Python and rendering are compared.

@@ -5,7 +5,6 @@ loop every row shows the last state. Here every row is a copy, written into an a
 allocated before the loop.
 """
 
-import enum
 import functools
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -122,75 +121,10 @@ def record(
     if controls is not None and policy is not None:
         raise InputError("give controls or a policy, not both")
     step_controls, names = _step_controls(model, int(nstep), controls), _with_counts(fields)
-    follower = _Follower(model, data, names) if same_moment else None
-    log = _Log(model, follower.data if follower else data, int(nstep), names)
-    _run(model, data, int(nstep), step_controls, policy, log, follower)
+    of_new_state = mujoco.MjData(model) if same_moment else None
+    log = _Log(model, data if of_new_state is None else of_new_state, int(nstep), names)
+    _run(model, data, int(nstep), step_controls, policy, log, of_new_state)
     return log.recorded()
-
-
-class _Stage(enum.IntEnum):
-    """What to compute of a state before a field can be read, all stages before it included."""
-
-    STATE = 0
-    KINEMATICS = 1
-    POSITION = 2
-    VELOCITY = 3
-    ACCELERATION = 4
-
-
-# The stage of fields whose names match; all others are of the last one.
-_STAGES = {
-    r"(qpos|qvel|act|ctrl|time|mocap_\w+|eq_active|[qx]frc_applied|userdata)$": _Stage.STATE,
-    r"(x(pos|ipos|quat|mat|imat|anchor|axis)|(geom|site)_x(pos|mat))$": _Stage.KINEMATICS,
-    r"(ncon|contact\.(dist|pos|frame|geom\d?)|subtree_com|ten_length|actuator_length)$": (
-        _Stage.POSITION
-    ),
-    r"(cvel|ten_velocity|actuator_velocity|qfrc_bias|qfrc_passive)$": _Stage.VELOCITY,
-}
-
-
-# By mjtStage.
-_SENSOR_STAGES = (_Stage.STATE, _Stage.POSITION, _Stage.VELOCITY, _Stage.ACCELERATION)
-
-
-def _stage(model: mujoco.MjModel, name: str) -> _Stage:
-    """Return what to compute before a field can be read; sensors say it themselves."""
-    kind, colon, element = name.partition(":")
-    if kind == "sensor" or name == "sensordata":
-        return _SENSOR_STAGES[int(np.max(model.sensor_needstage, initial=0))]
-    if colon:
-        default = _KINDS.get(kind) or ""
-        name = element.rpartition(".")[2] if "." in element else default
-        if kind in ("actuator", "tendon"):  # whose attributes have short names, such as `length`
-            return _Stage.ACCELERATION
-    matches = (stage for pattern, stage in _STAGES.items() if re.match(pattern, name))
-    return next(matches, _Stage.ACCELERATION)
-
-
-class _Follower:
-    """An MjData that is brought to the state of another one, to compute what follows from it."""
-
-    def __init__(self, model: mujoco.MjModel, source: mujoco.MjData, names: Sequence[str]):
-        self.data = mujoco.MjData(model)
-        self._model, self._source = model, source
-        self._stage = max((_stage(model, name) for name in names), default=_Stage.STATE)
-        self._state = np.empty(compat.state_size(model))
-
-    def follow(self) -> None:
-        """Compute what the fields need, in the state that the source is in."""
-        model, data, stage = self._model, self.data, self._stage
-        compat.get_state(model, self._source, self._state)
-        compat.set_state(model, data, self._state)
-        if stage == _Stage.ACCELERATION:
-            mujoco.mj_forward(model, data)
-        elif stage == _Stage.KINEMATICS:
-            mujoco.mj_kinematics(model, data)
-        elif stage >= _Stage.POSITION:
-            mujoco.mj_fwdPosition(model, data)
-            mujoco.mj_sensorPos(model, data)
-            if stage == _Stage.VELOCITY:
-                mujoco.mj_fwdVelocity(model, data)
-                mujoco.mj_sensorVel(model, data)
 
 
 class _Log:
@@ -242,10 +176,11 @@ def _run(
     controls: np.ndarray | None,
     policy: Policy | None,
     log: _Log,
-    follower: _Follower | None,
+    of_new_state: mujoco.MjData | None,
 ) -> None:
     """Step and record; everything that a step uses is local, as in a careful loop by hand."""
     mj_step, ctrl = mujoco.mj_step, data.ctrl
+    state = np.empty(compat.state_size(model))
     views, numbers, ragged = log.views, log.numbers, log.ragged
     for i in range(nstep):
         if controls is not None:
@@ -255,8 +190,10 @@ def _run(
             if action is not None:  # it may have written data.ctrl itself
                 ctrl[:] = action
         mj_step(model, data)
-        if follower is not None:
-            follower.follow()
+        if of_new_state is not None:
+            compat.get_state(model, data, state)
+            compat.set_state(model, of_new_state, state)
+            mujoco.mj_forward(model, of_new_state)
         for rows, view in views:
             rows[i] = view
         for rows, number in numbers:

@@ -4,11 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.commands.compare.advice import (
-    Advice,
-    ClockAdvice,
-    ThreadAdvice,
-)
+from mjbench.commands.compare.advice import Advice, ClockAdvice, ThreadAdvice
 from mjbench.commands.compare.crossovers import Crossover, crossovers
 from mjbench.commands.compare.results import ModelResults, PathResult
 from mjbench.commands.doctor.show import NoiseRow
@@ -18,23 +14,6 @@ from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
 from mjbench.results.runs import SCHEMA, Run
 from mjbench.status import Status
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResultsDocument:
-    """The document of a command whose results do not depend on one machine."""
-
-    schema: int = SCHEMA
-    results: Sequence[object]
-
-
-@dataclass(frozen=True, kw_only=True)
-class MachineResultsDocument:
-    """The document of a command that has only results, of one machine."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[object]
 
 
 @dataclass(frozen=True, kw_only=True)

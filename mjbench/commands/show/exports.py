@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from mjbench.commands.compare.results import derive_all, disturbed, path_results
+from mjbench.commands.compare.results import derive_all, path_results
 from mjbench.commands.show import rows
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.errors import InputError
+from mjbench.host import disturbance
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
 from mjbench.results.formats import csv_text
@@ -62,7 +63,7 @@ def _check_kind(run: Run) -> None:
 def _step_times(run: Run) -> Iterator[ExportedMetric]:
     for r in path_results(run.records):
         if r.step_ns is not None:
-            name = f"{r.model}: {r.variant}, {r.model_record.nbatch} simulations"
+            name = f"{r.model}: {r.variant}, {r.nbatch} simulations"
             yield ExportedMetric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
 
 
@@ -93,7 +94,7 @@ def as_github_action_benchmark(run: Run) -> str:
         if metric.low is not None and metric.high is not None:
             entry["range"] = f"{metric.low:.4g} to {metric.high:.4g}"
         if metric.disturbances:
-            entry["extra"] = disturbed(metric.disturbances)
+            entry["extra"] = disturbance.sentence(metric.disturbances)
         entries.append(entry)
     return json.dumps(entries, indent=1) + "\n"
 
@@ -138,7 +139,8 @@ _OUTCOMES: Mapping[Status, str] = {
 
 
 def _cases(run: Run) -> Iterator[_Case]:
-    yield from _path_cases(run)
+    for r in path_results(run.records):
+        yield _Case(r.model, str(r.variant), _OUTCOMES.get(r.status, "error"), r.detail)
     rows_of_verdicts = [record.row() for record in run.of_type(VerdictRecord)]
     decided = family.adjust_for_family(rows_of_verdicts, family.confidence_of(run.header))
     for row in rows_of_verdicts:
@@ -149,11 +151,6 @@ def _cases(run: Run) -> Iterator[_Case]:
             outcome = "skipped"
         text = verdicts.describe_verdict(row)
         yield _Case(row.model, verdicts.describe_targets(row), outcome, text)
-
-
-def _path_cases(run: Run) -> Iterator[_Case]:
-    for r in path_results(run.records):
-        yield _Case(r.model, str(r.variant), _OUTCOMES.get(r.status, "error"), r.detail)
 
 
 # The formats by name.

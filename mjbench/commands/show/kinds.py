@@ -30,12 +30,13 @@ from mjbench.commands.versions import show as verdicts
 from mjbench.commands.versions.bisect import BisectComparison, BisectRecord
 from mjbench.counts import show as counts
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
-from mjbench.host.neighbours import Disturbance
+from mjbench.host.disturbance import Disturbance
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.results.content import Section, after_disturbances
+from mjbench.results.json_form import MachineResultsDocument, ResultsDocument
 from mjbench.results.runs import Record, Run
-from mjbench.verification import records as comparison_records
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,8 @@ def _kind(
     def document(run: Run) -> object:
         results = run.of_type(record)
         if not has_machine:
-            return documents.ResultsDocument(results=results)
-        return documents.MachineResultsDocument(machine=run.header.machine, results=results)
+            return ResultsDocument(results=results)
+        return MachineResultsDocument(machine=run.header.machine, results=results)
 
     def flat_rows(run: Run) -> Iterator[object]:
         for each in run.of_type(record):
@@ -95,7 +96,7 @@ CHECKUP = Kind(
 )
 COMPARE = Kind(
     ("compare",),
-    (*comparison_records.RECORD_TYPES.values(), RaceRecord),
+    (ModelRecord, VariantRecord, RaceRecord),
     lambda run: documents.CompareDocument.of(run.header.machine, derive_all(run.records)),
     lambda run: comparison.sections(derive_all(run.records)),  # races say what disturbed them
     lambda run: comparison.flat_rows(derive_all(run.records)),
@@ -108,7 +109,7 @@ ENVIRONMENT = _kind(EnvironmentRecord, environment.sections, "env")
 VERDICT = Kind(
     ("versions", "ab"),
     (VerdictRecord,),
-    lambda run: documents.MachineResultsDocument(
+    lambda run: MachineResultsDocument(
         machine=run.header.machine, results=verdicts.verdict_rows(run)
     ),
     verdicts.sections,
@@ -117,7 +118,7 @@ VERDICT = Kind(
 BISECT = Kind(
     ("bisect",),
     (BisectRecord, BisectComparison),
-    lambda run: documents.MachineResultsDocument(
+    lambda run: MachineResultsDocument(
         machine=run.header.machine, results=run.of_type(BisectRecord)
     ),
     lambda run: after_disturbances(run, bisect.sections(run.records)),

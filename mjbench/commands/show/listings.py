@@ -9,38 +9,11 @@ from mjbench.releases.installs import InstallSize
 from mjbench.results.content import Column, DataTable
 from mjbench.results.formats import yes_no
 from mjbench.results.runs import SCHEMA
-from mjbench.status import Status
 from mjbench.units import count_of, mebibytes
 
 if TYPE_CHECKING:  # both import MuJoCo
     from mjbench.commands.show.model_facts import ListedModel
     from mjbench.paths import SteppingPath
-
-
-@dataclass(frozen=True)
-class ModelRow:
-    """A model and its facts, which are None where it could not be loaded (see `ModelFacts`)."""
-
-    model: str
-    status: Status
-    detail: str = ""
-    nq: int | None = None
-    nv: int | None = None
-    nu: int | None = None
-    na: int | None = None
-    contacts: int | None = None
-    constraints: int | None = None
-    timestep: float | None = None
-    integrator: str | None = None
-    solver: str | None = None
-    cone: str | None = None
-    can_fall: bool | None = None
-    has_clock: bool | None = None
-
-    @classmethod
-    def of(cls, listed: "ListedModel") -> "ModelRow":
-        facts = vars(listed.facts) if listed.facts else {}
-        return cls(listed.model, listed.status, listed.detail, **facts)
 
 
 @dataclass(frozen=True)
@@ -69,30 +42,6 @@ class PathRow:
             unavailable=path.unavailable(),
             options={option.name: option.summary for option in path.options},
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelsDocument:
-    """What `mjbench models --json` writes."""
-
-    schema: int = SCHEMA
-    models: Sequence[ModelRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PathsDocument:
-    """What `mjbench paths --json` writes."""
-
-    schema: int = SCHEMA
-    paths: Sequence[PathRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReleasesDocument:
-    """What `mjbench releases --json` writes."""
-
-    schema: int = SCHEMA
-    releases: Sequence[ReleaseRow]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,10 +10,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.commands.compare.advice import Advice
-from mjbench.commands.compare.results import derive_all, disturbed
+from mjbench.commands.compare.results import derive_all
 from mjbench.commands.compare.show import mark
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
+from mjbench.host import disturbance
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Verdict
@@ -109,7 +110,7 @@ def of_runs(runs: Sequence[Run]) -> Machines:
     verdict_answers, together = _verdict_answers(runs, names)
     answers = [*verdict_answers, *_advice_answers(runs, names)]
     cautions = [
-        f"{name}, {results.model.model}: {disturbed(results.disturbances)}"
+        f"{name}, {results.model.model}: {disturbance.sentence(results.disturbances)}"
         for run, name in zip(runs, names, strict=True)
         for results in derive_all(run.records)
         if results.disturbances

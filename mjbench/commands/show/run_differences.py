@@ -20,7 +20,7 @@ from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 from mjbench.units import count_of
 from mjbench.verification.plan import Variant, describe_options
-from mjbench.verification.records import MeasurementRecord
+from mjbench.verification.records import VariantRecord
 
 # What must not differ where something was compiled: what compiled it, and with which flags.
 _COMPILERS = ("jax", "jaxlib", "warp-lang")
@@ -66,7 +66,7 @@ def differences(old: Run, new: Run, across: bool) -> list[RunDifference]:
     return [_difference(olds[key], news[key], across) for key in news if key in olds]
 
 
-def identity(record: MeasurementRecord, machine: Machine) -> dict[str, object]:
+def identity(record: VariantRecord, machine: Machine) -> dict[str, object]:
     """Return what two measurements must share to be compared without being asked to.
 
     Precision and device (a CPU by its name); of what was compiled also the versions of its
@@ -116,7 +116,7 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
         new.model,
         new.path,
         new.options,
-        new.model_record.nbatch,
+        new.nbatch,
         status,
         detail,
         ratio,

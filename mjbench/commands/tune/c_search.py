@@ -14,14 +14,14 @@
 import math
 import random
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mjbench.commands.tune import knobs, pareto_front
 from mjbench.commands.tune.measurements import CMeasurements, summary, with_accuracy, with_figures
 from mjbench.commands.tune.pareto_front import effect_of, error_of, is_allowed
-from mjbench.commands.tune.reference import CurrentSettings
+from mjbench.commands.tune.reference import HOLD, REFERENCE_S, CurrentSettings, TrialPlan
 from mjbench.commands.tune.result import (
     Attempt,
     Effect,
@@ -31,21 +31,23 @@ from mjbench.commands.tune.result import (
     allowed_error,
     saves_time,
 )
-from mjbench.commands.tune.search_plan import LEAST_GAIN, Advance, SearchPlan
 from mjbench.commands.tune.setting_launch import SettingLaunchRequest
 from mjbench.commands.tune.settings import Settings, label
 from mjbench.commands.tune.usual_regime import MAX_COMPUTING_S
 from mjbench.errors import InputError, MachineError, MjbenchError, failure_of
+from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.units import plain
 
+# A setting that saves less than this, by its first launches, is not looked at again.
+LEAST_GAIN = 0.01
 # A setting that costs more than this share, by its first launch, is not in the second one.
 MOST_LOSS = 0.05
 # An error of more than this share of the motion is no simulation of the model any more.
 MOST_ERROR = 0.5
-# Shares of the budget: computing of the survey, and when screening ends, the figures of each
-# setting, their errors, and combinations.
-SURVEY_SHARE = 0.04
+# Shares of the budget: computing of the survey, and of the reference; and when screening ends, the
+# figures of each setting, their errors, and combinations.
+SURVEY_SHARE, REFERENCE_SHARE = 0.04, 0.1
 SCREEN_END, FIGURES_END, ERRORS_END, TOGETHER_END = 0.3, 0.5, 0.65, 0.75
 # A part that begins late takes at most this share of the budget.
 LEAST_PART = 0.1
@@ -60,6 +62,37 @@ SHARE_OF_START = 0.25
 FEW_NRUN = 8
 # Settings that get figures of their own: of those that change no motion, and of the others.
 MOST_ALONE = 10
+
+
+# Called with how many parts of the search are done, what goes on, and a share of 0.
+Advance = Callable[[int, str, float], None]
+# Parts of a search: present settings, each alone, together, second look.
+PARTS = 4
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """What a search may cost, and what may come out of it.
+
+    Attributes:
+      seed: of starts and controls; the second look has the next one.
+      budget_s: seconds of the whole search, about; with less than a minute, some settings may have
+        no error, and nothing may be confirmed by a second look.
+      max_error: the largest error allowed, as a share of the motion; None for the present one.
+    """
+
+    seed: int = 0
+    starts: StartPlan = field(default_factory=StartPlan)
+    budget_s: float = 300.0
+    max_error: float | None = None
+    only: Effect = Effect.APPROXIMATE
+    hold: int = HOLD
+    skip: tuple[str, ...] = ()
+
+    def trials(self, look: int, ncontrol: int | None = None) -> TrialPlan:
+        """Return the starts and controls of a look: 0 for the search, 1 for the second look."""
+        reference_s = min(REFERENCE_S, REFERENCE_SHARE * self.budget_s)
+        return TrialPlan(self.seed + look, self.starts, self.hold, ncontrol, reference_s)
 
 
 class CSearch:
@@ -111,8 +144,9 @@ class CSearch:
     def _screened(self, settings: Sequence[Settings]) -> list[Attempt]:
         """Time each setting; return those that may be faster, and change what they may."""
         self._advance(1, f"{len(settings)} settings", 0.0)
-        launched = self._launched(settings, 1, SCREENS, SCREEN_END, FIGURES_END)
-        timed = self._noted(summary(attempts) for attempts in launched.values() if attempts)
+        launched: dict[Settings, list[Attempt]] = {}
+        self._launch(settings, launched, 1, SCREENS, SCREEN_END, FIGURES_END)
+        timed = self._noted(map(summary, launched.values()))
         promising = [
             each
             for each in timed
@@ -128,7 +162,8 @@ class CSearch:
         """Time settings in launches that did not choose them; return the certainly faster ones."""
         self._advance(1, f"the time of {len(promising)} settings", 0.5)
         settings = [each.settings for each in promising]
-        launched = self._launched(settings, LEAST_LAUNCHES, MOST_LAUNCHES, FIGURES_END)
+        launched: dict[Settings, list[Attempt]] = {}
+        self._launch(settings, launched, LEAST_LAUNCHES, MOST_LAUNCHES, FIGURES_END)
         timed = self._noted(with_figures(each, launched[each.settings]) for each in promising)
         return [each for each in timed if each.ratio and saves_time(each.ratio)]
 
@@ -164,7 +199,7 @@ class CSearch:
         first_error = self._present.tolerated_error
         if not (front := self._front(attempts, first_error)):
             return
-        error = self._present_again(any(self._needs_error(each) for each in front))
+        error = self._present_again(any(self._needs_error(each) for each in attempts))
         if self._record.no_reference:
             for each in filter(self._needs_error, front):
                 reason = f"no reference from new starts: {self._record.no_reference}"
@@ -190,12 +225,12 @@ class CSearch:
                 if each.settings not in confirmed
             ]
         self._advance(3, f"the time of {len(confirmed)} settings", 0.6)
-        launched: dict[Settings, list[Attempt]] = {settings: [] for settings in confirmed}
+        launched: dict[Settings, list[Attempt]] = {}
         try:
-            self._launch(launched, LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, self._end_s(1.0))
+            self._launch([*confirmed], launched, LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, 1.0)
         finally:  # Ctrl-C, or a crash, leaves what has enough launches
             for settings, looks in confirmed.items():
-                self._recommend(*looks, launched[settings], first_error)
+                self._recommend(*looks, launched.get(settings, ()), first_error)
 
     def _front(self, attempts: Sequence[Attempt], error: float) -> list[Attempt]:
         withdrawn = {each.settings for each in self._record.withdrawn}
@@ -230,13 +265,11 @@ class CSearch:
             is_near, limit = error_of(second) <= MOST_ERROR, MOST_ERROR
         else:
             is_near, limit = is_allowed(second, most, error), allowed_error(most, error)
+        if is_near:
+            return ""
         return (
-            ""
-            if is_near
-            else (
-                f"an error of {100 * error_of(second):.2g} % of the motion from new starts, where"
-                f" {100 * limit:.2g} % is allowed"
-            )
+            f"an error of {100 * error_of(second):.2g} % of the motion from new starts, where"
+            f" {100 * limit:.2g} % is allowed"
         )
 
     def _recommend(
@@ -333,38 +366,27 @@ class CSearch:
         seen = self._run([each.settings for each in attempts], end, **what)
         return self._noted(with_accuracy(*pair) for pair in zip(attempts, seen, strict=False))
 
-    def _launched(
+    def _launch(
         self,
         settings: Sequence[Settings],
+        launched: dict[Settings, list[Attempt]],
         least: int,
         most: int,
         end: float,
         cut: float = math.inf,
-    ) -> Mapping[Settings, list[Attempt]]:
-        """Return the launches of settings; `end` and `cut` are shares of the budget."""
-        launched: dict[Settings, list[Attempt]] = {each: [] for each in settings}
-        self._launch(launched, least, most, self._end_s(end), self._end_s(cut))
-        return launched
-
-    def _launch(
-        self,
-        launched: Mapping[Settings, list[Attempt]],
-        least: int,
-        most: int,
-        end_s: float,
-        cut_s: float = math.inf,
     ) -> None:
-        """Time settings in fresh processes; add to the attempts of each.
+        """Time settings in fresh processes; add to the attempts of each that is begun.
 
         Settings that fail leave. Each launch but the first, which has the likely gains first, has
         an order of its own.
 
         Args:
           least: launches that are begun in any case.
-          end_s: after these, no launch is begun that would end later, by the clock.
-          cut_s: when a launch begins no other setting; then settings leave that seem slower.
+          end: share of the budget; after the least, no launch is begun that would end later.
+          cut: share at which a launch begins no other setting; then settings leave that seem
+            slower.
         """
-        left, launch_s = list(launched), 0.0
+        left, launch_s, end_s, cut_s = settings, 0.0, self._end_s(end), self._end_s(cut)
         for number in range(most):
             begin_s = self._clock()
             if not left or (number >= least and begin_s + launch_s > end_s):
@@ -372,7 +394,7 @@ class CSearch:
             order = self._rng.sample(left, len(left)) if number else left
             attempts = self._measure.launch(self._request(order, cut_s, timed_s=self._timed_s))
             for attempt in attempts:
-                launched[attempt.settings].append(attempt)
+                launched.setdefault(attempt.settings, []).append(attempt)
             left = [
                 each.settings
                 for each in attempts

@@ -267,16 +267,13 @@ def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
 
 def known(names: Sequence[str]) -> tuple[str, ...]:
     """Return names of knobs; raises InputError for any other."""
-    every = [knob.name for knob in KNOBS]
-    for name in names:
-        if name not in every:
-            raise InputError(
-                f"no knob {shown(name)}{suggestion(name, every)}; the knobs are {', '.join(every)}"
-            )
-    return tuple(names)
+    return tuple(find(name).name for name in names)
 
 
 def find(name: str) -> Knob:
     """Return a knob by its name; InputError for any other name, which a run file may have."""
-    known([name])
-    return next(knob for knob in KNOBS if knob.name == name)
+    by_name = {knob.name: knob for knob in KNOBS}
+    if name not in by_name:
+        near, names = suggestion(name, by_name), ", ".join(by_name)
+        raise InputError(f"no setting {shown(name)}{near}; the settings are {names}")
+    return by_name[name]

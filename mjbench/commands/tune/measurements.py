@@ -107,9 +107,9 @@ def summary(attempts: Sequence[Attempt]) -> Attempt:
     last = attempts[-1]
     if last.status != Status.OK:
         return last
-    rows = [each.samples for each in attempts if each.samples]
+    rows = [row for each in attempts for row in each.launches]
     ratio = math.exp(statistics.median(log_ratio(row) for row in rows))
-    return replace(last, time_ratio=ratio, samples=None, launches=rows)
+    return replace(last, time_ratio=ratio, launches=rows)
 
 
 def with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:

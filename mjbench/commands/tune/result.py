@@ -79,8 +79,8 @@ class Attempt:
       time_ratio: their time for a simulated second over that of the present settings, within one
         process.
       ratio: the same in fresh processes, with its 95 % interval.
-      samples: raw times of its blocks in one process; A is the present settings.
-      launches: those of each fresh process that gave `ratio`, or else `time_ratio`.
+      launches: raw times of blocks in each fresh process that gave `ratio`, or else `time_ratio`; A
+        is the present settings.
       stages: share of a step by stage with them; empty where that was not measured.
     """
 
@@ -90,7 +90,6 @@ class Attempt:
     accuracy: Accuracy | None = None
     time_ratio: PositiveFloat | None = None
     ratio: Ratio | None = None
-    samples: LaunchRow | None = None
     launches: Sequence[LaunchRow] = ()
     stages: Mapping[str, AnyFloat] = field(default_factory=dict)
 
@@ -200,8 +199,8 @@ class TuneRecord:
         return {stage: share for stage, share in ordered if abs(share) >= LEAST_SAVED}
 
 
-def allowed_error(max_error: float | None, present_error: float, least: float = NO_ERROR) -> float:
-    return max_error or max((1 + SAME_ERROR) * present_error, least)
+def allowed_error(max_error: float | None, present_error: float) -> float:
+    return max_error or max((1 + SAME_ERROR) * present_error, NO_ERROR)
 
 
 def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Ratio:

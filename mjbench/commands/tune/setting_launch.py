@@ -117,7 +117,7 @@ class _Launch:
         if self.request.timed_s:
             samples = self._timed(changed, loop)
             ratio = math.exp(log_ratio(samples))
-            attempt = replace(attempt, time_ratio=ratio, samples=samples)
+            attempt = replace(attempt, time_ratio=ratio, launches=[samples])
         return attempt
 
     def _changed(self, settings: Settings) -> mujoco.MjModel:

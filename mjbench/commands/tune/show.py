@@ -143,20 +143,13 @@ def _front_figure(record: TuneRecord, present: CurrentSettings) -> Figure:
     )
 
 
-def _front_rows(
-    record: TuneRecord, present: CurrentSettings
-) -> Iterator[tuple[Recommendation, bool]]:
-    """Yield the present settings, then the front, with whether each is advised."""
-    yield Recommendation((), Ratio(1.0, None, None), present.error), False
-    listed = advised(record)
-    yield from ((each, each in listed) for each in record.front)
-
-
 def _front_table(record: TuneRecord, present: CurrentSettings) -> DataTable:
-    four_digits = formats.digits(4)
+    four_digits, listed = formats.digits(4), advised(record)
+    rows = [(Recommendation((), Ratio(1.0, None, None), present.error), False)]
+    rows += [(each, each in listed) for each in record.front]
     return DataTable.of(
         "Confirmed from new starts",
-        _front_rows(record, present),
+        rows,
         (Column("advised"), lambda row: "yes" if row[1] else None),
         (
             Column("results", wraps=True, leaves=3),

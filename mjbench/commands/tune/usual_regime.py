@@ -7,7 +7,7 @@ half did with another seed (humanoid, quadruped_terrain).
 """
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,47 +95,34 @@ def observe_model(
     request = SampleRequest(_NUSUAL, each_nstep, hold, seed, plan, settling_nstep, may_shorten=True)
     usual = workload_sampling.draw(model, request).workload
     for state, control in zip(usual.initial_state, usual.control, strict=True):
-        run.simulate(_from_state(state), control)
+        compat.restart(model, run.data, state)
+        run.simulate(control)
     nusual = run.nstep
-    for reset, control in _exploring(model, nexplored, hold, seed):
-        run.simulate(reset, control)
+    _explore(run, model, nexplored, hold, seed)
     if not model.neq:  # equality constraints forbid poses that joint limits allow
         poses_s = _POSES_SHARE * computing_s
         run.pose(min(NPOSE, max(1, int(poses_s / (step_s + _READING_S)))), seed)
     return run.observed(is_mjcf, nusual)
 
 
-# How a simulation starts: a function that resets an MjData.
-_Reset = Callable[[mujoco.MjModel, mujoco.MjData], None]
-
-
-def _from_state(state: np.ndarray) -> _Reset:
-    return lambda model, data: compat.restart(model, data, state)
-
-
-def _from_keyframe(key: int) -> _Reset:
-    return lambda model, data: mujoco.mj_resetDataKeyframe(model, data, key)
-
-
-def _exploring(
-    model: mujoco.MjModel, nstep: int, hold: int, seed: int
-) -> Iterator[tuple[_Reset, np.ndarray]]:
-    """Yield starts and (ncontrol, nu) controls that explore further than the usual ones."""
+def _explore(run: "_Run", model: mujoco.MjModel, nstep: int, hold: int, seed: int) -> None:
+    """Simulate from keyframes, and under wide controls: further than the usual starts lead."""
     nkey = min(int(model.nkey), _MAX_KEYFRAMES)
     rng = np.random.default_rng([seed, 3])
     ncontrol = max(1, nstep // (nkey + _NWIDE) // hold)
     usual = workload.random_controls(model, nkey, ncontrol, hold, rng, spread=1.0)
     for key, control in enumerate(usual):
-        yield _from_keyframe(key), control + (model.key_ctrl[key] - model.key_ctrl[0])
-    wide = workload.random_controls(model, _NWIDE, ncontrol, hold, rng, _WIDE_SPREAD)
-    for control in wide:
-        yield workload.reset_to_start, control
+        mujoco.mj_resetDataKeyframe(model, run.data, key)
+        run.simulate(control + (model.key_ctrl[key] - model.key_ctrl[0]))
+    for control in workload.random_controls(model, _NWIDE, ncontrol, hold, rng, _WIDE_SPREAD):
+        workload.reset_to_start(model, run.data)
+        run.simulate(control)
 
 
 class _Run:
     def __init__(self, model: mujoco.MjModel, hold: int, sample_every: int):
         self._model, self._hold, self._sample_every = model, hold, sample_every
-        self._data = mujoco.MjData(model)
+        self.data = mujoco.MjData(model)
         self._pairs = PairWatch(model, 2 * _NSAMPLE)  # of steps and of poses
         self._iterations: list[tuple[int, int]] = []  # of the solver, and of line searches
         self._max_contacts = self._max_constraints = self._nposes = 0
@@ -144,17 +131,16 @@ class _Run:
     def nstep(self) -> int:
         return len(self._iterations)
 
-    def simulate(self, reset: _Reset, control: np.ndarray) -> None:
-        model, data = self._model, self._data
-        reset(model, data)
+    def simulate(self, control: np.ndarray) -> None:
+        """Step from where `data` is."""
         for ctrl in control:
-            data.ctrl[:] = ctrl
+            self.data.ctrl[:] = ctrl
             for _ in range(self._hold):
-                mujoco.mj_step(model, data)
+                mujoco.mj_step(self._model, self.data)
                 self._read_step()
 
     def pose(self, count: int, seed: int) -> None:
-        model, data = self._model, self._data
+        model, data = self._model, self.data
         workload.reset_to_start(model, data)
         rng = np.random.default_rng([seed, 4])
         sample_every = max(1, count // _NSAMPLE)
@@ -167,7 +153,7 @@ class _Run:
         self._nposes += count
 
     def _read_step(self) -> None:
-        data = self._data
+        data = self.data
         if self.nstep % self._sample_every == 0:
             self._pairs.sample(data)
         self._pairs.contacts(data)

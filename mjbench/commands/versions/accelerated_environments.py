@@ -10,7 +10,7 @@ from pathlib import Path
 from mjbench.commands.versions import function_sides
 from mjbench.commands.versions.function_sides import FunctionTarget, FunctionTargets, SteppedRun
 from mjbench.errors import InputError
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
 from mjbench.paired.worker import Worker
@@ -69,7 +69,7 @@ def _with(spec: ReleaseSpec, needed: Sequence[str]) -> ReleaseSpec:
     return replace(spec, name=name, requirements=(*spec.requirements, *added), has_packages=True)
 
 
-def prepare(pool: WorkerPool, comparison: AcceleratedComparison) -> list[FunctionTargets]:
+def prepare_targets(pool: WorkerPool, comparison: AcceleratedComparison) -> list[FunctionTargets]:
     origins = [function_sides.install(spec) for spec in comparison.specs]
     caches = {spec.key: pool.new_folder() for spec in comparison.specs}
     pairs = []
@@ -100,13 +100,10 @@ def _draw(
     sizes = comparison.sizes
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     request = SampleRequest(sizes.nbatch or NBATCH, nstep, sizes.hold, sizes.seed, sizes.starts)
-    process = pool.start(comparison.baseline, f"baseline ({comparison.baseline.label})")
-    try:
-        pool.wait_for(process, comparison.baseline)
+    name = f"baseline ({comparison.baseline.label})"
+    with pool.ready(comparison.baseline, name) as process:
         process.call(Worker.load_model, source.name, source.path, {})
         return process.call(Worker.make_workload, request)
-    finally:
-        pool.end([process])
 
 
 def _source(
@@ -121,7 +118,7 @@ def _source(
         f" Path({str(workload)!r})"
     )
     call = f"compiled_step({arguments}, Path({str(cache)!r}))"
-    if METRICS[metric].measured == Measured.COMPILATION:
+    if METRICS[metric].compiles:
         call = f"compilation({arguments})"
     text = (
         "from pathlib import Path\n"

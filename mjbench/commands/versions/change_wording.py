@@ -1,7 +1,7 @@
 """What the ratio of two targets comes to, in the words of its metric."""
 
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.results import formats
 from mjbench.units import plain
@@ -19,7 +19,7 @@ def describe_ratio(metric: Metric, verdict: Verdict, ratio: Ratio) -> str:
     if verdict == Verdict.INCONCLUSIVE:
         interval = formats.ends(ratio, formats.change, " to ") or "unknown"
         return f"inconclusive, {formats.change(ratio.estimate)} (interval {interval})"
-    if spec.measured != Measured.MEMORY and ratio.low is not None and ratio.high is not None:
+    if not spec.is_of_memory and ratio.low is not None and ratio.high is not None:
         if verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
             interval = formats.ends(ratio.inverse, _times, " to ")
             return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {interval})"

@@ -24,7 +24,7 @@ from mjbench.measuring.calls import Compilation
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsDifference, compare
 from mjbench.paired.launches import launch
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import ResultsOutcome, Verdict
 from mjbench.paired.pair_launches import CountRule, PairTargets, ProcessPair
 from mjbench.paired.records import (
@@ -92,7 +92,7 @@ class FunctionPair(PairTargets):
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         # what a function does only once is of no interest, unless it compiles
-        calls_it = self._metric.measured != Measured.COMPILATION
+        calls_it = not self._metric.compiles
         for process, target in zip(processes, self._targets, strict=True):
             process.ask(import_function, target.source, calls_it=calls_it)
 
@@ -148,13 +148,9 @@ class _NewError(Exception):
 
 
 def observe(pool: WorkerPool, target: FunctionTarget, role: str) -> FunctionFacts:
-    process = pool.start(target.release, target.name(role))
-    try:
-        pool.wait_for(process, target.release)
+    with pool.ready(target.release, target.name(role)) as process:
         process.call(import_function, target.source)
         return process.call(try_function, target.origin)
-    finally:
-        pool.end([process])
 
 
 def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
@@ -181,70 +177,69 @@ def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
     return _Observed(old, new, compare_results(old, again, new))
 
 
+@dataclass
 class _Decision:
-    def __init__(
-        self,
-        pool: WorkerPool,
-        targets: FunctionTargets,
-        plan: VerdictPlan,
-        on_launch: Callable[[Judgement], None],
-        clock: Callable[[], float],
-    ):
-        self._pool, self._targets, self._plan = pool, targets, plan
-        self._on_launch, self._clock, self._begin_s = on_launch, clock, clock()
-        self._observed: _Observed | None = None
-        self._control: Sequence[LaunchRow] = ()
-        self._launches: Sequence[LaunchRow] = ()
+    pool: WorkerPool
+    targets: FunctionTargets
+    plan: VerdictPlan
+    on_launch: Callable[[Judgement], None]
+    clock: Callable[[], float]
+    observed: _Observed | None = None
+    control: Sequence[LaunchRow] = ()
+    launches: Sequence[LaunchRow] = ()
+
+    def __post_init__(self) -> None:
+        self.begin_s = self.clock()
 
     def run(self) -> VerdictRecord:
-        baseline, candidate = self._targets
+        baseline, candidate = self.targets
         if _code(baseline) == _code(candidate):
             same = "revisions have the same files" if baseline.revision else "environments are one"
             detail = f"both {same}, so nothing was timed"
             return self._record(Failure(Status.OK, detail), Verdict.SAME)
         try:
-            self._observed = _observe(self._pool, self._targets)
+            self.observed = _observe(self.pool, self.targets)
         except (OtherCodeError, BuildError):  # of all functions
             raise
         except _NewError as error:
             return self._record(Failure(Status.NEW, str(error)))
         except ENDING_ERRORS as error:
             return self._record(ending_of(error))
-        results = self._observed.results
+        results = self.observed.results
         if results.outcome == ResultsOutcome.DIFFERENT:
             detail = f"results differ: {results.detail}; no verdict on speed"
             return self._record(Failure(Status.DISAGREES, detail))
-        facts = self._observed.baseline, self._observed.candidate
-        return self._timed(CallPlan.of(facts, self._plan.sizes.metric))
+        facts = self.observed.baseline, self.observed.candidate
+        return self._timed(CallPlan.of(facts, self.plan.sizes.metric))
 
     def _timed(self, calls: CallPlan) -> VerdictRecord:
         """Launch the control, then both sides, until the verdict is certain or time is up."""
-        baseline, limit_s = self._targets[0], self._plan.time_limit_s
-        begin_s = self._clock()
+        baseline, limit_s = self.targets[0], self.plan.time_limit_s
+        begin_s = self.clock()
         # half of the time for half of the launches
         limit = self._limit(limit_s / 2)
         control = CountRule(limit, MIN_LAUNCHES)
-        pair = FunctionPair(self._pool, (baseline, baseline), calls, limit)
+        pair = FunctionPair(self.pool, (baseline, baseline), calls, limit)
         ending, judgement = launch(pair, control), None
-        self._control = control.launches
+        self.control = control.launches
         # a budget is for both, and what ended the control ends the verdict
         if ending.status == Status.OK and control.has_enough:
-            limit = self._limit(limit_s - (self._clock() - begin_s))
-            pair = FunctionPair(self._pool, self._targets, calls, limit)
-            rule, ending = launch_until_certain(pair, self._plan, limit, self._on_launch)
-            self._launches, judgement = rule.launches, rule.judgement
+            limit = self._limit(limit_s - (self.clock() - begin_s))
+            pair = FunctionPair(self.pool, self.targets, calls, limit)
+            rule, ending = launch_until_certain(pair, self.plan, limit, self.on_launch)
+            self.launches, judgement = rule.launches, rule.judgement
         return self._record(ending, judgement=judgement)
 
     def _limit(self, seconds: float) -> TimeLimit:
-        return TimeLimit(seconds, 2 * MIN_LAUNCHES, self._clock, "a verdict with its control")
+        return TimeLimit(seconds, 2 * MIN_LAUNCHES, self.clock, "a verdict with its control")
 
     def _compiling(self, observed: _Observed) -> Pair[CompilationFigures] | None:
         first = observed.baseline.compilation, observed.candidate.compilation
         if first[0] is None or first[1] is None:
             return None
-        launched = [each.compilations for each in self._launches if each.compilations]
-        is_timed = METRICS[self._plan.sizes.metric].is_of_steps
-        runs_s = [launch.block_s for launch in self._launches] if is_timed else []
+        launched = [each.compilations for each in self.launches if each.compilations]
+        is_timed = METRICS[self.plan.sizes.metric].is_of_steps
+        runs_s = [launch.block_s for launch in self.launches] if is_timed else []
         return Pair(
             CompilationFigures.of([first[0], *(e.old for e in launched)], [s.old for s in runs_s]),
             CompilationFigures.of([first[1], *(e.new for e in launched)], [s.new for s in runs_s]),
@@ -257,20 +252,19 @@ class _Decision:
         judgement: Judgement | None = None,
     ) -> VerdictRecord:
         """Return the verdict as a run file stores it; `verdict` is that without any launch."""
-        baseline, candidate = self._targets
-        observed, launches, run = self._observed, self._launches, candidate.run
+        baseline, candidate = self.targets
+        observed, launches, run = self.observed, self.launches, candidate.run
         record = VerdictRecord.of(
             (baseline.row(), candidate.row()),
-            self._plan.sizes.metric,
+            self.plan.sizes.metric,
             ending,
             judgement,
             results=observed.results if observed else None,
             launches=launches,
-            seconds=self._clock() - self._begin_s,
+            seconds=self.clock() - self.begin_s,
         )
-        detail, control = ending.detail, control_row(self._control, self._plan.confidence)
-        if judgement is not None:
-            verdict = judgement.verdict
+        detail, control = ending.detail, control_row(self.control, self.plan.confidence)
+        verdict = judgement.verdict if judgement else verdict
         is_ok = ending.status == Status.OK
         if is_ok and control is not None and not control.covers:
             verdict, detail = Verdict.INCONCLUSIVE, detail or "the baseline differs from itself"
@@ -287,7 +281,7 @@ class _Decision:
             slowing=statistics.median(each.slowing for each in launches) if is_timed else None,
             packages=package_versions(baseline.release, candidate.release),
             compiling=self._compiling(observed) if observed else None,
-            control_samples=self._control,
+            control_samples=self.control,
         )
 
 

@@ -9,7 +9,7 @@ from mjbench.commands.versions import compile_times, family
 from mjbench.commands.versions.change_wording import describe_ratio
 from mjbench.commands.versions.family import Family
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paths import BASE
@@ -157,7 +157,7 @@ def _count_of_models(rows: Sequence[VerdictRow]) -> str:
 def describe_verdict(row: VerdictRow) -> str:
     """Return a comparison as a sentence, such as `humanoid, 3.3.0 → 4.0.0: slower by 1.4 % …`."""
     spec = METRICS[row.metric]
-    suffix = "" if spec.measured == Measured.COUNTS else spec.suffix
+    suffix = "" if spec.is_exact else spec.suffix
     name = f"{row.model}, {describe_targets(row)}{suffix}"
     outcome = f"{row.verdict}: " if row.verdict and row.ratio is None else ""
     return f"{name}: {outcome}{describe_change(row)}"
@@ -179,19 +179,15 @@ def describe_change(row: VerdictRow) -> str:
 
 
 def _describe_results(row: VerdictRow) -> str:
-    match row.results:
-        case None:
-            return ""
-        case ResultsOutcome.SAME:
-            return "same results"
-        case ResultsOutcome.ROUNDING:
-            return f"same results but for rounding ({row.results_detail})"
-        case ResultsOutcome.DIFFERENT:
-            return f"other results ({row.results_detail})"
-        case ResultsOutcome.RANDOM:
-            return "results are random, so they were not compared"
-        case ResultsOutcome.NONE:
-            return f"results were not compared ({row.results_detail})"
+    detail = f" ({row.results_detail})"
+    return {
+        None: "",
+        ResultsOutcome.SAME: "same results",
+        ResultsOutcome.ROUNDING: f"same results but for rounding{detail}",
+        ResultsOutcome.DIFFERENT: f"other results{detail}",
+        ResultsOutcome.RANDOM: "results are random, so they were not compared",
+        ResultsOutcome.NONE: f"results were not compared{detail}",
+    }[row.results]
 
 
 def _same_work(row: VerdictRow) -> str:

@@ -1,7 +1,6 @@
 """A release against the reference, as the history measures it."""
 
 import contextlib
-import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -21,11 +20,11 @@ from benchmarks.history.tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.measuring import stats
-from mjbench.paired import moved_check, operations, target_pair
+from mjbench.paired import moved_check, operations
 from mjbench.paired.moved_check import PlacementControl
 from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.records import section_numbers
-from mjbench.paired.targets import Target
+from mjbench.paired.target_pair import StepPair
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED
@@ -107,17 +106,19 @@ class IdlePairs:
 
     def __init__(self, *arguments: object): ...
 
+    def start(self, placements: object) -> None: ...
+
     def wait(self) -> None: ...
 
     @contextlib.contextmanager
-    def launch(self, core: int | None) -> Iterator[ProcessPair]:
+    def launched(self, core: int | None) -> Iterator[ProcessPair]:
         nobody: Any = None
         yield ProcessPair((nobody, nobody), AS_SHIPPED)
 
     def is_next_ready(self) -> bool:
         return True
 
-    def close(self) -> None: ...
+    def end_all(self) -> None: ...
 
 
 @pytest.fixture
@@ -259,7 +260,7 @@ def test_ctrl_c_after_the_last_launch_is_not_lost(
     def interrupted(pairs: IdlePairs) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(IdlePairs, "close", interrupted)
+    monkeypatch.setattr(IdlePairs, "end_all", interrupted)
     measured = timing.measure_each(pool, [[InventedTask("good", fine)]])
     ((record,),) = itertools.islice(measured, 1)
     assert record.status == Status.OK
@@ -330,11 +331,11 @@ def test_a_model_that_only_the_release_cannot_load_is_unavailable(
 ) -> None:
     old = ReleaseSpec("2.3.7", "2.3.7")
 
-    def prepare(pool: WorkerPool, targets: tuple[Target, Target], *sizes: object) -> None:
-        if not reference_can or targets[1].release == old:
+    def fix_work(pair: StepPair) -> None:
+        if not reference_can or pair._targets[1].release == old:
             raise InputError("it has an unknown element")
 
-    monkeypatch.setattr(target_pair, "prepare_simulations", prepare)
+    monkeypatch.setattr(StepPair, "fix_work", fix_work)
     task = StepTask((INSTALLED, old), CARTPOLE.model)
     with pytest.raises(InputError, match="unknown element") as raised:
         task.prepare(pool)
@@ -385,12 +386,11 @@ def test_a_process_that_cannot_read_its_work_leaves_no_answer_of_the_other_behin
     task.prepare(pool)
     work = task._pair
     assert work is not None
-    missing = work.prepared.workloads[0].with_suffix(".missing")
+    missing = work.workloads[0].with_suffix(".missing")
     processes = pool.start(INSTALLED), pool.start(INSTALLED, side=1)
     for process in processes:
         pool.wait_for(process, INSTALLED)
-    files = missing, work.prepared.workloads[1]
-    work.prepared = dataclasses.replace(work.prepared, workloads=files)
+    work.workloads = missing, work.workloads[1]
     with pytest.raises(ChildError, match="missing"):
         task.equip(processes)
     assert processes[1].call(Worker.count_cores, 1) > 0

@@ -9,9 +9,9 @@ from commands import ROOT
 from benchmarks.studies import foreign, foreign_packages, foreign_page, foreign_tally
 from benchmarks.studies.foreign_packages import Package, PackageFiles
 from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
-from mjbench.api.model_comparison import ModelComparison
+from mjbench.commands.compare.results import ModelComparison
 from mjbench.status import ExitCode, Status
-from mjbench.verification.records import MeasurementRecord, ModelRecord
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 PACKAGE = Package("robots", "1.0")
 
@@ -20,7 +20,7 @@ def judged(root: Path, statuses: dict[str, Status], **model: Any) -> FileResult:
     records = ModelComparison(
         ModelRecord(model="bots/a.xml", **{"status": Status.OK, "spread": 1.0, **model}),
         tuple(
-            MeasurementRecord(
+            VariantRecord(
                 model="bots/a.xml", path=path, options={}, status=status, detail=f"why {status}"
             )
             for path, status in statuses.items()

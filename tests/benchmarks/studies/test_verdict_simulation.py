@@ -34,13 +34,7 @@ def test_simulated_comparisons_end_as_judge_says(scenario: Scenario) -> None:
         log_ratios = list(drawn.log_ratios[i] + np.log1p(change))
         residues = drawn.residues[i].tolist() if drawn.residues is not None else None
         for n in range(1, scenario.most + 1):
-            judgement = judge(
-                log_ratios[:n],
-                plan.min_effect,
-                plan.confidence,
-                plan.precision,
-                residues[:n] if residues else None,
-            )
+            judgement = judge(log_ratios[:n], plan, residues[:n] if residues else None)
             if judgement.enough:
                 break
         assert (n, judgement.verdict) == (outcomes.launches[i], outcomes.verdicts[i])

@@ -12,7 +12,7 @@ from benchmarks.studies.page_part import of_lines
 from benchmarks.verdicts import page, trials
 from benchmarks.verdicts.records import RECORD_TYPES, TrialRecord
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.verdict import judge
+from mjbench.paired.verdict import VerdictPlan, judge
 from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.results import runs
 from mjbench.simulation import models
@@ -27,11 +27,12 @@ def test_every_committed_run_is_tested() -> None:
 def test_launches_of_the_committed_trials_lead_to_no_wrong_verdict(file: Path) -> None:
     """Those as shipped ended by an earlier rule, and may be too few for today's."""
     run = runs.load(file, RECORD_TYPES)
-    limits = [run.header.arguments[name] for name in ("min_effect", "confidence", "precision")]
+    names = "min_effect", "confidence", "precision"
+    plan = VerdictPlan(*(run.header.arguments[name] for name in names))
     stored = run.of_type(TrialRecord)
     assert stored
     for trial in stored:
-        judgement = judge(trial.launches, *limits, trial.residues or None)
+        judgement = judge(trial.launches, plan, trial.residues or None)
         if trial.averaged:
             assert judgement.verdict == trial.verdict
         right = {0.0: Verdict.SAME, 0.01: Verdict.SLOWER, 0.02: Verdict.SLOWER}

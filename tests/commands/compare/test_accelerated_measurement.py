@@ -23,17 +23,17 @@ from mjbench.simulation.reference_run import observe
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.verification.plan import ComparisonPlan, Variant
-from mjbench.verification.records import MeasurementRecord
+from mjbench.verification.records import VariantRecord
 
 
 def measured(
     path: AcceleratedPath, workload: Workload, folder: Path, model: str = MODEL, **more: Any
-) -> MeasurementRecord:
+) -> VariantRecord:
     """Return the record of a path that agrees and was timed."""
     file = folder / "workload.pickle"
     save_workload(workload, observe(workload).peaks, file)
     request = AcceleratedRequest(models.resolve(model), Variant(path.name, {}), file)
-    records: list[MeasurementRecord] = []
+    records: list[VariantRecord] = []
     ended = accelerated_measurement.run(
         dataclasses.replace(request, **more), records.append, str(TESTS)
     )
@@ -190,7 +190,7 @@ def test_a_buffer_that_overflows_in_timed_blocks_is_a_fault(
     save_workload(workload, observe(workload).peaks, file)
     variant = Variant("overflows:Overflows", {})
     request = AcceleratedRequest(models.resolve(MODEL), variant, file)
-    records: list[MeasurementRecord] = []
+    records: list[VariantRecord] = []
     ended = accelerated_measurement.run(request, records.append, str(tmp_path))
     assert ended.status == Status.OK, ended.detail
     assert (records[-1].status, records[-1].agrees) == (Status.DISAGREES, False)

@@ -29,13 +29,14 @@ from mjbench.commands.compare.advice import (
     thread_conclusion,
 )
 from mjbench.commands.compare.results import ModelResults, PathResult, derive
+from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import CoreChange
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 from mjbench.verification.plan import WITHOUT_TIMER, Variant
-from mjbench.verification.records import MeasurementRecord
+from mjbench.verification.records import VariantRecord
 
 POOL = Variant("rollout", {"threads": 2, "pool": "new"})
 
@@ -54,7 +55,7 @@ def timed(model_results: ModelResults, variant: Variant) -> PathResult:
     return result
 
 
-def compiled(speedup: float) -> MeasurementRecord:
+def compiled(speedup: float) -> VariantRecord:
     """Return an accelerated path that takes four seconds to compile."""
     return measurement(
         path="mjx",
@@ -179,7 +180,7 @@ def test_the_plain_loop_is_no_rival_of_a_path_that_is_certainly_faster() -> None
 
 def test_a_disturbed_race_makes_nothing_certain_where_only_the_plain_loop_was_timed() -> None:
     assert chosen(derived(raced([]))) == [("python_loop", Reason.ALONE, True)] * 2
-    disturbed = derived(raced([], stolen_share=0.2))
+    disturbed = derived(raced([], disturbance=Disturbance(stolen_share=0.2)))
     assert chosen(disturbed) == [("python_loop", Reason.ALONE, False)] * 2
 
 
@@ -193,9 +194,9 @@ def test_one_launch_makes_nothing_certain() -> None:
     "disturbance",
     [
         {"cores": 1.2},
-        {"stolen_share": 0.2},
-        {"neighbours": ["latency"]},
-        {"core_change": CoreChange(2, 1)},
+        {"disturbance": Disturbance(stolen_share=0.2)},
+        {"disturbance": Disturbance(["latency"])},
+        {"disturbance": Disturbance(core_change=CoreChange(2, 1))},
     ],
 )
 def test_a_disturbed_race_makes_nothing_certain(disturbance: dict[str, Any]) -> None:

@@ -16,7 +16,7 @@ from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
 from mjbench.verification.plan import Variant
-from mjbench.verification.records import MeasurementRecord, ModelRecord
+from mjbench.verification.records import ModelRecord, VariantRecord
 
 
 def printed(model_results: ModelResults) -> str:
@@ -59,8 +59,8 @@ def test_a_path_that_disagrees_or_failed_has_no_speed(row: dict[str, Any]) -> No
     record = raced()
     model, base, rollout, *_ = compared(record)
     assert isinstance(model, ModelRecord)
-    assert isinstance(base, MeasurementRecord)
-    assert isinstance(rollout, MeasurementRecord)
+    assert isinstance(base, VariantRecord)
+    assert isinstance(rollout, VariantRecord)
     rows = [base, dataclasses.replace(rollout, **row)]
     result = path_speedups.derive(model, rows, record).results[1]
     assert result.step_ns is result.speedup is result.steps_per_s is None

@@ -7,7 +7,7 @@ import pytest
 
 from mjbench.commands.doctor.detectable_change import Noise
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.verdict import judge
+from mjbench.paired.verdict import VerdictPlan, judge
 
 
 def test_more_noise_and_longer_launches_need_larger_changes() -> None:
@@ -24,6 +24,6 @@ def test_changes_of_the_decidable_size_are_decided(deviation: float, launch_s: f
     for _ in range(200):
         count = int(60 / launch_s)
         launches = [rng.gauss(math.log1p(size), deviation) for _ in range(count)]
-        verdict = judge(launches, min_effect=size, confidence=0.99, precision=1e-6).verdict
+        verdict = judge(launches, VerdictPlan(size, precision=1e-6)).verdict
         decided += verdict == Verdict.SLOWER
     assert decided >= 0.98 * 200

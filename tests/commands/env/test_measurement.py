@@ -86,7 +86,7 @@ def test_a_changed_model_is_said_and_not_compared(inline: None) -> None:
     assert record.check is not None
     assert record.check.status == Status.UNAVAILABLE
     assert "opt.gravity" in record.check.detail
-    assert record.paths == []
+    assert not record.paths
     assert len(record.step_ns) >= 7  # its own times are there
 
 
@@ -105,7 +105,7 @@ def test_what_cannot_be_compared_has_its_reason(
     assert record.check is not None
     assert record.check.status == status
     assert detail in record.check.detail
-    assert record.paths == []
+    assert not record.paths
 
 
 def test_physics_is_compared_where_only_what_steps_return_does_not_repeat(inline: None) -> None:

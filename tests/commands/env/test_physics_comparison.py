@@ -26,13 +26,7 @@ from mjbench.verification.plan import Variant
 
 
 class Channel:
-    """Keeps what is sent."""
-
-    def __init__(self) -> None:
-        self.sent: list[Any] = []
-
-    def send(self, message: object) -> None:
-        self.sent.append(message)
+    """Takes what a child says of its progress."""
 
     def doing(self, text: str, position: int | None = None) -> None:
         pass
@@ -44,9 +38,14 @@ class Channel:
 def compared(environment: Any, variants: tuple[Variant, ...]) -> Any:
     alone = physics(environment)
     assert isinstance(alone, PhysicsAlone)
-    channel = Channel()
-    comparison = physics_comparison.prepare(alone, variants, channel)  # type: ignore[arg-type]
-    return comparison, [message for message in channel.sent if isinstance(message, AgreementReport)]
+    reports: list[AgreementReport] = []
+    comparison = physics_comparison.prepare(
+        alone,
+        variants,
+        lambda variant, report: reports.append(report),
+        Channel(),  # type: ignore[arg-type]
+    )
+    return comparison, reports
 
 
 def test_all_paths_agree_and_are_timed() -> None:

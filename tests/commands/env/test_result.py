@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from example_environment_records import ROUNDS, facts, record, steady
 
-from mjbench.commands.env.layer_shares import LayerSamples
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.result import EnvironmentRecord, PhysicsCheck, VectorForm, VectorSamples
-from mjbench.commands.env.timer import TimerCost
+from mjbench.commands.env.timer import LayerSamples, TimerCost
 from mjbench.status import Status
 
 

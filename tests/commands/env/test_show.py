@@ -8,7 +8,6 @@ from example_environment_records import facts, record, steady
 
 from mjbench.commands.env import show as environment
 from mjbench.commands.env.construction import ReleaseMismatch
-from mjbench.commands.env.layer_shares import LayerSamples
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.recording import ModelChange, Moment
 from mjbench.commands.env.repetition import FieldDifference
@@ -19,6 +18,7 @@ from mjbench.commands.env.result import (
     VectorForm,
     VectorSamples,
 )
+from mjbench.commands.env.timer import LayerSamples
 from mjbench.results import charts, terminal
 from mjbench.results.content import Tone
 from mjbench.status import Status

@@ -1,5 +1,6 @@
 """Time is charged to the layer on top, by a clock of the test's own."""
 
+import dataclasses
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -8,7 +9,13 @@ import pytest
 
 from mjbench.commands.env.callees import Callee
 from mjbench.commands.env.layers import Layer
-from mjbench.commands.env.timer import LayerTimer, functions_timed, measure_cost
+from mjbench.commands.env.timer import (
+    LayerSamples,
+    LayerTimer,
+    functions_timed,
+    in_all_rounds,
+    measure_cost,
+)
 
 
 class Clock:
@@ -29,8 +36,8 @@ def clock() -> Clock:
     return Clock()
 
 
-def times(timer: LayerTimer) -> dict[str, tuple[int, int, int, int]]:
-    return {t.name: (t.calls, t.timed_calls, t.inner_calls, t.ns) for t in timer.layers()}
+def times(timer: LayerTimer) -> dict[str, tuple[float, ...]]:
+    return {t.name: (t.calls, t.timed_calls, t.inner_calls, *t.ns) for t in timer.layers()}
 
 
 def test_layers_exclude_what_they_call_and_add_up_to_the_step(clock: Clock) -> None:
@@ -60,8 +67,8 @@ def test_layers_exclude_what_they_call_and_add_up_to_the_step(clock: Clock) -> N
     }
     after_one = timer.layers()
     run("right")
-    assert sum(t.ns for t in timer.layers()) == 320
-    assert sum(t.ns for t in after_one) == 160, "what was returned stays"
+    assert sum(t.ns[0] for t in timer.layers()) == 320
+    assert sum(t.ns[0] for t in after_one) == 160, "what was returned stays"
 
 
 def test_calls_outside_of_a_step_and_in_other_threads_are_not_charged(clock: Clock) -> None:
@@ -75,7 +82,7 @@ def test_calls_outside_of_a_step_and_in_other_threads_are_not_charged(clock: Clo
         thread.join()
 
     timer.outermost(step, Layer.REST, "step")(None)
-    assert times(timer) == {"mj_step": (0, 0, 0, 0), "step": (1, 0, 0, 70)}
+    assert times(timer) == {"step": (1, 0, 0, 70)}
 
 
 def test_an_exception_passes_and_leaves_the_timer_usable(clock: Clock) -> None:
@@ -99,6 +106,14 @@ def test_functions_of_one_name_and_layer_share_an_entry(clock: Clock) -> None:
     second = timer.timed(lambda: clock.work(2), Layer.WRAPPERS, "Scale")
     timer.outermost(lambda _: (first(), second()), Layer.REST, "step")(None)
     assert times(timer)["Scale"] == (2, 2, 0, 3)
+
+
+def test_rounds_of_a_function_are_joined_unless_one_lacks_it() -> None:
+    def samples(name: str, ns: float) -> LayerSamples:
+        return LayerSamples(Layer.REWARD, name, 1.0, 1.0, 0.0, [ns])
+
+    rounds = [samples("reward", 5.0), samples("cost", 1.0), samples("reward", 7.0)]
+    assert in_all_rounds(rounds, 2) == [dataclasses.replace(rounds[0], ns=[5.0, 7.0])]
 
 
 class Owner:

@@ -20,6 +20,7 @@ from mjbench.commands.compare.results import PathResult, derive_all
 from mjbench.commands.show import exports, machines, reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.show.reports import NamedRun
+from mjbench.host.disturbance import Disturbance
 from mjbench.results import formats, html, markdown, runs, terminal
 from mjbench.results.content import Report, Tone
 from mjbench.results.runs import Run
@@ -198,7 +199,9 @@ def test_what_disturbed_a_run_comes_before_everything_else(output: str, tmp_path
 
 
 def test_the_first_conclusion_of_a_report_is_what_disturbed_it(tmp_path: Path) -> None:
-    first, *others = report_of(stored(tmp_path, stolen_share=0.3)).conclusions
+    first, *others = report_of(
+        stored(tmp_path, disturbance=Disturbance(stolen_share=0.3))
+    ).conclusions
     assert first.tone == Tone.CAUTION
     assert first.text == (
         "m, 10 simulations: Disturbed: the host took 30 % of the processor time for others. Measure"

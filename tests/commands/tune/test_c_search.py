@@ -9,10 +9,16 @@ from tuning_values import PRESENT_ERROR, apart, blocks, present
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune import pareto_front
 from mjbench.commands.tune import show as tuning
-from mjbench.commands.tune.c_search import FEW_NRUN, LEAST_LAUNCHES, MOST_LAUNCHES, SCREENS, CSearch
+from mjbench.commands.tune.c_search import (
+    FEW_NRUN,
+    LEAST_LAUNCHES,
+    MOST_LAUNCHES,
+    SCREENS,
+    CSearch,
+    SearchPlan,
+)
 from mjbench.commands.tune.knobs import KNOBS
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, TuneRecord, log_ratio
-from mjbench.commands.tune.search_plan import SearchPlan
 from mjbench.commands.tune.settings import LoopChange, Setting
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
@@ -92,7 +98,7 @@ class Planted:
         if request.timed_s:
             noise = 1 + 0.002 * (len(self.asked) % 3)
             samples = blocks(noise * math.prod(each[1] for each in of_each))
-            attempt = replace(attempt, time_ratio=math.exp(log_ratio(samples)), samples=samples)
+            attempt = replace(attempt, time_ratio=math.exp(log_ratio(samples)), launches=[samples])
         return attempt
 
 
@@ -439,6 +445,17 @@ def test_what_comes_next_is_looked_at_where_settings_are_withdrawn():
     record = searched(planted)
     assert labels(record.best()) == ["jacobian=sparse"]
     assert len(record.withdrawn) == 2  # with the other, and alone
+
+
+def test_what_comes_next_has_an_error_where_it_needs_one():
+    class NotTogether(Planted):
+        def launch(self, request):
+            alone = [each for each in request.settings if len(each) == 1]
+            return super().launch(replace(request, settings=alone))
+
+    planted = NotTogether(excludes_5=(FREE, 0.5, 0.0), timestep_2=(APPROXIMATE, 0.7, 0.0))
+    planted.fresh = {"excludes=5": (APPROXIMATE, 0.5, 0.5)}
+    assert labels(searched(planted).best()) == ["timestep=2"]
 
 
 def test_each_look_has_a_limit_of_its_own():

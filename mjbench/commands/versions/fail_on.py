@@ -5,14 +5,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-import click
-
-from mjbench.cli.shared import Text, as_one, parsed
+from mjbench.options import FLAG, Kind, option, parsed
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
-    from mjbench.commands.show.run_differences import RunDifference
     from mjbench.paired.records import VerdictRow
     from mjbench.results.runs import Run
 
@@ -33,21 +30,39 @@ def _findings(text: str) -> list[GateFinding]:
     return parsed(",".join(words), lambda word: GateFinding(word.strip()))
 
 
-_FINDINGS = Text("FINDING,…", f"one of {', '.join(GateFinding)}, or several with commas", _findings)
+_FINDINGS = Kind(
+    "FINDING,…",
+    "str",
+    _findings,
+    expected=f"one of {', '.join(GateFinding)}, or several with commas",
+)
 
 
 @dataclass(frozen=True)
-class FailOn:
+class FailOnOptions:
     """What the exit code of a command depends on, beside failures.
 
     Attributes:
       allow_inconclusive: whether a verdict on speed may be inconclusive.
     """
 
-    findings: Sequence[GateFinding] = ()
-    allow_inconclusive: bool = False
+    findings: Sequence[GateFinding] | None = option(
+        None,
+        _FINDINGS,
+        f"Exit 1 for one of these: {', '.join(GateFinding)}. Exit 3 when it cannot be decided:"
+        " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
+        " work was not compared.",
+        "--fail-on",
+        of_functions=False,
+    )
+    allow_inconclusive: bool = option(
+        False,
+        FLAG,
+        "With --fail-on: an inconclusive verdict does not change the exit code.",
+        of_functions=False,
+    )
 
-    def of_run(self, run: "Run", confidence: float) -> ExitCode:
+    def exit_code_of_run(self, run: "Run", confidence: float) -> ExitCode:
         """Return the exit code that the verdicts of a run stand for."""
         from mjbench.paired.records import VerdictRecord
 
@@ -74,16 +89,17 @@ class FailOn:
         )
         return self._code(is_there, is_speed_open, any(row.changed_work is None for row in rows))
 
-    def of_differences(self, rows: Sequence["RunDifference"]) -> ExitCode:
-        verdicts = {row.verdict for row in rows}
+    def exit_code_of_models(self, verdict_of: Sequence[tuple[str, Verdict | None]]) -> ExitCode:
+        """Return the exit code that verdicts on models, one or several of each, stand for."""
+        models, verdicts = {model for model, _ in verdict_of}, {each for _, each in verdict_of}
         is_there = {
             GateFinding.SLOWER: Verdict.SLOWER in verdicts,
             GateFinding.FASTER: Verdict.FASTER in verdicts,
             GateFinding.CHANGED_WORK: False,  # the rows of other work were refused
             GateFinding.INCONCLUSIVE: Verdict.INCONCLUSIVE in verdicts,
         }
-        decided = {row.model for row in rows if row.verdict not in (None, Verdict.INCONCLUSIVE)}
-        is_open = Verdict.INCONCLUSIVE in verdicts or {row.model for row in rows} - decided
+        decided = {model for model, each in verdict_of if each not in (None, Verdict.INCONCLUSIVE)}
+        is_open = Verdict.INCONCLUSIVE in verdicts or models - decided
         return self._code(
             is_there, bool(is_open) and not self.allow_inconclusive, is_work_open=False
         )
@@ -92,29 +108,10 @@ class FailOn:
         self, is_there: Mapping[GateFinding, bool], is_speed_open: bool, is_work_open: bool
     ) -> ExitCode:
         """Return the exit code: what is there outweighs what could not be decided."""
-        if any(is_there[finding] for finding in self.findings):
+        findings = set(self.findings or ())
+        if any(is_there[finding] for finding in findings):
             return ExitCode.FINDING
-        asks_for_speed = bool({GateFinding.SLOWER, GateFinding.FASTER} & set(self.findings))
-        asks_for_work = GateFinding.CHANGED_WORK in self.findings
+        asks_for_speed = bool({GateFinding.SLOWER, GateFinding.FASTER} & findings)
+        asks_for_work = GateFinding.CHANGED_WORK in findings
         is_open = (asks_for_speed and is_speed_open) or (asks_for_work and is_work_open)
         return ExitCode.ENVIRONMENT if is_open else ExitCode.OK
-
-
-FAIL_ON = as_one(
-    "fail_on",
-    FailOn,
-    click.option(
-        "--fail-on",
-        "findings",
-        type=_FINDINGS,
-        default=[],
-        help=f"Exit 1 for one of these: {', '.join(GateFinding)}. Exit 3 when it cannot be decided:"
-        " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
-        " work was not compared.",
-    ),
-    click.option(
-        "--allow-inconclusive",
-        is_flag=True,
-        help="With --fail-on: an inconclusive verdict does not change the exit code.",
-    ),
-)

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from mjbench.cli.fail_on import FailOn, GateFinding
+from mjbench.commands.versions.fail_on import FailOnOptions as FailOn
+from mjbench.commands.versions.fail_on import GateFinding
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow

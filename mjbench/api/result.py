@@ -28,7 +28,7 @@ _REPR_CHARACTERS = 200
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Measured:
+class Result:
     """Records of a measurement; all else is derived from them, as the commands do.
 
     `print` shows what the command prints; a notebook shows conclusions and tables.
@@ -44,7 +44,10 @@ class Measured:
 
     @classmethod
     def of(
-        cls, measurement: Measurement, wait: bool = False, on_progress: Progress | None = None
+        cls,
+        measurement: Measurement,
+        wait: bool | None = False,
+        on_progress: Progress | None = None,
     ) -> Self:
         """Measure, and return the records; the first Ctrl-C interrupts.
 

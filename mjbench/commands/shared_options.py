@@ -1,0 +1,187 @@
+"""Options that several commands have, in groups; `mjbench.options` says what becomes of them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjbench.errors import InputError
+from mjbench.limits import TIME_LIMIT_S
+from mjbench.options import (
+    COUNT,
+    FLAG,
+    SECONDS,
+    SECONDS_OR_ZERO,
+    SEED,
+    THREADS,
+    Kind,
+    file,
+    option,
+    text,
+)
+from mjbench.paired.metrics import Metric
+
+if TYPE_CHECKING:
+    from mjbench.paired.run_sizes import Sizes
+    from mjbench.simulation.starts import StartPlan
+
+# Where run files are stored unless --results says otherwise.
+RESULTS_FOLDER = Path("results/runs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonOptions:
+    """Where the JSON document goes."""
+
+    json_file: str | None = option(
+        None,
+        text("FILE|-"),
+        "Write results as JSON to FILE, or - for stdout.",
+        "--json",
+        of_functions=False,
+    )
+
+
+def results_option(folder: Path, help_text: str = "Folder for the run file.") -> Any:
+    """Return the option `--results`."""
+    return option(folder, file("DIR"), help_text, of_functions=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions(JsonOptions):
+    """Where results go.
+
+    Attributes:
+      wait: whether to wait for others that measure here; None for a command that measures no time.
+    """
+
+    results: Path = results_option(RESULTS_FOLDER, "Folder for run files.")
+    resume: Path | None = option(
+        None,
+        file("RUN"),
+        "Continue this run file: what is finished in it is not measured again. The rest of the"
+        " command must be as it was.",
+        of_functions=False,
+    )
+    wait: bool | None = option(
+        False, FLAG, "Wait until no other mjbench measures on this machine.", is_stored=False
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeLimitOptions:
+    """How long a child process may be silent."""
+
+    time_limit_s: float = option(
+        TIME_LIMIT_S,
+        SECONDS,
+        "Kill a model's process that reports nothing for this long.",
+        is_stored=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopStartOptions:
+    """Where start states come from; the header of a run file has `starts` instead."""
+
+    settle_s: float | None = option(
+        None,
+        SECONDS_OR_ZERO,
+        "Simulated time for which the model moves before the first start state; 0 starts at"
+        " keyframe 0",
+        unset="0.1s with a keyframe, 5s without",
+        is_stored=False,
+    )
+    states: Path | None = option(
+        None,
+        file("FILE.npz", "States", "A path, or a dictionary of arrays."),
+        "Draw start states, and their controls if there are any, from this file, which"
+        " `mjbench.capture` wrote in your program, or which has arrays by MjData field, as"
+        " `mjbench.record` returns them.",
+        is_stored=False,
+    )
+
+    @property
+    def starts(self) -> "StartPlan":
+        """Return the plan of start states and controls; InputError if a file is not there."""
+        from mjbench.simulation.starts import start_plan
+
+        return start_plan(self.settle_s, self.states, getattr(self, "actions", None))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ActionOptions:
+    actions: Path | None = option(
+        None,
+        file("FILE", "Actions", "A path, or an array."),
+        "Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape"
+        " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of"
+        " a control.",
+        is_stored=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeedOptions:
+    """What random start states and controls follow from."""
+
+    seed: int = option(0, SEED, "Seed of start states and controls.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartOptions(SeedOptions, LoopStartOptions, _ActionOptions):
+    """Where start states and controls come from."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkOptions(StartOptions):
+    """What simulations do."""
+
+    hold: int = option(
+        1, COUNT, "Steps for which each control is held: an environment's frame_skip."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SizeOptions(WorkOptions):
+    """How much work a run is."""
+
+    nbatch: int | None = option(None, COUNT, "Simulations of a run.")
+    nstep: int | None = option(None, COUNT, "Steps of each simulation.")
+    metric: str = Metric.TIME.value  # of the commands that have this option
+
+    @property
+    def sizes(self) -> "Sizes":
+        """Return the sizes; InputError where steps are no multiple of `hold`."""
+        from mjbench.paired.run_sizes import Sizes
+
+        check_holds(self.nstep, self.hold)
+        metric = Metric(self.metric)
+        return Sizes(self.nbatch, self.nstep, self.hold, self.seed, self.starts, metric=metric)
+
+
+def check_holds(nstep: int | None, hold: int) -> None:
+    """Refuse a number of steps that is not a multiple of `hold`."""
+    if nstep and nstep % hold:
+        raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
+
+
+def budget_option(default_s: float, help_text: str, kind: Kind = SECONDS) -> Any:
+    """Return the option `--budget`."""
+    return option(default_s, kind, help_text)
+
+
+def top_option() -> Any:
+    """Return the option `--top` of commands that list functions."""
+    return option(15, COUNT, "List this many functions.", of_functions=False)
+
+
+def code_option(
+    help_text: str = "Print the Python code, too, such as that of advised paths.",
+) -> Any:
+    """Return the option `--code`."""
+    return option(False, FLAG, help_text, of_functions=False)
+
+
+def threads_option() -> Any:
+    """Return the option `--threads`."""
+    return option(None, THREADS, "Thread counts", unset="1 and usable cores")

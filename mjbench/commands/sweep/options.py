@@ -1,0 +1,28 @@
+"""The options of `mjbench sweep`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.commands.shared_options import JsonOptions
+from mjbench.options import FLAG, file, option, text
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(JsonOptions):
+    """Where a sweep measures, and where its run files go."""
+
+    address: str | None = option(
+        None,
+        text("HOST:PORT|auto"),
+        "Ray cluster to measure on; `auto` is the one that this machine belongs to",
+        unset="this machine alone",
+    )
+    output: Path | None = option(
+        None,
+        file("FOLDER"),
+        "Folder for the run files; what it already has is not measured again",
+        "-o",
+        "--output",
+        unset="results/sweeps/PLAN",
+    )
+    dry_run: bool = option(False, FLAG, "Print what would be measured; measure nothing.")
