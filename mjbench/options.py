@@ -32,7 +32,7 @@ class Kind:
     Attributes:
       metavar: what help calls a value.
       annotation: the type of a value in a program.
-      parse: returns the value of a text; raises ValueError if it stands for none.
+      read: returns what a text stands for, within bounds or not; raises ValueError if for nothing.
       check: returns the value of what a program gave under a name; raises InputError.
       expected: what a text is to be, for the message about another one.
       written: returns a value as text, for the default in help.
@@ -45,7 +45,7 @@ class Kind:
 
     metavar: str
     annotation: str
-    parse: Callable[[str], Any] = str
+    read: Callable[[str], Any] = str
     check: Callable[[str, Any], Any] = lambda name, value: value
     expected: str = ""
     written: Callable[[Any], str] = str
@@ -54,6 +54,13 @@ class Kind:
     is_file: bool = False
     is_flag: bool = False
     is_repeated: bool = False
+
+    def parse(self, text: str) -> Any:
+        """Return the value of a text; raises ValueError if it stands for none."""
+        try:
+            return self.check("", self.read(text))
+        except InputError as error:
+            raise ValueError(str(error)) from error
 
 
 @dataclass(frozen=True)
@@ -137,43 +144,54 @@ def parsed(text: str, parse: Callable[[str], _Parsed]) -> list[_Parsed]:
     """Return what the words of a list with commas stand for.
 
     Raises:
-      WordError: `parse` refuses one by a ValueError.
+      WordError: `parse` refuses one.
     """
     values = []
     for word in text.split(","):
         try:
             values.append(parse(word))
-        except ValueError:
+        except (InputError, ValueError):
             raise WordError(word) from None
     return values
+
+
+def _within(
+    name: str, value: Any, bounds: Bounds, expected: str, number_of: Callable[[Any], Any]
+) -> Any:
+    try:
+        number = number_of(value)
+    except (TypeError, ValueError, OverflowError):
+        raise wrong_argument(name, value, expected) from None
+    if number not in bounds:
+        raise wrong_argument(name, value, str(bounds))
+    return abs(number)  # -0 is 0
+
+
+def _whole(name: str, value: Any, bounds: Bounds) -> int:
+    number: int = _within(name, value, bounds, "a whole number", _index)
+    return number
+
+
+def _index(value: Any) -> int:
+    if isinstance(value, bool):
+        raise TypeError
+    return operator.index(value)
 
 
 def _numeric(
     metavar: str,
     bounds: Bounds,
     expected: str,
-    parse: Callable[[str], float],
+    read: Callable[[str], float],
     written: Callable[[Any], str] = str,
     note: str = "",
 ) -> Kind:
     """Return a kind of numbers within bounds."""
 
-    def within(text: str) -> float:
-        number = parse(text.strip())
-        if number not in bounds:
-            raise ValueError
-        return abs(number)  # -0 is 0
+    def check(name: str, value: Any) -> Any:
+        return _within(name, value, bounds, "a number", float)
 
-    def check(name: str, value: Any) -> float:
-        try:
-            number = float(value)
-        except (TypeError, ValueError, OverflowError):
-            raise wrong_argument(name, value, "a number") from None
-        if number not in bounds:
-            raise wrong_argument(name, value, str(bounds))
-        return abs(number)
-
-    return Kind(metavar, "float", within, check, expected, written, note)
+    return Kind(metavar, "float", lambda text: read(text.strip()), check, expected, written, note)
 
 
 def share(below: float = 1.0) -> Kind:
@@ -193,40 +211,24 @@ _SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
 
 
 def _seconds(bounds: Bounds) -> Kind:
-    def parse(text: str) -> float:
+    def read(text: str) -> float:
         unit = next((unit for unit in _SECONDS_PER if text.endswith(unit)), "")
         return float(text.removesuffix(unit)) * _SECONDS_PER.get(unit, 1.0)
 
     expected = f"a time such as 60s, {bounds}"
-    return _numeric("SECONDS", bounds, expected, parse, lambda value: f"{value:g}s", "In seconds.")
+    return _numeric("SECONDS", bounds, expected, read, lambda value: f"{value:g}s", "In seconds.")
 
 
-def _whole(name: str, value: Any, bounds: Bounds, is_float: bool = False) -> int:
-    try:
-        if isinstance(value, bool):
-            raise TypeError
-        number = int(value) if is_float and value == int(value) else operator.index(value)
-    except (TypeError, ValueError, OverflowError):
-        raise wrong_argument(name, value, "a whole number") from None
-    if number not in bounds:
-        raise wrong_argument(name, value, str(bounds))
-    return number
+def _large(name: str, value: Any) -> Any:
+    def number_of(value: Any) -> int:
+        return int(value) if isinstance(value, float) and value.is_integer() else _index(value)
 
-
-def _integer(text: str, bounds: Bounds) -> int:
-    if (number := int(text)) not in bounds:
-        raise ValueError
-    return number
+    return _within(name, value, limits.LARGE_COUNT, "a whole number", number_of)
 
 
 def count(bounds: Bounds = limits.COUNT) -> Kind:
-    return Kind(
-        "N",
-        "int",
-        lambda text: _integer(text, bounds),
-        lambda name, value: _whole(name, value, bounds),
-        f"a whole number, {bounds}",
-    )
+    expected = f"a whole number, {bounds}"
+    return Kind("N", "int", int, lambda name, value: _whole(name, value, bounds), expected)
 
 
 def numbers(bounds: Bounds = limits.COUNT) -> Kind:
@@ -242,35 +244,21 @@ def numbers(bounds: Bounds = limits.COUNT) -> Kind:
     return Kind(
         "N,N,…",
         "int | Iterable[int]",
-        lambda text: list(dict.fromkeys(parsed(text, lambda word: _integer(word, bounds)))),
+        lambda text: parsed(text, lambda word: _whole("", int(word), bounds)),
         check,
         f"a list of whole numbers such as 1,2,4, each {bounds}",
     )
 
 
-def _large_count(text: str) -> int:
-    number = float(text)
-    if number not in limits.LARGE_COUNT or number != int(number):
-        raise ValueError
-    return int(number)
-
-
-def _names(text: str) -> list[str]:
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    if not names:
-        raise ValueError
-    return names
-
-
-def _checked_names(name: str, value: Any) -> list[str]:
+def _names(name: str, value: Any) -> list[str]:
     """Return one name or several, each once; commas separate names, as on the command line."""
     several = [value] if isinstance(value, str) else value
     if not isinstance(several, Iterable) or not all(isinstance(text, str) for text in several):
         raise wrong_argument(name, value, "a text, or several")
-    try:
-        return list(dict.fromkeys(_names(",".join(several))))
-    except ValueError:
-        raise InputError(f"{name} is empty: give a name, or several") from None
+    split = [part.strip() for text in several for part in text.split(",")]
+    if not (names := list(dict.fromkeys(filter(None, split)))):
+        raise InputError(f"{name} is empty: give a name, or several")
+    return names
 
 
 def _settings(name: str, value: Any) -> list[str]:
@@ -304,13 +292,11 @@ COUNT, SEED, THREADS = count(), count(limits.SEED), numbers(limits.THREADS)
 LARGE_COUNT = Kind(
     "N",
     "float",
-    _large_count,
-    lambda name, value: _whole(name, value, limits.LARGE_COUNT, is_float=True),
+    float,
+    _large,
     f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}",
 )
-NAMES = Kind(
-    "NAME,…", "str | Iterable[str]", _names, _checked_names, "a name, or several with commas"
-)
+NAMES = Kind("NAME,…", "str | Iterable[str]", str, _names, "a name, or several with commas")
 SETTINGS = Kind("NAME=V,V", "Mapping[str, Any]", check=_settings, is_repeated=True)
 FLAG = Kind("", "bool", is_flag=True)
 

@@ -7,11 +7,7 @@ from mjbench.commands.compare.results import PathResult
 from mjbench.releases.release import version_key
 from mjbench.results import formats
 from mjbench.results.content import Column, DataTable
-from mjbench.simulation.accelerated_judgement import (
-    EngineAnswer,
-    JudgedPart,
-    Measure,
-)
+from mjbench.simulation.accelerated_judgement import EngineAnswer, JudgedPart, Measure
 from mjbench.units import listed, plain
 
 

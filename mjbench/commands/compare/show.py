@@ -4,12 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.commands.compare import figures as comparison_figures
-from mjbench.commands.compare.advice import (
-    Advice,
-    clock_conclusion,
-    conclusion,
-    thread_conclusion,
-)
+from mjbench.commands.compare.advice import Advice, clock_conclusion, conclusion, thread_conclusion
 from mjbench.commands.compare.crossovers import crossovers, describe_crossover
 from mjbench.commands.compare.judgement_notes import (
     judgement_conclusion,
@@ -283,10 +278,7 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
         [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
         (Column(""), lambda row: row[0]),
         (Column("path", wraps=True), lambda row: str(row[1].variant)),
-        (
-            Column("simulations", formats.count),
-            lambda row: row[1].nbatch if has_sizes else None,
-        ),
+        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
         (Column("ns/step", formats.count), lambda row: row[1].step_ns),
         (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
         (Column("95 %", formats.ends), lambda row: row[1].interval),

@@ -4,11 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.commands.compare.advice import (
-    Advice,
-    ClockAdvice,
-    ThreadAdvice,
-)
+from mjbench.commands.compare.advice import Advice, ClockAdvice, ThreadAdvice
 from mjbench.commands.compare.crossovers import Crossover, crossovers
 from mjbench.commands.compare.results import ModelResults, PathResult
 from mjbench.commands.doctor.detectable_change import Noise
