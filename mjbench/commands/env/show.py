@@ -76,11 +76,11 @@ def conclusions(record: EnvironmentRecord) -> list[str]:
 
 def _shares(record: EnvironmentRecord) -> str:
     others = [
-        f"{layer.layer} {100 * layer.share.estimate:.0f} %{_costliest_wrapper(layer)}"
+        f"{layer.layer} {formats.whole_percent(layer.share.estimate)}{_costliest_wrapper(layer)}"
         for layer in record.layer_shares
         if layer.layer != Layer.PHYSICS and layer.share.estimate >= _NAMED_SHARE
     ][:_NAMED]
-    physics = f"{100 * record.share(Layer.PHYSICS):.0f} % of env.step is physics"
+    physics = f"{formats.whole_percent(record.share(Layer.PHYSICS))} of env.step is physics"
     return f"{record.environment}: {'; '.join(filter(None, [physics, ', '.join(others)]))}"
 
 
@@ -89,7 +89,7 @@ def _costliest_wrapper(layer: LayerShare) -> str:
     if layer.layer != Layer.WRAPPERS or layer.share.estimate < _MUCH_SHARE:
         return ""
     wrapper = layer.functions[0]
-    return f" ({wrapper.name} {100 * wrapper.share:.0f} %)"
+    return f" ({wrapper.name} {formats.whole_percent(wrapper.share)})"
 
 
 def unrepeated_lines(record: EnvironmentRecord) -> list[str]:
@@ -234,7 +234,7 @@ def _layers_table(record: EnvironmentRecord) -> DataTable:
 
 
 def _share_text(share: float) -> str:
-    return f"{100 * share:.1f} %" if share >= _LEAST_SHARE else f"< {100 * _LEAST_SHARE:.1f} %"
+    return formats.percent(share) if share >= _LEAST_SHARE else f"< {formats.percent(_LEAST_SHARE)}"
 
 
 def reset_line(record: EnvironmentRecord) -> str:
