@@ -155,6 +155,29 @@ def parsed(text: str, parse: Callable[[str], _Parsed]) -> list[_Parsed]:
     return values
 
 
+def _within(
+    name: str, value: Any, bounds: Bounds, expected: str, number_of: Callable[[Any], Any]
+) -> Any:
+    try:
+        number = number_of(value)
+    except (TypeError, ValueError, OverflowError):
+        raise wrong_argument(name, value, expected) from None
+    if number not in bounds:
+        raise wrong_argument(name, value, str(bounds))
+    return abs(number)  # -0 is 0
+
+
+def _whole(name: str, value: Any, bounds: Bounds) -> int:
+    number: int = _within(name, value, bounds, "a whole number", _index)
+    return number
+
+
+def _index(value: Any) -> int:
+    if isinstance(value, bool):
+        raise TypeError
+    return operator.index(value)
+
+
 def _numeric(
     metavar: str,
     bounds: Bounds,
@@ -165,14 +188,8 @@ def _numeric(
 ) -> Kind:
     """Return a kind of numbers within bounds."""
 
-    def check(name: str, value: Any) -> float:
-        try:
-            number = float(value)
-        except (TypeError, ValueError, OverflowError):
-            raise wrong_argument(name, value, "a number") from None
-        if number not in bounds:
-            raise wrong_argument(name, value, str(bounds))
-        return abs(number)  # -0 is 0
+    def check(name: str, value: Any) -> Any:
+        return _within(name, value, bounds, "a number", float)
 
     return Kind(metavar, "float", lambda text: read(text.strip()), check, expected, written, note)
 
@@ -202,16 +219,11 @@ def _seconds(bounds: Bounds) -> Kind:
     return _numeric("SECONDS", bounds, expected, read, lambda value: f"{value:g}s", "In seconds.")
 
 
-def _whole(name: str, value: Any, bounds: Bounds, is_float: bool = False) -> int:
-    try:
-        if isinstance(value, bool):
-            raise TypeError
-        number = int(value) if is_float and value == int(value) else operator.index(value)
-    except (TypeError, ValueError, OverflowError):
-        raise wrong_argument(name, value, "a whole number") from None
-    if number not in bounds:
-        raise wrong_argument(name, value, str(bounds))
-    return number
+def _large(name: str, value: Any) -> Any:
+    def number_of(value: Any) -> int:
+        return int(value) if isinstance(value, float) and value.is_integer() else _index(value)
+
+    return _within(name, value, limits.LARGE_COUNT, "a whole number", number_of)
 
 
 def count(bounds: Bounds = limits.COUNT) -> Kind:
@@ -281,7 +293,7 @@ LARGE_COUNT = Kind(
     "N",
     "float",
     float,
-    lambda name, value: _whole(name, value, limits.LARGE_COUNT, is_float=True),
+    _large,
     f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}",
 )
 NAMES = Kind("NAME,…", "str | Iterable[str]", str, _names, "a name, or several with commas")

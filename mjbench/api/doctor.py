@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.commands.doctor import detectable_change
-from mjbench.commands.doctor.show import NoiseRow
+from mjbench.commands.doctor.detectable_change import Noise
 from mjbench.commands.profile import rendering
 from mjbench.counts import instructions
 from mjbench.errors import MjbenchError
@@ -45,10 +45,10 @@ def _rendering() -> Condition:
     return Condition("rendering", Grade.NOTE, "does not work", reasons)
 
 
-def compare_with_itself(budget_s: float) -> NoiseRow:
+def compare_with_itself(budget_s: float) -> Noise:
     """Return how noisy a comparison of the cart-pole with itself is, or why there is none."""
     try:
         with WorkerPool() as pool:
-            return NoiseRow.of(detectable_change.noise(pool, budget_s))
+            return detectable_change.noise(pool, budget_s)
     except MjbenchError as error:
-        return NoiseRow(detail=str(error))
+        return Noise(detail=str(error))

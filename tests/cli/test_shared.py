@@ -48,12 +48,6 @@ def options_of_commands(flag: str) -> dict[str, click.Parameter]:
     }
 
 
-def test_every_command_reads_a_time_limit_alike() -> None:
-    options = options_of_commands("--time-limit")
-    assert {"compare", "profile --instructions"} <= set(options)
-    assert {name for name, o in options.items() if o.type.name != "SECONDS"} == set()
-
-
 def test_every_command_that_measures_times_has_a_budget() -> None:
     options = options_of_commands("--budget")
     everyday = {"checkup", "run", "env", "compare", "tune", "versions", "ab", "bisect", "doctor"}

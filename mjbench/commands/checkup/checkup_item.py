@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune.settings import Setting
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import formats
 from mjbench.verification.plan import Variant
 
@@ -72,7 +72,7 @@ class CheckupItem:
     action: str
     variant: Variant | None = None
     settings: Sequence[Setting] = ()
-    gain: Ratio | None = None
+    gain: Interval | None = None
     unit: GainUnit | None = None
     is_bound: bool = False
     change: ResultChange

@@ -27,8 +27,7 @@ from mjbench.commands.tune import show as tuning
 from mjbench.commands.tune.result import Effect, Recommendation, TuneRecord
 from mjbench.commands.tune.settings import NO_CHANGE, Setting, label
 from mjbench.errors import file_argument
-from mjbench.measuring.ratio import Ratio
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.interval import Interval
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.results import formats, starts
@@ -229,7 +228,7 @@ def _in_other_runs(settings: Sequence[Setting]) -> str:
 
 
 def _of_faster(
-    settings: Sequence[Setting], ratio: Ratio, target: str, **fields: Any
+    settings: Sequence[Setting], ratio: Interval, target: str, **fields: Any
 ) -> CheckupItem:
     """Return the item of settings; `fields`: what they change."""
     return CheckupItem(
@@ -244,7 +243,7 @@ def _of_faster(
     )
 
 
-def combination_gain(verdict: VerdictRow) -> Ratio | None:
+def combination_gain(verdict: VerdictRow) -> Interval | None:
     """Return how many times the plain loop a combination is; None where that is not certain.
 
     It is not one of the same results where the work differs.
@@ -322,7 +321,7 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
     if form := environment.fastest(forms):
         yield CheckupItem(
             action=f"step {form.nenv} environments in one {form.form}",
-            gain=ratio_of(form.speedup),
+            gain=form.speedup,
             unit=GainUnit.ONE_ENVIRONMENT,
             change=ResultChange.NONE,
             group=GainGroup.VECTORS,
@@ -335,14 +334,10 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
             yield CheckupItem(
                 action=f"step its physics yourself, by {environment.place(path)}{loop}",
                 variant=Variant(path.path, path.options),
-                gain=ratio_of(path.speedup),
+                gain=path.speedup,
                 unit=GainUnit.ENV_STEP,
                 change=ResultChange.STATED,
                 change_detail="the same physics, without observation, reward and wrappers",
                 group=GainGroup.PHYSICS,
                 command=command,
             )
-
-
-def ratio_of(speedup: Estimate | None) -> Ratio | None:
-    return None if speedup is None else Ratio(speedup.median, speedup.low, speedup.high)

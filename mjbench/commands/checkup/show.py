@@ -25,7 +25,7 @@ from mjbench.commands.tune.result import MIN_EFFECT, Attempt, Effect, TuneRecord
 from mjbench.commands.tune.settings import label
 from mjbench.errors import file_argument
 from mjbench.host.machine import Machine
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import formats
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.results.runs import SCHEMA, Run
@@ -205,7 +205,9 @@ def _may_gain(attempt: Attempt) -> bool:
     """Return whether a setting that keeps results seems faster, but not certainly."""
     if attempt.accuracy is not None and attempt.accuracy.effect == Effect.APPROXIMATE:
         return False
-    ratio = attempt.ratio or (Ratio(attempt.time_ratio, None, None) if attempt.time_ratio else None)
+    ratio = attempt.ratio or (
+        Interval(attempt.time_ratio, None, None) if attempt.time_ratio else None
+    )
     return ratio is not None and ratio.estimate <= 1 - MIN_EFFECT and ratio.covers(1.0)
 
 

@@ -7,6 +7,7 @@ differ by is noise; from it follows how small a change a verdict of a minute can
 import math
 import statistics
 from dataclasses import dataclass
+from functools import cached_property
 from statistics import NormalDist
 
 import mujoco
@@ -18,38 +19,60 @@ from mjbench.paired.targets import Target
 from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_names
+from mjbench.results.json_form import in_json
 from mjbench.simulation import models
 from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.status import Status
 
 MODEL = "cartpole"
+# The change of which a gate should be certain.
+TRUSTED = 0.01
 # Verdicts that are larger are not asked for.
 _MAX_LAUNCHES = 200
 # Rounds with and without MuJoCo's timer, and steps of each of their blocks.
 _CLOCK_ROUNDS, _CLOCK_STEPS = 80, 500
 
 
+@in_json("launches", "deviation", "ratio", "decidable", "trusted", "detail")
 @dataclass(frozen=True)
 class Noise:
-    """What launches of identical targets showed."""
+    """What a comparison of the cart-pole with itself showed.
 
-    launches: int
-    deviation: float
-    launch_s: float
-    ratio: float
+    Attributes:
+      launches: of both sides.
+      deviation: standard deviation of their log ratios.
+      launch_s: seconds of a launch.
+      ratio: of the one side over the other; 1 but for noise.
+      detail: why it was not measured, in one line; empty where it was.
+    """
 
-    def decidable(self, seconds: float = VerdictPlan.time_limit_s) -> float:
-        """Return the smallest change that a verdict of so many seconds decides, as a share.
+    launches: int = 0
+    deviation: float | None = None
+    launch_s: float | None = None
+    ratio: float | None = None
+    detail: str = ""
+
+    @cached_property
+    def decidable(self) -> float | None:
+        """The smallest change that a verdict of a minute decides, as a share.
 
         It is twice the half-width of the interval that as many launches as fit would have, if their
         log ratios had this deviation and a normal distribution. Simulated, 99 % of such changes are
-        decided where `--min-effect` is not larger (tests/paired/test_detectable_change.py).
+        decided where `--min-effect` is not larger (see the tests of this module).
         """
-        count = min(_MAX_LAUNCHES, max(MIN_LAUNCHES, int(seconds / self.launch_s)))
+        if self.deviation is None or self.launch_s is None:
+            return None
+        count = int(VerdictPlan.time_limit_s / self.launch_s)
+        count = min(_MAX_LAUNCHES, max(MIN_LAUNCHES, count))
         normal = NormalDist(0.0, max(self.deviation, 1e-6))
         launches = [normal.inv_cdf((i + 0.5) / count) for i in range(count)]
         interval = launch_stats.evidence(launches, outcomes.CONFIDENCE).interval
-        return math.exp(interval.high - interval.low) - 1
+        return math.exp(2 * interval.half_width) - 1
+
+    @property
+    def trusted(self) -> bool:
+        """Whether that is 1 % or less."""
+        return self.decidable is not None and self.decidable <= TRUSTED
 
 
 def noise(pool: WorkerPool, seconds: float) -> Noise:

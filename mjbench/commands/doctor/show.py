@@ -1,48 +1,13 @@
 """What `mjbench doctor` says: what spoils measurements here, and which changes can be decided."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from mjbench.commands.doctor.detectable_change import Noise
 from mjbench.host.conditions import Condition, Grade
 from mjbench.results.content import Conclusion, Section, Tone
 from mjbench.units import plain
 
-# The change of which a gate should be certain.
-TRUSTED = 0.01
 _LABELS = {Grade.GOOD: "ok", Grade.NOTE: "note", Grade.BAD: "bad"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoiseRow:
-    """What a comparison of the cart-pole with itself showed.
-
-    Attributes:
-      launches: of both sides.
-      deviation: standard deviation of their log ratios.
-      ratio: of the one side over the other; 1 but for noise.
-      decidable: the smallest change that a verdict of a minute decides, as a share.
-      trusted: whether that is 1 % or less.
-      detail: why it was not measured, in one line; empty where it was.
-    """
-
-    launches: int = 0
-    deviation: float | None = None
-    ratio: float | None = None
-    decidable: float | None = None
-    trusted: bool = False
-    detail: str = ""
-
-    @classmethod
-    def of(cls, noise: Noise) -> "NoiseRow":
-        decidable = noise.decidable()
-        return cls(
-            launches=noise.launches,
-            deviation=noise.deviation,
-            ratio=noise.ratio,
-            decidable=decidable,
-            trusted=decidable <= TRUSTED,
-        )
 
 
 def condition_lines(conditions: Sequence[Condition]) -> Iterator[str]:
@@ -55,7 +20,7 @@ def condition_lines(conditions: Sequence[Condition]) -> Iterator[str]:
             yield f"{'':<{width + 7}}{condition.remedy}"
 
 
-def noise_section(noise: NoiseRow, conditions: Sequence[Condition] = ()) -> Section:
+def noise_section(noise: Noise, conditions: Sequence[Condition] = ()) -> Section:
     """Return which changes can be decided here, and what speaks against measuring."""
     if noise.decidable is None or noise.deviation is None:
         return Section("Noise", [Conclusion(f"Not measured: {noise.detail}", Tone.BAD)])

@@ -228,7 +228,11 @@ class _Single:
 
     def run(self) -> float:
         """Take all steps, keep copies of what they return, and return their seconds."""
-        environment, resets_next = self._environment, _resets_in_next_step()
+        import gymnasium
+
+        environment = self._environment
+        # a form resets in the step after an episode's last (Gymnasium ≥ 1.0)
+        resets_next = hasattr(gymnasium.vector, "AutoresetMode")
         with construction.as_input_error("its step"):
             returned = _after_reset(environment.reset(seed=self.seed))
             self.returned = [_copied(returned)]
@@ -356,13 +360,6 @@ def _timed(
         ns[position] = 1e9 * form_s[position] / count
         single_ns[position] = 1e9 * sum(single_s[:nenv]) / count
     return VectorLaunch(ns, single_ns, wrong)
-
-
-def _resets_in_next_step() -> bool:
-    """Return whether a form resets in the step after an episode's last (Gymnasium ≥ 1.0)."""
-    import gymnasium
-
-    return hasattr(gymnasium.vector, "AutoresetMode")
 
 
 def _copied(observation: Any) -> Any:

@@ -7,7 +7,7 @@ from pathlib import Path
 from mjbench.commands.compare.advice import Advice, ClockAdvice, ThreadAdvice
 from mjbench.commands.compare.crossovers import Crossover, crossovers
 from mjbench.commands.compare.results import ModelResults, PathResult
-from mjbench.commands.doctor.show import NoiseRow
+from mjbench.commands.doctor.detectable_change import Noise
 from mjbench.commands.show.machines import MachineAnswer, Machines
 from mjbench.commands.sweep.measure import Cell, CellResult
 from mjbench.host.conditions import Condition
@@ -48,7 +48,7 @@ class DoctorDocument:
     schema: int = SCHEMA
     machine: Machine
     conditions: Sequence[Condition]
-    noise: NoiseRow
+    noise: Noise
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from mjbench.commands.tune.result import (
     Withdrawal,
 )
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import terminal
 from mjbench.results.content import Tone
 from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
@@ -63,7 +63,7 @@ def of_paths(*entrants: Any, **fields: Any) -> list[Record]:
 
 def recommended(effect: Effect, ratio: float, error: float, *settings: Setting) -> Recommendation:
     accuracy = Accuracy(effect, apart(error), apart(error), [error])
-    interval = Ratio(ratio, ratio - 0.01, ratio + 0.01)
+    interval = Interval(ratio, ratio - 0.01, ratio + 0.01)
     return Recommendation(settings, interval, apart(error), (), effect, accuracy)
 
 
@@ -144,7 +144,7 @@ def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
 
 def test_the_share_that_a_program_saves_lies_within_the_whole() -> None:
     line = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.8, 0.2)
-    assert line.share_saved == Ratio(0.8, 0.4, 1.0)
+    assert line.share_saved == Interval(0.8, 0.4, 1.0)
 
 
 def test_a_line_is_named_by_its_place_and_not_by_what_it_mostly_does() -> None:
@@ -169,7 +169,7 @@ def test_wrong_results_stand_first() -> None:
 
 def test_what_is_given_up_is_said() -> None:
     launches = [blocks(ratio) for ratio in (0.09, 0.1, 0.1, 0.11)]
-    ratio = Ratio(0.1, 0.09, 0.11)
+    ratio = Interval(0.1, 0.09, 0.11)
     alone = Attempt((SENSOR,), Status.OK, time_ratio=0.1, ratio=ratio, launches=launches)
     (item,) = checkup.items(run(part(CheckupPart.SETTINGS), tuned(attempts=[alone])))
     assert (item.gain_text, item.change_text) == ("10.00", "gives up sensor data")
@@ -196,7 +196,7 @@ def combined(verdict: Any) -> CheckedPart:
 
 
 def test_what_was_measured_together_is_the_conclusion() -> None:
-    verdict = replace(FASTER, ratio=Ratio(0.25, 0.24, 0.26))
+    verdict = replace(FASTER, ratio=Interval(0.25, 0.24, 0.26))
     section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
     assert section.conclusions[0].text == (
         f"{TARGET}: 4.00 times the plain loop (3.85 to 4.17) with the same results, measured"
@@ -210,7 +210,7 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
 
 
 def test_a_combination_that_gains_less_than_one_change_alone_is_a_note() -> None:
-    verdict = replace(FASTER, ratio=Ratio(0.5, 0.49, 0.51))
+    verdict = replace(FASTER, ratio=Interval(0.5, 0.49, 0.51))
     section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
     assert section.conclusions[0].text.startswith(f"{TARGET}: step by mujoco.rollout")
     assert any("2.00 times the plain loop" in note for note in section.notes)
@@ -268,7 +268,7 @@ def test_a_setting_that_is_not_decided_leaves_no_certainty() -> None:
     seems_faster = replace(SLOW, time_ratio=0.9)
     undecided = [
         tuned(attempts=[seems_faster]),
-        tuned(attempts=[replace(seems_faster, ratio=Ratio(0.9, 0.8, 1.01))]),
+        tuned(attempts=[replace(seems_faster, ratio=Interval(0.9, 0.8, 1.01))]),
         tuned(attempts=[SLOW], withdrawn=[Withdrawal((JACOBIAN,), "not certainly faster")]),
     ]
     for record in undecided:

@@ -11,15 +11,15 @@ from mjbench.paired.verdict import VerdictPlan, judge
 
 
 def test_more_noise_and_longer_launches_need_larger_changes() -> None:
-    sizes = [Noise(20, deviation, 0.5, 1.0).decidable() for deviation in (0.001, 0.01, 0.1)]
+    sizes = [Noise(20, deviation, 0.5, 1.0).decidable for deviation in (0.001, 0.01, 0.1)]
     assert sizes == sorted(sizes)
-    assert Noise(20, 0.01, 5.0, 1.0).decidable() > sizes[1]
+    assert Noise(20, 0.01, 5.0, 1.0).decidable > sizes[1]
 
 
 @pytest.mark.parametrize(("deviation", "launch_s"), [(0.003, 1.0), (0.01, 0.5), (0.02, 1.5)])
 def test_changes_of_the_decidable_size_are_decided(deviation: float, launch_s: float) -> None:
     rng = random.Random(0)
-    size = Noise(20, deviation, launch_s, 1.0).decidable()
+    size = Noise(20, deviation, launch_s, 1.0).decidable
     decided = 0
     for _ in range(200):
         count = int(60 / launch_s)
