@@ -11,9 +11,9 @@ from step_profiles import step_profile
 from tuning_values import apart, blocks, present
 from verdict_records import FASTER, SAME
 
-from mjbench.commands.checkup import checkup_items
+from mjbench.commands.checkup import ranking
 from mjbench.commands.checkup import show as checkup
-from mjbench.commands.checkup.checkup_item import GainUnit, ResultChange
+from mjbench.commands.checkup.item import GainUnit, ResultChange
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart, Combination
 from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.compare import advice
@@ -153,7 +153,7 @@ def test_a_line_is_named_by_its_place_and_not_by_what_it_mostly_does() -> None:
         Remedy(RemedyKind.LINE, activity, place, "time in gymnasium", 0.3, 0.01)
         for activity in (Activity.NUMPY, Activity.BINDINGS)
     ]
-    assert {checkup_items.placed(each) for each in remedies} == {"train.py:7: time in gymnasium"}
+    assert {ranking.placed(each) for each in remedies} == {"train.py:7: time in gymnasium"}
 
 
 def test_wrong_results_stand_first() -> None:
