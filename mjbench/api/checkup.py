@@ -29,7 +29,7 @@ from mjbench.commands.env.source import EnvironmentSource
 from mjbench.commands.lint import check as lint
 from mjbench.commands.profile import measure as profile
 from mjbench.commands.run import launch
-from mjbench.commands.run.result import ProgramRow
+from mjbench.commands.run import measure as run_measure
 from mjbench.commands.tune.c_search import LEAST_LAUNCHES, SearchPlan
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import (
@@ -355,9 +355,9 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
         seen = launch.run(program, times.steps, most_s=times.program, ends_on_signal=True)
         if not seen.was_interrupted:
             with contextlib.suppress(KeyboardInterrupt):
-                return part, [ProgramRow.of(program.name, seen)]
+                return part, [run_measure.record(program.name, seen)]
         ended = replace(part, status=Status.INTERRUPTED)
-        return ended, [ProgramRow.of(program.name, replace(seen, models=()))]
+        return ended, [run_measure.record(program.name, replace(seen, models=()))]
 
     first = parts.measured(CheckupPart.SOURCE, "reading it", read)
     yield first
