@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from mjbench.commands.checkup.checkup_item import CheckupItem, ResultChange
+from mjbench.commands.checkup.item import CheckupItem, ResultChange
 from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.tune.c_search import LEAST_GAIN
 from mjbench.commands.tune.result import Effect, TuneRecord
@@ -76,11 +76,10 @@ class CheckupTrial:
 
 def trial(begun: CheckupTrial, short: "Run", longer: "Run") -> CheckupTrial:
     """Return what a check-up lists, judged by a run that has the records of longer commands."""
-    from mjbench.commands.checkup import (
-        checkup_items,  # late: asv imports this module without its packages
-    )
+    # late: asv imports this module without its packages
+    from mjbench.commands.checkup import ranking
 
-    listed, closer = checkup_items.items(short), checkup_items.items(longer)
+    listed, closer = ranking.items(short), ranking.items(longer)
     if begun.kind == TargetKind.MODEL:
         first, best = _best(listed), _best(closer)
         again = _times(_measured(first, longer)) if first is not None else 1.0
@@ -125,7 +124,10 @@ def _in_list(
     """Return how much an item gains by the longer command, if it may stand first there."""
     if first is None:
         return None if _has_wrong(closer) else 1.0
-    if not closer or first.rank[0] != closer[0].rank[0]:
+    # late: asv imports this module without its packages
+    from mjbench.commands.checkup import ranking
+
+    if not closer or ranking.rank(first)[0] != ranking.rank(closer[0])[0]:
         return None
     same = next((item for item in closer if item.action == first.action), None)
     return same.times if same is not None else _times(_measured(first, longer))

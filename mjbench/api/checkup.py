@@ -17,9 +17,8 @@ from mjbench.api.functions import with_options
 from mjbench.api.result import Result
 from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.api.tune import tune
-from mjbench.commands.checkup import combination, targets
-from mjbench.commands.checkup import show as report
-from mjbench.commands.checkup.checkup_item import CheckupItem
+from mjbench.commands.checkup import combination, ranking, targets
+from mjbench.commands.checkup.item import CheckupItem
 from mjbench.commands.checkup.options import QUICK_S, TOTAL_S, CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.show import CheckupDocument
@@ -128,7 +127,7 @@ class Checkup(Result):
     @property
     def items(self) -> tuple[CheckupItem, ...]:
         """What to do, the most important first."""
-        return tuple(report.items(self.run))
+        return tuple(ranking.items(self.run))
 
     @property
     def document(self) -> CheckupDocument:

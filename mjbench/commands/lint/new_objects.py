@@ -292,12 +292,9 @@ def _is_jit(script: SteppingScript, function: ast.AST) -> bool:
 
 
 def _is_partial_jit(script: SteppingScript, decorator: ast.AST) -> bool:
-    match decorator:
-        case ast.Call(args=[function, *_]) if is_call(decorator, "partial"):
-            return _is_jit(script, function)
-        case ast.Call(func=function):
-            return _is_jit(script, function)
-    return False
+    if is_call(decorator, "partial") and decorator.args:
+        return _is_jit(script, decorator.args[0])
+    return isinstance(decorator, ast.Call) and _is_jit(script, decorator.func)
 
 
 def _is_called(script: SteppingScript, call: ast.Call) -> bool:

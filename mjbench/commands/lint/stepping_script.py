@@ -220,14 +220,6 @@ class SteppingScript:
     def assigned_anywhere(self, name: str) -> Sequence[ast.AST]:
         return self._values_of_names.get(name, []) if name else []
 
-    def attribute_of_self(self, node: ast.AST) -> bool:
-        """Return whether a statement or a call stores something in an attribute of `self`."""
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            return dotted_name(node.func.value).startswith("self.")
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        stored_in = (t.value if isinstance(t, ast.Subscript) else t for t in targets)
-        return any(dotted_name(target).startswith("self.") for target in stored_in)
-
     def is_named_access(self, node: ast.AST) -> bool:
         """Return whether a node is `data.joint(…)`, `model.body(…)` or the like."""
         match node:

@@ -109,7 +109,7 @@ class StoredViews:
                     yield from self._stored(node, loop)
         for method in self._script.methods:
             for node in nodes_inside(method):
-                if self.loop_around(node) is None and self._script.attribute_of_self(node):
+                if self.loop_around(node) is None:
                     yield from self._stored(node, method)
         for comprehension in self._script.comprehensions:
             yield from self._collected(comprehension)
@@ -120,6 +120,9 @@ class StoredViews:
     def _stored(self, node: ast.AST, body: SteppingBody) -> Iterator[Match]:
         store = store_of(node)
         if store is None or not self._is_log(store, node, body):
+            return
+        # what is local to a method ends with it
+        if not isinstance(body, Loop) and not dotted_name(store.place).startswith("self."):
             return
         for value in store.values:
             yield from self._entries(value, nodes_inside(body), _renewed(nodes_inside(body)))

@@ -1,6 +1,7 @@
 """One thing to do about a program."""
 
 import enum
+import math
 from dataclasses import dataclass
 
 from mjbench.bounds import AnyFloat
@@ -76,17 +77,15 @@ class Remedy:
     @property
     def share_saved(self) -> Interval | None:
         """The share of the loop's time that it saves, of at most 1; None where it is not known."""
-        if self.gain is None:
+        if self.gain is None or self.gain <= 0:
             return None
-        if self.gain_error is None:
-            gain = Interval(self.gain, None, None)
-        else:
-            reach = 2 * self.gain_error
-            gain = Interval(self.gain, self.gain - reach, self.gain + reach)
+        gain = Interval.around(
+            self.gain, math.inf if self.gain_error is None else 2 * self.gain_error
+        )
         low, high = (
             None if end is None else min(1.0, max(0.0, end)) for end in (gain.low, gain.high)
         )
-        return Interval(min(1.0, gain.estimate), low, high) if gain.estimate > 0 else None
+        return Interval(min(1.0, gain.estimate), low, high)
 
     @property
     def rank(self) -> tuple[int, float]:

@@ -93,17 +93,6 @@ class CheckupItem:
         return self.gain.estimate
 
     @property
-    def rank(self) -> tuple[int, float]:
-        """Where it stands: wrong results first, then what keeps results, then the rest."""
-        if self.change == ResultChange.CORRECTED:
-            return 0, 0.0
-        if self.gain is None:
-            return 3, 0.0
-        if self.group == GainGroup.LOOP:  # `run` has ranked them
-            return 1, 0.0
-        return (1 if self.change.keeps else 2), -self.times
-
-    @property
     def gain_text(self) -> str:
         """The gain, as a sentence or a cell has it; empty where it is not known."""
         if self.gain is None:

@@ -1,4 +1,4 @@
-"""What a check-up advises: items, each with what it gains and what it changes in results.
+"""What a check-up advises, ranked: wrong results first, then what keeps results, by gain.
 
 Their figures are those of the command that looks closer.
 """
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from mjbench.commands.checkup.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
+from mjbench.commands.checkup.item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.commands.checkup.result import CheckedPart, Combination
 from mjbench.commands.compare import advice
 from mjbench.commands.compare.advice import Advice
@@ -50,7 +50,18 @@ _CHANGES = {
 
 def items(run: Run) -> list[CheckupItem]:
     """Return what a check-up advises, the most important first; those of a loop in its order."""
-    return sorted(_items(run), key=lambda item: item.rank)
+    return sorted(_items(run), key=rank)
+
+
+def rank(item: CheckupItem) -> tuple[int, float]:
+    """Return where an item stands: wrong results, what keeps results, the rest, the unmeasured."""
+    if item.change == ResultChange.CORRECTED:
+        return 0, 0.0
+    if item.gain is None:
+        return 3, 0.0
+    if item.group == GainGroup.LOOP:  # `run` has ranked them
+        return 1, 0.0
+    return (1 if item.change.keeps else 2), -item.times
 
 
 def short_name(target: str) -> str:
