@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import Failure
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired import verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import PlacementControl
@@ -32,7 +32,7 @@ BRIEF = verdict.VerdictPlan(time_limit_s=0.1, sizes=BRIEF_SIZES, as_shipped=True
 
 def decided(baseline: Target, candidate: Target, status: Status = Status.OK) -> VerdictRecord:
     """Return an invented verdict on two targets."""
-    judgement = Judgement(Verdict.SAME, Ratio(1.0, 0.999, 1.001), 8, True)
+    judgement = Judgement(Verdict.SAME, Interval(1.0, 0.999, 1.001), 8, True)
     sides = baseline.row(), candidate.row()
     return VerdictRecord.of(sides, Metric.TIME, Failure(status, ""), judgement)
 

@@ -23,7 +23,7 @@ from benchmarks.studies import races
 from benchmarks.studies.tally_file import load
 from mjbench.api import checkup
 from mjbench.cli import cli
-from mjbench.commands.checkup import checkup_items
+from mjbench.commands.checkup import ranking
 from mjbench.commands.compare import advice
 from mjbench.commands.record import capture
 from mjbench.commands.run import show as program
@@ -178,7 +178,7 @@ def loop() -> Iterator[str]:
 def checkup_guide() -> Iterator[str]:
     yield f"or {checkup.QUICK_S:.0f} seconds with `--quick`"
     yield f"for {checkup._FULL.program:.0f} seconds at most"
-    yield f"whose error exceeds {percent(checkup_items._MOST_ERROR)} of the motion"
+    yield f"whose error exceeds {percent(ranking._MOST_ERROR)} of the motion"
 
 
 PHRASES: dict[str, Callable[[], Iterator[str]]] = {

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import LaunchRow, TargetRow, VerdictRecord
 from mjbench.status import Status
@@ -28,7 +28,7 @@ SAME = VerdictRecord(
     sides=SIDES,
     status=Status.OK,
     verdict=Verdict.SAME,
-    ratio=Ratio(1.0, 0.996, 1.004),
+    ratio=Interval(1.0, 0.996, 1.004),
     e_slower=0.1,
     e_faster=0.1,
     changed_work=False,
@@ -36,9 +36,9 @@ SAME = VerdictRecord(
     nstep=50,
     launches=10,
 )
-SLOWER = replace(SAME, verdict=Verdict.SLOWER, ratio=Ratio(1.03, 1.02, 1.04), e_slower=1e6)
-FASTER = replace(SAME, verdict=Verdict.FASTER, ratio=Ratio(0.97, 0.96, 0.98), e_faster=1e6)
-OPEN = replace(SAME, verdict=Verdict.INCONCLUSIVE, ratio=Ratio(1.0, 0.98, 1.02))
+SLOWER = replace(SAME, verdict=Verdict.SLOWER, ratio=Interval(1.03, 1.02, 1.04), e_slower=1e6)
+FASTER = replace(SAME, verdict=Verdict.FASTER, ratio=Interval(0.97, 0.96, 0.98), e_faster=1e6)
+OPEN = replace(SAME, verdict=Verdict.INCONCLUSIVE, ratio=Interval(1.0, 0.98, 1.02))
 FAILED = replace(
     SAME, status=Status.CRASHED, detail="signal 11", verdict=None, ratio=None, nbatch=None
 )

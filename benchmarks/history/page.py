@@ -14,7 +14,7 @@ from benchmarks.history.change_points import (
 from benchmarks.history.speed_history import SpeedHistory, listed_changes
 from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
 from mjbench.host.machine import Machine
-from mjbench.measuring.ratio import LogEstimate
+from mjbench.measuring.interval import LogEstimate
 from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.results import formats
 from mjbench.results.content import Conclusion, Section

@@ -21,7 +21,7 @@ from mjbench.bounds import (
     Version,
 )
 from mjbench.measuring import launch_stats
-from mjbench.measuring.ratio import LogEstimate
+from mjbench.measuring.interval import LogEstimate
 from mjbench.releases.placement import Placement
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
 from mjbench.counts.function_differences import largest_differences
 from mjbench.counts.records import ExplainRecord
-from mjbench.measuring.ratio import LogEstimate
+from mjbench.measuring.interval import LogEstimate
 from mjbench.results import formats
 from mjbench.results.content import Column, DataTable
 

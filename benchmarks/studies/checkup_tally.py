@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from mjbench.commands.checkup.checkup_item import CheckupItem, ResultChange
+from mjbench.commands.checkup.item import CheckupItem, ResultChange
 from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.tune.c_search import LEAST_GAIN
 from mjbench.commands.tune.result import Effect, TuneRecord
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.race_record import RaceRecord
 from mjbench.results import formats
 from mjbench.verification.plan import Variant
@@ -76,11 +76,10 @@ class CheckupTrial:
 
 def trial(begun: CheckupTrial, short: "Run", longer: "Run") -> CheckupTrial:
     """Return what a check-up lists, judged by a run that has the records of longer commands."""
-    from mjbench.commands.checkup import (
-        checkup_items,  # late: asv imports this module without its packages
-    )
+    # late: asv imports this module without its packages
+    from mjbench.commands.checkup import ranking
 
-    listed, closer = checkup_items.items(short), checkup_items.items(longer)
+    listed, closer = ranking.items(short), ranking.items(longer)
     if begun.kind == TargetKind.MODEL:
         first, best = _best(listed), _best(closer)
         again = _times(_measured(first, longer)) if first is not None else 1.0
@@ -115,7 +114,7 @@ def _has_wrong(listed: Sequence[CheckupItem]) -> bool:
     return any(item.change == ResultChange.CORRECTED for item in listed)
 
 
-def _times(gain: Ratio | None) -> float | None:
+def _times(gain: Interval | None) -> float | None:
     return gain.estimate if gain is not None else None
 
 
@@ -125,25 +124,27 @@ def _in_list(
     """Return how much an item gains by the longer command, if it may stand first there."""
     if first is None:
         return None if _has_wrong(closer) else 1.0
-    if not closer or first.rank[0] != closer[0].rank[0]:
+    # late: asv imports this module without its packages
+    from mjbench.commands.checkup import ranking
+
+    if not closer or ranking.rank(first)[0] != ranking.rank(closer[0])[0]:
         return None
     same = next((item for item in closer if item.action == first.action), None)
     return same.times if same is not None else _times(_measured(first, longer))
 
 
-def _measured(item: CheckupItem, longer: "Run") -> Ratio | None:
+def _measured(item: CheckupItem, longer: "Run") -> Interval | None:
     """Return how much faster the same way of stepping, or the same settings, are in another run.
 
     Settings that it did not try together have the gain of the best of them alone.
     """
     # late: asv imports this module without their packages
-    from mjbench.commands.checkup import checkup_items
     from mjbench.commands.env.result import EnvironmentRecord
 
     if item.variant is not None:
         gains = [race.speedup(item.variant) for race in longer.of_type(RaceRecord)]
         gains += [
-            checkup_items.ratio_of(path.speedup)
+            path.speedup
             for record in longer.of_type(EnvironmentRecord)
             for path in record.physics_paths
             if Variant(path.path, path.options) == item.variant
@@ -158,14 +159,14 @@ def _measured(item: CheckupItem, longer: "Run") -> Ratio | None:
     return least.inverse if least is not None else None
 
 
-def _ratios(longer: "Run") -> dict[frozenset[str], Ratio]:
+def _ratios(longer: "Run") -> dict[frozenset[str], Interval]:
     """Return the times of all settings, by their labels, over those of the present ones."""
-    ratios: dict[frozenset[str], Ratio] = {}
+    ratios: dict[frozenset[str], Interval] = {}
     for record in longer.of_type(TuneRecord):
         for attempt in record.attempts:
             ratio = attempt.ratio
             if ratio is None and attempt.time_ratio is not None:
-                ratio = Ratio(attempt.time_ratio, None, None)
+                ratio = Interval(attempt.time_ratio, None, None)
             if ratio is not None:
                 ratios[frozenset(each.label for each in attempt.settings)] = ratio
         for each in record.front:
@@ -188,7 +189,7 @@ def _objection(item: CheckupItem, longer: "Run") -> str:
     return next((each for each in effects if said is not None and each.rank > said.rank), "")
 
 
-def _is_no_gain(gain: Ratio, said: Ratio) -> bool:
+def _is_no_gain(gain: Interval, said: Interval) -> bool:
     """Return whether a gain that the longer commands measured is less than said, and may be none.
 
     One without an interval was given up, or was not decided.
@@ -198,7 +199,7 @@ def _is_no_gain(gain: Ratio, said: Ratio) -> bool:
     return not gain.is_above(1.0) and gain.high < (said.low or said.estimate)
 
 
-def _is_decided(gain: Ratio | None) -> bool:
+def _is_decided(gain: Interval | None) -> bool:
     return gain is not None and (gain.low is None or gain.is_above(1.0))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.studies.page_part import DOCS, PagePart
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Cause
 from mjbench.paired.race_record import Loop
 from mjbench.results import markdown
@@ -88,7 +88,7 @@ def _cell(row: "Advice") -> str:
     return f"{row.path} {describe_options(row.options)}: {_interval(row.speedup)}{mark}"
 
 
-def _interval(ratio: Ratio) -> str:
+def _interval(ratio: Interval) -> str:
     return f"{ratio.estimate:.2f} ({ratio.low:.2f} to {ratio.high:.2f})"
 
 
@@ -142,7 +142,7 @@ def _axis(bottom: float) -> Iterator[str]:
 
 
 def _mark(row: "Advice", y: float) -> Iterator[str]:
-    speedup = row.speedup or Ratio(1.0, 1.0, 1.0)
+    speedup = row.speedup or Interval(1.0, 1.0, 1.0)
     colour = _COLOURS[row.loop]
     low, high = speedup.low or speedup.estimate, speedup.high or speedup.estimate
     yield (

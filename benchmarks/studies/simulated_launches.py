@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjbench.measuring import launch_stats
-from mjbench.measuring.launch_stats import Evidence, Interval
+from mjbench.measuring.interval import Interval
+from mjbench.measuring.launch_stats import Evidence
 from mjbench.paired.memory_layout import FIXED_LAUNCHES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan, conclude
@@ -132,8 +133,8 @@ def simulate(
         for number in np.flatnonzero(ended).tolist():
             i, interval = active[number], judged[number].interval
             verdicts[i] = judgements[number].verdict
-            errors[i] = interval.mean - truth
-            covered[i] = interval.low <= truth <= interval.high
+            errors[i] = interval.estimate - truth
+            covered[i] = interval.covers(truth)
             e_slower[i] = judgements[number].e_slower
         lengths[active[ended]] = length
         active = active[~ended]
@@ -147,7 +148,7 @@ def _evidence(cells: np.ndarray, confidence: float, length: int) -> Sequence[Evi
     fitted = launch_stats.fit(cells)
     columns = (fitted.mean, fitted.half_width(confidence), *fitted.e_values())
     return [
-        Evidence(Interval(mean, mean - half_width, mean + half_width, length), above, below)
+        Evidence(Interval.around(mean, half_width), length, above, below)
         for mean, half_width, above, below in zip(*map(np.ndarray.tolist, columns), strict=True)
     ]
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import Verdict
 
@@ -46,7 +46,7 @@ class Answer:
 
     arguments: tuple[str, ...]
     verdict: Verdict | None
-    ratio: Ratio | None
+    ratio: Interval | None
     seconds: float
     load: float
     detail: str = ""

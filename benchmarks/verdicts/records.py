@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from mjbench.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from mjbench.host.disturbance import Disturbance
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect
 
@@ -74,8 +74,8 @@ class TrialRecord(CaseRow):
     as_shipped: Sequence[LogRatio] = ()
 
     @property
-    def ratio(self) -> Ratio:
-        return Ratio(self.estimate, self.low, self.high)
+    def ratio(self) -> Interval:
+        return Interval(self.estimate, self.low, self.high)
 
     @property
     def averaged(self) -> bool:

@@ -17,9 +17,8 @@ from mjbench.api.functions import with_options
 from mjbench.api.result import Result
 from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.api.tune import tune
-from mjbench.commands.checkup import combination, targets
-from mjbench.commands.checkup import show as report
-from mjbench.commands.checkup.checkup_item import CheckupItem
+from mjbench.commands.checkup import combination, ranking, targets
+from mjbench.commands.checkup.item import CheckupItem
 from mjbench.commands.checkup.options import QUICK_S, TOTAL_S, CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.show import CheckupDocument
@@ -30,7 +29,7 @@ from mjbench.commands.env.source import EnvironmentSource
 from mjbench.commands.lint import check as lint
 from mjbench.commands.profile import measure as profile
 from mjbench.commands.run import launch
-from mjbench.commands.run.result import ProgramRow
+from mjbench.commands.run import measure as run_measure
 from mjbench.commands.tune.c_search import LEAST_LAUNCHES, SearchPlan
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import (
@@ -128,7 +127,7 @@ class Checkup(Result):
     @property
     def items(self) -> tuple[CheckupItem, ...]:
         """What to do, the most important first."""
-        return tuple(report.items(self.run))
+        return tuple(ranking.items(self.run))
 
     @property
     def document(self) -> CheckupDocument:
@@ -356,9 +355,9 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
         seen = launch.run(program, times.steps, most_s=times.program, ends_on_signal=True)
         if not seen.was_interrupted:
             with contextlib.suppress(KeyboardInterrupt):
-                return part, [ProgramRow.of(program.name, seen)]
+                return part, [run_measure.record(program.name, seen)]
         ended = replace(part, status=Status.INTERRUPTED)
-        return ended, [ProgramRow.of(program.name, replace(seen, models=()))]
+        return ended, [run_measure.record(program.name, replace(seen, models=()))]
 
     first = parts.measured(CheckupPart.SOURCE, "reading it", read)
     yield first

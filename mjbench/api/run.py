@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mjbench.api.session import Item, Items, Measurement, Observer
-from mjbench.commands.run import launch
+from mjbench.commands.run import launch, measure
 from mjbench.commands.run.launch import Program
 from mjbench.commands.run.options import RunOptions
 from mjbench.commands.run.result import ProgramRow
@@ -22,9 +22,8 @@ def measurement(program: Sequence[str], options: RunOptions) -> Measurement:
     launch.check(to_run)
 
     def items(earlier: Sequence[Record], observer: Observer) -> Items:
-        yield Item(
-            [ProgramRow.of(to_run.name, launch.run(to_run, options.seconds, options.rate_hz))]
-        )
+        seen = launch.run(to_run, options.seconds, options.rate_hz)
+        yield Item([measure.record(to_run.name, seen)])
 
     arguments = {"program": program, **stored(options)}
     files = [Path(program[0])] if Path(program[0]).is_file() else []

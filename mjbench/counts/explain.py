@@ -8,7 +8,7 @@ from mjbench.counts.function_differences import function_differences
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import Failure
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow, WorkDifference
 from mjbench.paired.verdict import judge_exactly
@@ -103,11 +103,11 @@ def work_changes(baseline: ModelCount, candidate: ModelCount, time: VerdictRow |
     )
 
 
-def _ratio(baseline: ModelCount, candidate: ModelCount) -> Ratio | None:
+def _ratio(baseline: ModelCount, candidate: ModelCount) -> Interval | None:
     if not baseline.instructions_per_step or not candidate.instructions_per_step:
         return None
     estimate = candidate.instructions_per_step / baseline.instructions_per_step
-    return Ratio(estimate, estimate / (1 + REPEATABILITY), estimate * (1 + REPEATABILITY))
+    return Interval(estimate, estimate / (1 + REPEATABILITY), estimate * (1 + REPEATABILITY))
 
 
 @dataclass(frozen=True)

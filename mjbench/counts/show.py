@@ -10,7 +10,7 @@ from mjbench.counts.records import (
     FunctionDifference,
     InstructionsRecord,
 )
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.records import VerdictRow
 from mjbench.results import charts, formats
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Tone
@@ -130,7 +130,7 @@ def _move_lines(row: ExplainRecord) -> list[str]:
     return lines
 
 
-def _describe_time(time: VerdictRow, ratio: Ratio) -> str:
+def _describe_time(time: VerdictRow, ratio: Interval) -> str:
     interval = formats.ends(ratio, formats.change, " to ") or "interval unknown"
     change = formats.change(ratio.estimate)
     return f"{time.verdict}, time {change} ({interval.removesuffix(' %')})"

@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mjbench.measuring.interval import Interval
+
 # Variance of the prior on the ratio of mean to deviation. The interval is narrowest where the
 # effect is about as large as the deviation between launches; 0.5 and 2 cost 1 to 3 % more launches.
 PRIOR = 1.0
@@ -25,26 +27,13 @@ MOST_LAUNCHES = 1000
 
 
 @dataclass(frozen=True)
-class Interval:
-    """A mean with its anytime-valid interval, which is infinite with too few launches."""
-
-    mean: float
-    low: float
-    high: float
-    count: int
-
-    @property
-    def half_width(self) -> float:
-        return (self.high - self.low) / 2
-
-
-@dataclass(frozen=True)
 class Evidence:
-    """What launches show about their mean: its interval, and `Fit.e_values`."""
+    """What a number of launches show about their mean: its interval, and `Fit.e_values`."""
 
     interval: Interval
-    e_positive: float
-    e_negative: float
+    launches: int
+    e_positive: float = 1.0
+    e_negative: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -189,8 +178,8 @@ def mean_and_deviation(
     return float(fitted.mean[0]), float(fitted.deviation[0])
 
 
-def student_interval(samples: Sequence[float], confidence: float) -> tuple[float, float]:
-    """Return the mean of launches, and half the width of Student's interval; infinity for one.
+def student_interval(samples: Sequence[float], confidence: float) -> Interval:
+    """Return the mean of launches with Student's interval.
 
     It holds for a number of launches that does not depend on what they say.
     """
@@ -199,8 +188,9 @@ def student_interval(samples: Sequence[float], confidence: float) -> tuple[float
     fitted = fit(_cells(samples, None))
     mean, freedom = float(fitted.mean[0]), int(fitted.freedom[0])
     if freedom <= 0:
-        return mean, math.inf
-    return mean, float(stdtrit(freedom, (1 + confidence) / 2) * fitted.deviation[0])
+        return Interval(mean, None, None)
+    half_width = float(stdtrit(freedom, (1 + confidence) / 2) * fitted.deviation[0])
+    return Interval.around(mean, half_width)
 
 
 def evidence(
@@ -208,8 +198,8 @@ def evidence(
 ) -> Evidence:
     fitted = fit(_cells(samples, residues))
     positive, negative = fitted.e_values()
-    interval = _interval(fitted, confidence, len(samples))
-    return Evidence(interval, float(positive[0]), float(negative[0]))
+    interval = _interval(fitted, confidence)
+    return Evidence(interval, len(samples), float(positive[0]), float(negative[0]))
 
 
 def anytime_interval(
@@ -232,7 +222,7 @@ def anytime_interval(
     Raises:
       ValueError: no samples, a confidence not between 0 and 1, or residues of other launches.
     """
-    return _interval(fit(_cells(samples, residues)), confidence, len(samples))
+    return _interval(fit(_cells(samples, residues)), confidence)
 
 
 def interval_beside(
@@ -247,7 +237,7 @@ def interval_beside(
     if others:
         more = fit(_cells(others, residues))
         own = replace(own, freedom=own.freedom + more.freedom, squares=own.squares + more.squares)
-    return _interval(own, confidence, len(samples) + len(others))
+    return _interval(own, confidence)
 
 
 def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> tuple[bool, ...]:
@@ -267,11 +257,10 @@ def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> tuple[bool,
     return tuple(e >= least for e in e_values)
 
 
-def _interval(fitted: Fit, confidence: float, count: int) -> Interval:
+def _interval(fitted: Fit, confidence: float) -> Interval:
     if not 0 < confidence < 1:
         raise ValueError(f"need a confidence in (0, 1), got {confidence}")
-    mean, half_width = float(fitted.mean[0]), float(fitted.half_width(confidence)[0])
-    return Interval(mean, mean - half_width, mean + half_width, count)
+    return Interval.around(float(fitted.mean[0]), float(fitted.half_width(confidence)[0]))
 
 
 def _cells(samples: Sequence[float], residues: Sequence[int] | None) -> np.ndarray:

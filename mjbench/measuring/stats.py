@@ -5,60 +5,41 @@ estimated by the median; its interval comes from order statistics, which assume 
 shape of the noise (P. Conover, Practical Nonparametric Statistics, section 3.2).
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjbench.bounds import AnyFloat
 from mjbench.errors import InputError
+from mjbench.measuring.interval import Interval
 
 CONFIDENCE = 0.95
 # Shorter than any clock resolves, in seconds and in nanoseconds.
 _LEAST = 1e-9
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A median with the ends of its interval, which are None with too few samples."""
-
-    median: AnyFloat
-    low: AnyFloat | None
-    high: AnyFloat | None
-
-
-def median_of(samples: Sequence[float] | np.ndarray) -> Estimate:
+def median_of(samples: Sequence[float] | np.ndarray) -> Interval:
+    """Return the median with its interval; its ends are None with too few samples."""
     values = np.asarray(samples, dtype=float)
-    return Estimate(float(np.median(values)), *median_interval(values))
+    return Interval(float(np.median(values)), *median_interval(values))
 
 
-def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:
+def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Interval:
     """Return how many times faster the candidate is than the baseline in the same rounds.
 
     Raises:
       ValueError: the two differ in length, or are empty.
     """
-    log_ratios = _log_ratios(baseline_s, candidate_s)
-    return _exponential(float(np.median(log_ratios)), *median_interval(log_ratios))
-
-
-def _exponential(median: float, low: float | None, high: float | None) -> Estimate:
-    ends = (None if end is None else float(np.exp(end)) for end in (low, high))
-    return Estimate(float(np.exp(median)), *ends)
+    counts = len(baseline_s), len(candidate_s)
+    if counts[0] != counts[1] or not counts[0]:
+        raise ValueError(f"need samples of the same rounds, got {counts[0]} and {counts[1]}")
+    return median_of(logarithms(baseline_s) - logarithms(candidate_s)).exponential
 
 
 def logarithms(times: ArrayLike) -> np.ndarray:
     """Return natural logarithms of times, those that a clock did not see as finite ones."""
     return np.asarray(np.log(np.maximum(times, _LEAST)))
-
-
-def _log_ratios(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> np.ndarray:
-    counts = len(baseline_s), len(candidate_s)
-    if counts[0] != counts[1] or not counts[0]:
-        raise ValueError(f"need samples of the same rounds, got {counts[0]} and {counts[1]}")
-    return np.asarray(logarithms(baseline_s) - logarithms(candidate_s))
 
 
 def pair_log_ratios(orders: Sequence[str], times: np.ndarray) -> np.ndarray:
@@ -115,7 +96,7 @@ def total_log_ratio(orders: Sequence[str], times: np.ndarray, parts: np.ndarray)
     return float(total - np.logaddexp.reduce(centers - half_ratios))
 
 
-def speedup_in_common(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:
+def speedup_in_common(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Interval:
     """Return the speed-up in the rounds that both have, which are the first of each."""
     count = min(len(baseline_s), len(candidate_s))
     return speedup(baseline_s[:count], candidate_s[:count])
@@ -129,7 +110,7 @@ class TimedBlocks:
     identity: Mapping[str, object]
 
 
-def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False) -> Estimate:
+def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False) -> Interval:
     """Return how many times faster the candidate is than a baseline measured at another time.
 
     The interval combines the intervals of both medians, each at the confidence that leaves 95 % for
@@ -155,17 +136,7 @@ def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False
         low = baseline_low - candidate_high
     if baseline_high is not None and candidate_low is not None:
         high = baseline_high - candidate_low
-    return _exponential(float(np.median(logs[0]) - np.median(logs[1])), low, high)
-
-
-def mean_half_width(values: Sequence[float], confidence: float = CONFIDENCE) -> float:
-    """Return half the width of Student's t interval of the mean; infinite with one value."""
-    from scipy import stats  # late: it takes a second
-
-    if len(values) < 2:
-        return math.inf
-    standard_error = float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    return float(stats.t.ppf((1 + confidence) / 2, len(values) - 1)) * standard_error
+    return Interval(float(np.median(logs[0]) - np.median(logs[1])), low, high).exponential
 
 
 def median_interval(

@@ -17,7 +17,7 @@ import numpy as np
 from mjbench.bounds import NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.host.disturbance import Disturbance
 from mjbench.measuring import launch_stats, stats
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paths.base import nthread
 from mjbench.simulation import engine_clock
 from mjbench.status import Status
@@ -211,7 +211,7 @@ class RaceRecord:
         speedup = self.speedups[winner]
         return winner if speedup is not None and speedup.is_above(1.0) else 0
 
-    def speedup(self, variant: Variant) -> Ratio | None:
+    def speedup(self, variant: Variant) -> Interval | None:
         """Return the speed-up of a variant over the plain loop; None where it was not timed.
 
         It is from the launches after the race where there are enough of the variant, else from all
@@ -221,21 +221,21 @@ class RaceRecord:
         return None if position is None else self.speedups[position]
 
     @property
-    def timer_gain(self) -> Ratio | None:
+    def timer_gain(self) -> Interval | None:
         """What turning MuJoCo's timer off gains, where that is certain and worth a line."""
         gain = self.speedup(WITHOUT_TIMER)
         if gain is None or not gain.is_above(1.0) or gain.estimate < 1 + engine_clock.MIN_GAIN:
             return None
         return gain
 
-    def ratio(self, faster: Variant, slower: Variant) -> Ratio | None:
+    def ratio(self, faster: Variant, slower: Variant) -> Interval | None:
         """Return how many times faster one variant is than another; None where none timed both."""
         first, second = self._position(faster), self._position(slower)
         if first is None or second is None:
             return None
         return self.ratio_of(first, second)
 
-    def ratio_of(self, first: int, second: int) -> Ratio | None:
+    def ratio_of(self, first: int, second: int) -> Interval | None:
         both = [each for each in self.launches if {first, second} <= set(each.variants)]
         return self._interval(both, first, second) if both else None
 
@@ -276,14 +276,14 @@ class RaceRecord:
         }
 
     @functools.cached_property
-    def speedups(self) -> list[Ratio | None]:
+    def speedups(self) -> list[Interval | None]:
         """The speed-up of each variant over the plain loop; None where it was not timed."""
-        speedups: list[Ratio | None] = []
+        speedups: list[Interval | None] = []
         for position in range(len(self.variants)):
             launches = self._launches_of(position)
             speedup = None
             if position == 0 and launches:
-                speedup = Ratio(1.0, 1.0, 1.0)
+                speedup = Interval(1.0, 1.0, 1.0)
             elif launches:  # a ratio of speeds is that of times the other way round
                 speedup = self._interval(launches, baseline=position, candidate=0)
             speedups.append(speedup)
@@ -309,7 +309,7 @@ class RaceRecord:
         final = [launch for launch in timed if launch.is_final]
         return final if len(final) >= MIN_FINAL_LAUNCHES else timed
 
-    def _interval(self, launches: Sequence[RaceLaunch], baseline: int, candidate: int) -> Ratio:
+    def _interval(self, launches: Sequence[RaceLaunch], baseline: int, candidate: int) -> Interval:
         """Return the ratio of two variants' times, the candidate's over the baseline's.
 
         How many launches there are after a race does not depend on what they say, so theirs has
@@ -317,8 +317,8 @@ class RaceRecord:
         """
         if all(launch.is_final for launch in launches):
             ratios = [launch.log_ratio(baseline, candidate) for launch in launches]
-            return Ratio.of_log(*launch_stats.student_interval(ratios, CONFIDENCE))
-        return Ratio.of_log(*log_ratio(launches, baseline, candidate, CONFIDENCE))
+            return launch_stats.student_interval(ratios, CONFIDENCE).exponential
+        return Interval.around(*log_ratio(launches, baseline, candidate, CONFIDENCE)).exponential
 
 
 def standing_of(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int) -> Standing:

@@ -23,8 +23,7 @@ from mjbench.bounds import (
 from mjbench.errors import Failure
 from mjbench.measuring import stats
 from mjbench.measuring.calls import Compilation
-from mjbench.measuring.ratio import Ratio
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.interval import Interval
 from mjbench.paired.call_results import ResultsDifference
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
@@ -85,7 +84,7 @@ class ControlRow:
       covers: whether the interval holds 1, as it should.
     """
 
-    ratio: Ratio
+    ratio: Interval
     launches: NonNegativeInt
     covers: bool
 
@@ -125,10 +124,10 @@ class CompilationFigures:
       compiling_processes: that compiled without a cache.
     """
 
-    trace_s: Estimate | None
-    compile_s: Estimate | None
-    first_run_s: Estimate
-    steady_run_s: Estimate | None
+    trace_s: Interval | None
+    compile_s: Interval | None
+    first_run_s: Interval
+    steady_run_s: Interval | None
     programs: NonNegativeInt | None
     processes: NonNegativeInt
     compiling_processes: NonNegativeInt
@@ -155,7 +154,7 @@ class CompilationFigures:
         )
 
 
-def _median(samples: Iterable[float]) -> Estimate | None:
+def _median(samples: Iterable[float]) -> Interval | None:
     values = [*samples]
     return stats.median_of(values) if values else None
 
@@ -215,7 +214,7 @@ class Judgement:
     """
 
     verdict: Verdict
-    ratio: Ratio
+    ratio: Interval
     launches: int
     enough: bool
     e_slower: float | None = 1.0
@@ -236,8 +235,8 @@ class PlacementEffect:
 
     averaged: bool
     problem: str = ""
-    as_shipped: Ratio | None = None
-    effect: Ratio | None = None
+    as_shipped: Interval | None = None
+    effect: Interval | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -287,7 +286,7 @@ class VerdictRow:
     status: Status
     detail: str = ""
     verdict: Verdict | None = None
-    ratio: Ratio | None = None
+    ratio: Interval | None = None
     e_slower: NonNegativeFloat | None = None
     e_faster: NonNegativeFloat | None = None
     cause: Cause | None = None

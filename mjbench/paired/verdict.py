@@ -13,8 +13,8 @@ import numpy as np
 
 from mjbench.errors import Failure
 from mjbench.measuring import launch_stats
-from mjbench.measuring.launch_stats import Evidence, Interval
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
+from mjbench.measuring.launch_stats import Evidence
 from mjbench.paired import outcomes
 from mjbench.paired.launches import launch
 from mjbench.paired.metrics import METRICS
@@ -89,7 +89,7 @@ def judge(
     return conclude(launch_stats.evidence(log_ratios, plan.confidence, residues), plan)
 
 
-def judge_exactly(ratio: Ratio, min_effect: float) -> Judgement:
+def judge_exactly(ratio: Interval, min_effect: float) -> Judgement:
     """Judge a ratio without noise."""
     verdict = Verdict.SAME
     if ratio.estimate >= 1 + min_effect:
@@ -103,18 +103,18 @@ def conclude(evidence: Evidence, plan: VerdictPlan) -> Judgement:
     """Judge what launches show; see `judge` for the rule."""
     interval = evidence.interval
     log_effect = float(np.log1p(plan.min_effect))
-    has_launches = interval.count >= MIN_LAUNCHES
+    has_launches = evidence.launches >= MIN_LAUNCHES
     verdict = _verdict(interval, log_effect) if has_launches else Verdict.INCONCLUSIVE
     # half of the effect: an interval as wide as the effect on both sides could never be `same`
     precise = min(float(np.log1p(plan.precision)), log_effect / 2)
-    is_narrow = interval.half_width <= max(precise, abs(interval.mean) * SHARE)
+    is_narrow = interval.half_width <= max(precise, abs(interval.estimate) * SHARE)
     is_change = verdict in (Verdict.SLOWER, Verdict.FASTER)
-    e_value = evidence.e_positive if interval.mean > 0 else evidence.e_negative
+    e_value = evidence.e_positive if interval.estimate > 0 else evidence.e_negative
     is_sure = not is_change or e_value * (1 - plan.confidence) >= plan.family
     return Judgement(
         verdict,
-        Ratio.of_log(interval.mean, interval.half_width),
-        interval.count,
+        interval.exponential,
+        evidence.launches,
         has_launches and (verdict == Verdict.SAME or (is_narrow and is_sure)),
         evidence.e_positive,
         evidence.e_negative,
@@ -122,11 +122,11 @@ def conclude(evidence: Evidence, plan: VerdictPlan) -> Judgement:
 
 
 def _verdict(interval: Interval, log_effect: float) -> Verdict:
-    if -log_effect < interval.low and interval.high < log_effect:
+    if interval.is_above(-log_effect) and interval.is_below(log_effect):
         return Verdict.SAME
-    if interval.low > 0 and interval.mean > log_effect / 2:
+    if interval.is_above(0) and interval.estimate > log_effect / 2:
         return Verdict.SLOWER
-    if interval.high < 0 and interval.mean < -log_effect / 2:
+    if interval.is_below(0) and interval.estimate < -log_effect / 2:
         return Verdict.FASTER
     return Verdict.INCONCLUSIVE
 
@@ -142,13 +142,13 @@ def package_versions(baseline: ReleaseSpec, candidate: ReleaseSpec) -> list[Pack
     ]
 
 
-def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
+def _quotient(numerator: Interval, denominator: Interval) -> Interval:
     """Return a ratio over another; its interval holds the truth if both of theirs do."""
     low, high = (
         None if end is None or other is None else end / other
         for end, other in ((numerator.low, denominator.high), (numerator.high, denominator.low))
     )
-    return Ratio(numerator.estimate / denominator.estimate, low, high)
+    return Interval(numerator.estimate / denominator.estimate, low, high)
 
 
 class VerdictRule(CountRule):
@@ -302,4 +302,4 @@ def _judge_as_shipped(
         [launch.log_ratio + log_scale for launch in moved],
         [launch.placements.residue for launch in moved],
     )
-    return conclude(Evidence(interval, 1.0, 1.0), plan)
+    return conclude(Evidence(interval, len(launches)), plan)

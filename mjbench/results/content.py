@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from mjbench.host import disturbance
 from mjbench.host.disturbance import Disturbance
-from mjbench.measuring.ratio import LogEstimate
+from mjbench.measuring.interval import LogEstimate
 from mjbench.results import formats
 from mjbench.results.formats import Bounded, Form
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
-from mjbench.measuring.ratio import LogEstimate, Ratio
+from mjbench.measuring.interval import Interval, LogEstimate
 from mjbench.units import plain
 
 # Writes a cell that is not a text.
@@ -121,7 +121,7 @@ def in_brackets(interval: Bounded, form: Form = factor) -> str:
     return f" ({text})" if text else ""
 
 
-def with_interval(ratio: Ratio, form: Form = factor) -> str:
+def with_interval(ratio: Interval, form: Form = factor) -> str:
     """Return a ratio as a cell has it, such as `+1.2 % (+0.8 to +1.6 %)`."""
     return f"{form(ratio.estimate)}{in_brackets(ratio, form)}"
 

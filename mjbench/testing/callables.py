@@ -25,7 +25,7 @@ import numpy as np
 
 from mjbench.measuring import calls, launch_stats, stats, timing
 from mjbench.measuring.calls import Function, nothing
-from mjbench.measuring.launch_stats import Interval
+from mjbench.measuring.interval import Interval
 from mjbench.measuring.timing import Clock
 from mjbench.units import duration
 
@@ -60,7 +60,6 @@ class SpeedCheck:
     Attributes:
       max_slowdown: share of the baseline's time.
       ratio: the candidate's time over the baseline's; None without an estimate.
-      low: lower end of the interval of `ratio`; None without one, as `high`.
       candidate_s: median seconds of a call; None where it was not timed.
       detail: why the answer is inconclusive; empty otherwise.
     """
@@ -68,9 +67,7 @@ class SpeedCheck:
     answer: Answer
     max_slowdown: float
     confidence: float
-    ratio: float | None = None
-    low: float | None = None
-    high: float | None = None
+    ratio: Interval | None = None
     candidate_s: float | None = None
     baseline_s: float | None = None
     rounds: int = 0
@@ -83,10 +80,10 @@ class SpeedCheck:
 
     def __str__(self) -> str:
         allowed = f"{100 * self.max_slowdown:g} % allowed"
-        if self.ratio is None or self.low is None or self.high is None:
+        if self.ratio is None or self.ratio.low is None or self.ratio.high is None:
             return f"{self.answer}: {self.detail}"
-        interval = f"{_signed(self.low)} to {_signed(self.high)} %"
-        text = f"{self.answer}: {_signed(self.ratio)} % (interval {interval}, {allowed})"
+        interval = f"{_signed(self.ratio.low)} to {_signed(self.ratio.high)} %"
+        text = f"{self.answer}: {_signed(self.ratio.estimate)} % (interval {interval}, {allowed})"
         if self.candidate_s is not None and self.baseline_s is not None:
             times = duration(1e9 * self.candidate_s), duration(1e9 * self.baseline_s)
             text += f", {times[0]} a call, baseline {times[1]}"
@@ -158,7 +155,7 @@ def compare(
     while True:
         rounds.append(_time_round(pair, count, clock, rng))
         log_ratios.append(rounds[-1].log_ratio)
-        check = _judge(launch_stats.anytime_interval(log_ratios, question.confidence), question)
+        check = _judge(log_ratios, question)
         if not check.is_final:
             spent_s = clock() - begin
             if spent_s * (1 + 1 / len(rounds)) <= question.time_limit_s:
@@ -178,25 +175,22 @@ def _too_little_time(rounds: int, question: SpeedQuestion) -> str:
     return f"not certain within {limit}"
 
 
-def _judge(here: Interval, question: SpeedQuestion) -> SpeedCheck:
+def _judge(log_ratios: Sequence[float], question: SpeedQuestion) -> SpeedCheck:
+    here = launch_stats.anytime_interval(log_ratios, question.confidence)
     between = _margin(question.confidence)
-    half_width = math.hypot(here.half_width, between)
-    low, high = here.mean - half_width, here.mean + half_width
-    has_interval = math.isfinite(high)
+    interval = Interval.around(here.estimate, math.hypot(here.half_width, between))
     check = SpeedCheck(
         Answer.INCONCLUSIVE,
         question.max_slowdown,
         question.confidence,
-        ratio=math.exp(here.mean),
-        low=math.exp(low) if has_interval else None,
-        high=math.exp(high) if has_interval else None,
-        rounds=here.count,
+        ratio=interval.exponential,
+        rounds=len(log_ratios),
     )
-    if here.count < LEAST_ROUNDS:
+    if len(log_ratios) < LEAST_ROUNDS:
         return check
-    answer = of_interval(low, high, question.max_slowdown)
     limit = math.log1p(question.max_slowdown)
-    is_near = limit - between < here.low and here.high <= limit + between
+    answer = of_interval(interval, limit)
+    is_near = here.is_above(limit - between) and here.is_below(limit + between)
     if answer == Answer.INCONCLUSIVE and is_near:
         detail = (
             "identical functions can differ by that much from process to process: allow more"
@@ -254,12 +248,11 @@ def _margin(confidence: float) -> float:
     return NormalDist().inv_cdf((1 + confidence) / 2) * PROCESS_SPREAD
 
 
-def of_interval(low: float, high: float, max_slowdown: float) -> Answer:
-    """Return what an interval of the log ratio of candidate time over baseline time shows."""
-    log_limit = float(np.log1p(max_slowdown))
-    if high <= log_limit:
+def of_interval(log_ratio: Interval, log_limit: float) -> Answer:
+    """Return what an interval of candidate time over baseline time, as logarithms, shows."""
+    if log_ratio.high is not None and log_ratio.high <= log_limit:
         return Answer.NOT_SLOWER
-    if low > log_limit:
+    if log_ratio.is_above(log_limit):
         return Answer.SLOWER
     return Answer.INCONCLUSIVE
 

@@ -14,7 +14,7 @@ from mjbench.api.verdict_measurements import between_releases, completed_share
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.versions.function_sides import FunctionName, FunctionTarget, FunctionTargets
 from mjbench.errors import InputError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
@@ -82,7 +82,7 @@ def test_progress_is_of_this_run_where_other_runs_are_of_the_family_too(
         on_launch: Callable[[Judgement], None],
     ) -> VerdictRecord:
         assert (plan.family, plan.as_shipped) == (expected, True)
-        on_launch(Judgement(Verdict.SAME, Ratio(1.0, 0.999, 1.001), 8, True))
+        on_launch(Judgement(Verdict.SAME, Interval(1.0, 0.999, 1.001), 8, True))
         old, new = (side.row() for side in sides)
         return VerdictRecord(
             model=new.model, path="", old="main", new="HEAD", sides=(old, new), status=Status.OK

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from mjbench.cli import cli
 from mjbench.host import machine
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
 from mjbench.releases.placement import Placement, PlacementPair
@@ -47,10 +47,10 @@ MOVED = PlacementPair(Placement(16, 4080), Placement(0, 64))
 VERDICTS = (
     VerdictRecord(
         model="m", path="rollout", old="3.3.0", new="4.0.0", sides=(SIDE, SIDE), status=Status.OK,
-        verdict=Verdict.SLOWER, ratio=Ratio(1.02, 1.01, 1.03), changed_work=True,
+        verdict=Verdict.SLOWER, ratio=Interval(1.02, 1.01, 1.03), changed_work=True,
         work=Pair(WORK, WORK), drift=1e-3, diverged=Pair(0, 1), nbatch=4, nstep=100,
         launches=8, pairs=64, seconds=2.0, cause=Cause.WORK,
-        placement=PlacementEffect(True, "", Ratio(1.03, 1.0, 1.05), Ratio(1.01, 0.99, 1.03)),
+        placement=PlacementEffect(True, "", Interval(1.03, 1.0, 1.05), Interval(1.01, 0.99, 1.03)),
         samples=[
             LaunchRow(0, 1.0, ["ABBA"], [[10, 11, 10, 11]]),
             LaunchRow(0, None, ["BAAB"], [[10, 11, 10, 11]], MOVED),

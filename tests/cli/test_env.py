@@ -22,7 +22,7 @@ def test_it_measures_and_writes_json_and_show_prints_it_again(tmp_path: Path) ->
     assert row["environment"] == "example_environments:wrapped"
     assert row["env_steps_per_s"] > 0
     assert row["check"]["status"] == "ok"
-    assert sum(layer["share"]["median"] for layer in row["layers"]) == pytest.approx(1, abs=0.1)
+    assert sum(layer["share"]["estimate"] for layer in row["layers"]) == pytest.approx(1, abs=0.1)
     assert row["paths"][0]["path"] == "python_loop"
     again = mjbench("show", "--json", "-", cwd=tmp_path)
     assert json.loads(again.stdout)["results"] == [row]

@@ -19,7 +19,7 @@ from mjbench.counts.records import (
     FunctionCount,
     FunctionDifference,
 )
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
@@ -42,7 +42,7 @@ def counted(release: str, **functions: float) -> ModelCount:
     )
 
 
-def timed(ratio: Ratio | None, status: Status = Status.OK, detail: str = "") -> VerdictRow:
+def timed(ratio: Interval | None, status: Status = Status.OK, detail: str = "") -> VerdictRow:
     target = TargetRow("1.0", "pile", "python_loop", {}, {})
     return VerdictRow(
         model="pile",
@@ -116,16 +116,16 @@ def test_a_model_that_could_not_be_counted_has_no_verdict() -> None:
 
 def test_time_that_instructions_do_not_explain_is_pointed_out() -> None:
     baseline, candidate = counted("1.0", a=1000.0), counted("2.0", a=1010.0)
-    lines = summarized(baseline, candidate, timed(Ratio(1.02, 1.01, 1.03)))
+    lines = summarized(baseline, candidate, timed(Interval(1.02, 1.01, 1.03)))
     assert lines[0].startswith("slower, time +2.00 % (+1.00 to +3.00); instructions per step")
     assert len(lines) == 2
-    *_, last_line = summarized(baseline, candidate, timed(Ratio(1.10, 1.09, 1.11)))
+    *_, last_line = summarized(baseline, candidate, timed(Interval(1.10, 1.09, 1.11)))
     assert "disagree by 9.0 points" in last_line
 
 
 def test_an_interval_that_is_unknown_disagrees_with_nothing() -> None:
     lines = summarized(
-        counted("1.0", a=1000.0), counted("2.0", a=1010.0), timed(Ratio(1.5, None, None))
+        counted("1.0", a=1000.0), counted("2.0", a=1010.0), timed(Interval(1.5, None, None))
     )
     assert lines[0].startswith("slower, time +50.00 % (interval unknown); instructions")
     assert len(lines) == 2

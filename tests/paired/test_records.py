@@ -59,9 +59,9 @@ CACHED = Compilation(trace_s=2.2, compile_s=0.4, first_run_s=0.2, programs=31, i
 def test_what_a_cache_holds_is_apart_from_what_was_compiled() -> None:
     figures = CompilationFigures.of([FRESH, *[CACHED] * 8], [0.01] * 8)
     assert figures.compile_s is not None
-    assert (figures.compile_s.median, figures.compile_s.low) == (8.0, None)
+    assert (figures.compile_s.estimate, figures.compile_s.low) == (8.0, None)
     assert figures.trace_s is not None
-    assert (figures.trace_s.median, figures.trace_s.low) == (2.2, 2.2)
+    assert (figures.trace_s.estimate, figures.trace_s.low) == (2.2, 2.2)
     assert (figures.processes, figures.compiling_processes, figures.programs) == (9, 1, 31)
 
 
@@ -78,4 +78,4 @@ def test_an_engine_without_such_stages_has_no_figures_of_them() -> None:
     assert figures.trace_s is None
     assert figures.steady_run_s is None
     assert figures.programs is None
-    assert figures.first_run_s.median == pytest.approx(0.1)
+    assert figures.first_run_s.estimate == pytest.approx(0.1)

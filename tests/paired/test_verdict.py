@@ -13,7 +13,7 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.commands.versions import show as verdicts
 from mjbench.errors import Failure, MachineError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired import pair_launches, target_pair, verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import PlacementControl
@@ -207,7 +207,7 @@ def test_few_launches_give_no_verdict_however_clear() -> None:
 
 def test_launches_that_are_all_alike_are_judged() -> None:
     judgement = judge([0.0] * 8, VerdictPlan())
-    assert (judgement.verdict, judgement.ratio) == (Verdict.SAME, Ratio(1.0, 1.0, 1.0))
+    assert (judgement.verdict, judgement.ratio) == (Verdict.SAME, Interval(1.0, 1.0, 1.0))
 
 
 def test_placements_are_averaged_out() -> None:
@@ -251,7 +251,7 @@ MOVED = PlacementControl(True)
 
 
 def judgement(outcome: Verdict, ratio: float = 1.02, half_width: float = 0.003) -> Judgement:
-    return Judgement(outcome, Ratio(ratio, ratio - half_width, ratio + half_width), 10, True)
+    return Judgement(outcome, Interval(ratio, ratio - half_width, ratio + half_width), 10, True)
 
 
 def builds(
@@ -316,7 +316,7 @@ def test_the_placement_adds_what_is_there_only_as_shipped() -> None:
 
 
 def test_few_launches_as_shipped_give_an_effect_without_an_interval() -> None:
-    few = Judgement(Verdict.INCONCLUSIVE, Ratio(1.05, None, None), 2, False)
+    few = Judgement(Verdict.INCONCLUSIVE, Interval(1.05, None, None), 2, False)
     effect = builds(judgement=SAME, as_shipped=few).placement
     assert effect is not None
     assert effect.effect is not None

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mjbench.measuring.ratio import LogEstimate, Ratio
+from mjbench.measuring.interval import Interval, LogEstimate
 from mjbench.results import formats
 
 
@@ -29,12 +29,12 @@ def test_an_estimate_has_its_standard_error() -> None:
 
 
 def test_an_interval_has_its_unit_once() -> None:
-    ratio = Ratio(1.0, 0.98, 1.03)
+    ratio = Interval(1.0, 0.98, 1.03)
     assert formats.ends(ratio) == "0.98–1.03"
     assert formats.ends_in(formats.change)(ratio) == "-2.00–+3.00 %"
     assert formats.in_brackets(ratio, formats.change) == " (-2.00 to +3.00 %)"
 
 
 def test_an_interval_without_an_end_is_not_written() -> None:
-    assert formats.ends(Ratio(1.0, None, 1.03)) == formats.ends(None) == ""
-    assert formats.in_brackets(Ratio(1.0, 0.9, None)) == ""
+    assert formats.ends(Interval(1.0, None, 1.03)) == formats.ends(None) == ""
+    assert formats.in_brackets(Interval(1.0, 0.9, None)) == ""

@@ -17,7 +17,7 @@ from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.versions import bisect_show as bisect
 from mjbench.commands.versions import show as verdicts
 from mjbench.commands.versions.bisect import BisectComparison, BisectRecord, VersionRow
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import PackageVersions
 from mjbench.results import runs, terminal
@@ -47,7 +47,7 @@ OTHER_VERDICTS = [
         new="jax==0.7.1",
         packages=[PackageVersions("jax", "0.7.0", "0.7.1")],
     ).row(),
-    replace(SLOWER, metric=Metric.MEMORY, ratio=Ratio(12.3, 11.1, 13.3)).row(),
+    replace(SLOWER, metric=Metric.MEMORY, ratio=Interval(12.3, 11.1, 13.3)).row(),
 ]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
+from mjbench.measuring.interval import Interval
 from mjbench.testing import callables
 from mjbench.testing.callables import Answer, FunctionPair, SpeedCheck, SpeedQuestion
 
@@ -57,9 +58,10 @@ def test_a_change_is_judged_by_the_slowdown_that_is_allowed(
     machine = Machine()
     check = machine.compare(machine.noisy(1e-3, 0.05), machine.noisy(1e-3 * (1 + slowdown), 0.05))
     assert check.answer == expected
-    assert check.ratio == pytest.approx(1 + slowdown, rel=0.02)
-    assert check.low is not None and check.high is not None
-    assert check.low < 1 + slowdown < check.high
+    assert check.ratio is not None
+    assert check.ratio.estimate == pytest.approx(1 + slowdown, rel=0.02)
+    assert check.ratio.low is not None and check.ratio.high is not None
+    assert check.ratio.low < 1 + slowdown < check.ratio.high
     assert check.candidate_s == pytest.approx(1e-3 * (1 + slowdown), rel=0.02)
     assert check.baseline_s == pytest.approx(1e-3, rel=0.02)
     assert check.rounds >= callables.LEAST_ROUNDS
@@ -70,8 +72,8 @@ def test_the_interval_allows_for_what_differs_from_process_to_process() -> None:
     machine = Machine()
     function = machine.function(lambda: 1e-3)
     check = machine.compare(function, function)
-    assert check.high is not None
-    assert check.high - 1 == pytest.approx(callables.least_slowdown(0.99), rel=1e-6)
+    assert check.ratio is not None and check.ratio.high is not None
+    assert check.ratio.high - 1 == pytest.approx(callables.least_slowdown(0.99), rel=1e-6)
 
 
 def test_a_change_near_the_limit_is_inconclusive_as_soon_as_more_rounds_are_of_no_use() -> None:
@@ -104,7 +106,8 @@ def test_a_machine_that_gets_slower_hits_both_functions_alike() -> None:
     drifting = machine.function(lambda: 1e-3 * (1 + machine.now))
     check = machine.compare(drifting, drifting)
     assert check.answer == Answer.NOT_SLOWER
-    assert check.ratio == pytest.approx(1.0, abs=0.01)
+    assert check.ratio is not None
+    assert check.ratio.estimate == pytest.approx(1.0, abs=0.01)
 
 
 def test_pauses_of_other_processes_do_not_make_a_function_slower() -> None:
@@ -137,24 +140,24 @@ def test_identical_functions_are_hardly_ever_called_slower() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "expected"),
+    ("ends", "expected"),
     [
-        (-0.5, -0.1, Answer.NOT_SLOWER),
-        (-0.01, math.log1p(0.05), Answer.NOT_SLOWER),
-        (0.01, 0.06, Answer.INCONCLUSIVE),
-        (-math.inf, math.inf, Answer.INCONCLUSIVE),
-        (math.log1p(0.05), 0.06, Answer.INCONCLUSIVE),
-        (0.05, 0.06, Answer.SLOWER),
+        ((-0.5, -0.1), Answer.NOT_SLOWER),
+        ((-0.01, math.log1p(0.05)), Answer.NOT_SLOWER),
+        ((0.01, 0.06), Answer.INCONCLUSIVE),
+        ((None, None), Answer.INCONCLUSIVE),
+        ((math.log1p(0.05), 0.06), Answer.INCONCLUSIVE),
+        ((0.05, 0.06), Answer.SLOWER),
     ],
 )
 def test_only_an_interval_on_one_side_of_the_limit_decides(
-    low: float, high: float, expected: Answer
+    ends: tuple[float | None, float | None], expected: Answer
 ) -> None:
-    assert callables.of_interval(low, high, max_slowdown=0.05) == expected
+    assert callables.of_interval(Interval(0.0, *ends), math.log1p(0.05)) == expected
 
 
 def test_an_answer_is_a_line_with_its_figures() -> None:
-    check = SpeedCheck(Answer.SLOWER, 0.05, 0.99, 1.12, 1.10, 1.14, 2.5e-5, 2.2e-5, 9)
+    check = SpeedCheck(Answer.SLOWER, 0.05, 0.99, Interval(1.12, 1.10, 1.14), 2.5e-5, 2.2e-5, 9)
     assert str(check) == (
         "slower: +12.0 % (interval +10.0 to +14.0 %, 5 % allowed), 25 µs a call, baseline 22 µs"
     )

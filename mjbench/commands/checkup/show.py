@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench import paths
-from mjbench.commands.checkup import checkup_items
-from mjbench.commands.checkup.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
-from mjbench.commands.checkup.checkup_items import combination_gain
+from mjbench.commands.checkup import ranking
+from mjbench.commands.checkup.item import CheckupItem, GainGroup, GainUnit, ResultChange
+from mjbench.commands.checkup.ranking import combination_gain
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart, Combination
 from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.compare import advice
@@ -25,7 +25,7 @@ from mjbench.commands.tune.result import MIN_EFFECT, Attempt, Effect, TuneRecord
 from mjbench.commands.tune.settings import label
 from mjbench.errors import file_argument
 from mjbench.host.machine import Machine
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import formats
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.results.runs import SCHEMA, Run
@@ -48,8 +48,6 @@ _HEADINGS = {
 # Of items of these groups, only one can be followed.
 _ALTERNATIVES = (GainGroup.PATHS, GainGroup.SETTINGS, GainGroup.PHYSICS)
 
-items = checkup_items.items
-
 
 @dataclass(frozen=True, kw_only=True)
 class CheckupDocument:
@@ -62,7 +60,9 @@ class CheckupDocument:
 
     @classmethod
     def of(cls, run: Run) -> "CheckupDocument":
-        return cls(machine=run.header.machine, parts=run.of_type(CheckedPart), items=items(run))
+        return cls(
+            machine=run.header.machine, parts=run.of_type(CheckedPart), items=ranking.items(run)
+        )
 
 
 def sections(run: Run) -> Iterator[Section]:
@@ -80,8 +80,8 @@ def summary(run: Run) -> list[Section]:
 
 def list_section(run: Run) -> Section:
     """Return the ranked list, with its conclusions and the commands that look closer."""
-    parts, listed_items = run.of_type(CheckedPart), items(run)[:_MOST_ITEMS]
-    name = checkup_items.short_name(parts[0].target) if parts else ""
+    parts, listed_items = run.of_type(CheckedPart), ranking.items(run)[:_MOST_ITEMS]
+    name = ranking.short_name(parts[0].target) if parts else ""
     return Section(
         heading=f"{name}: what to do first",
         conclusions=[*_conclusions(run, name, listed_items)],
@@ -205,7 +205,9 @@ def _may_gain(attempt: Attempt) -> bool:
     """Return whether a setting that keeps results seems faster, but not certainly."""
     if attempt.accuracy is not None and attempt.accuracy.effect == Effect.APPROXIMATE:
         return False
-    ratio = attempt.ratio or (Ratio(attempt.time_ratio, None, None) if attempt.time_ratio else None)
+    ratio = attempt.ratio or (
+        Interval(attempt.time_ratio, None, None) if attempt.time_ratio else None
+    )
     return ratio is not None and ratio.estimate <= 1 - MIN_EFFECT and ratio.covers(1.0)
 
 
@@ -278,7 +280,7 @@ def _notes(
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
     for record in run.of_type(TuneRecord):
-        yield from checkup_items.far_settings(record, shlex.quote(file_argument(parts[0].target)))
+        yield from ranking.far_settings(record, shlex.quote(file_argument(parts[0].target)))
         yield from tuning_notes.left_out(record)
     yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
     is_open = not _is_certain(run) and all(item.gain is None for item in listed_items)
@@ -321,7 +323,7 @@ def _combination_lines(
     if combination.settings:
         command = f"mjbench tune {target} --only free"
         yield f"Add to a copy, tuned.xml, the settings that this prints: {command}"
-    yield f"Look closer at all of them: {checkup_items.combination_command(combination, target)}"
+    yield f"Look closer at all of them: {ranking.combination_command(combination, target)}"
 
 
 def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:

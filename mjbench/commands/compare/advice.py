@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from mjbench import paths
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
 from mjbench.paths.base import nthread
@@ -95,7 +95,7 @@ class Advice:
         return self.result.variant
 
     @property
-    def speedup(self) -> Ratio | None:
+    def speedup(self) -> Interval | None:
         """Over the plain loop, the same as in the path's row; None of the plain loop itself."""
         return self.result.interval
 
@@ -120,7 +120,7 @@ class ClockAdvice:
 
     model: str
     nbatch: int | None
-    speedup: Ratio
+    speedup: Interval
     snippet: str = engine_clock.OFF_SNIPPET
 
 
@@ -142,7 +142,7 @@ class ThreadAdvice:
     path: str
     nthread: int
     most_tried: int
-    over_one: Ratio | None
+    over_one: Interval | None
     chunk: int | None
     is_certain: bool
 
@@ -352,7 +352,7 @@ def _doubt(advice: Advice) -> str:
     return doubt
 
 
-def _times(speedup: Ratio, baseline: str) -> str:
+def _times(speedup: Interval, baseline: str) -> str:
     return f"{formats.factor(speedup.estimate)} times {baseline}{formats.in_brackets(speedup)}"
 
 

@@ -19,7 +19,7 @@ from mjbench.commands.compare.advice import (
     advise_threads,
 )
 from mjbench.host import conditions, disturbance
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.results.json_form import in_json
@@ -75,7 +75,7 @@ class PathResult(VariantRecord):
     steps_per_s: float | None = None
     step_ns: float | None = None
     realtime_factor: float | None = None
-    speedup: Ratio | None = None
+    speedup: Interval | None = None
     launches: int = 0
     overtakes_after_steps: float | None = None
     disturbances: Sequence[str] = ()
@@ -101,7 +101,7 @@ class PathResult(VariantRecord):
         return Variant(self.path, self.options)
 
     @property
-    def interval(self) -> Ratio | None:
+    def interval(self) -> Interval | None:
         """The speed-up with its interval; None of the plain loop, whose speed-up is 1."""
         return None if self.variant == Variant(BASE, {}) else self.speedup
 
@@ -288,7 +288,7 @@ def _result(derived: ModelResults, record: VariantRecord) -> PathResult:
         return result
     if record.samples_s and model.block_steps:
         step_ns = 1e9 * statistics.median(record.samples_s) / model.block_steps
-        speedup = Ratio(base_ns / step_ns, None, None) if base_ns is not None else None
+        speedup = Interval(base_ns / step_ns, None, None) if base_ns is not None else None
     elif race is not None and base_ns is not None and (own := race.speedup(result.variant)):
         speedup, launches = own, race.launch_count(result.variant)
         step_ns = base_ns / own.estimate

@@ -67,7 +67,7 @@ class Noise:
         normal = NormalDist(0.0, max(self.deviation, 1e-6))
         launches = [normal.inv_cdf((i + 0.5) / count) for i in range(count)]
         interval = launch_stats.evidence(launches, outcomes.CONFIDENCE).interval
-        return math.exp(interval.high - interval.low) - 1
+        return math.exp(2 * interval.half_width) - 1
 
     @property
     def trusted(self) -> bool:

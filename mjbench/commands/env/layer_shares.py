@@ -15,7 +15,7 @@ import numpy as np
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.timer import LayerSamples, TimerCost
 from mjbench.measuring import stats
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.interval import Interval
 
 # Smallest divisor; no clock shows a shorter time.
 _LEAST_NS = 1e-3
@@ -46,7 +46,7 @@ class LayerShare:
     """
 
     layer: Layer
-    share: Estimate
+    share: Interval
     ns: float
     functions: Sequence[FunctionShare]
 
@@ -65,7 +65,7 @@ class TimerEffect:
     calls: float
     call_ns: float
     share: float
-    sum: Estimate
+    sum: Interval
 
 
 class LayerTimes:
@@ -104,8 +104,8 @@ class LayerTimes:
             functions.sort(key=lambda function: -function.share)
             in_rounds = sum(self._ns(sample) for sample in samples) / each_total
             share = _around(sum(function.share for function in functions), in_rounds)
-            shares.append(LayerShare(layer, share, share.median * step_ns, functions))
-        return sorted(shares, key=lambda layer: -layer.share.median)
+            shares.append(LayerShare(layer, share, share.estimate * step_ns, functions))
+        return sorted(shares, key=lambda layer: -layer.share.estimate)
 
     def _total(self) -> np.ndarray:
         """Return (rounds,) ns of all layers together; never 0, as it divides."""
@@ -125,9 +125,9 @@ class LayerTimes:
         )
 
 
-def _around(value: float, samples: np.ndarray) -> Estimate:
+def _around(value: float, samples: np.ndarray) -> Interval:
     """Return a value with the 95 % interval of the median of samples, widened to hold it."""
     low, high = stats.median_interval(samples)
     if low is None or high is None:
-        return Estimate(value, None, None)
-    return Estimate(value, min(low, value), max(high, value))
+        return Interval(value, None, None)
+    return Interval(value, min(low, value), max(high, value))

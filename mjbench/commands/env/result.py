@@ -29,7 +29,7 @@ from mjbench.commands.env.repetition import FieldDifference
 from mjbench.commands.env.timer import LayerSamples, TimerCost
 from mjbench.errors import Failure
 from mjbench.measuring import stats
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.interval import Interval
 from mjbench.results.json_form import in_json
 from mjbench.simulation.reference_run import ModelFacts
 from mjbench.status import Status
@@ -134,8 +134,8 @@ class PhysicsPath(PathSamples):
     """
 
     steps_per_s: float | None
-    speedup: Estimate | None
-    over_loop: Estimate | None
+    speedup: Interval | None
+    over_loop: Interval | None
 
 
 class VectorForm(StrEnum):
@@ -179,7 +179,7 @@ class VectorSamples:
         return 1e9 / float(np.median(self.ns)) if self.ns else None
 
     @cached_property
-    def speedup(self) -> Estimate | None:
+    def speedup(self) -> Interval | None:
         """Speed-up over one environment, resets included, by launches; None without a speed."""
         return stats.speedup_in_common(self.single_ns, self.ns) if self.ns else None
 
@@ -207,7 +207,7 @@ class ResetTime:
         were recorded, so that its share of an episode is less.
     """
 
-    ns: Estimate
+    ns: Interval
     step_ns: float | None
     episode_share: float
 
@@ -289,13 +289,13 @@ class EnvironmentRecord:
         return len(self.step_ns) if self.is_timed else 0
 
     @cached_property
-    def step(self) -> Estimate | None:
+    def step(self) -> Interval | None:
         """Nanoseconds of a step of the environment, without resets; None where not timed."""
         return stats.median_of(self.step_ns) if self.is_timed else None
 
     @property
     def env_steps_per_s(self) -> float | None:
-        return None if self.step is None else 1e9 / self.step.median
+        return None if self.step is None else 1e9 / self.step.estimate
 
     @property
     def steps_per_s(self) -> float | None:
@@ -326,9 +326,9 @@ class EnvironmentRecord:
         if self.facts is None or self.step is None:
             return None
         reset, length = stats.median_of(self.reset_ns), self.facts.episode_nstep
-        steps_ns = (length or self.facts.nstep) * self.step.median
-        share = reset.median / (reset.median + steps_ns)
-        return ResetTime(reset, reset.median / length if length else None, share)
+        steps_ns = (length or self.facts.nstep) * self.step.estimate
+        share = reset.estimate / (reset.estimate + steps_ns)
+        return ResetTime(reset, reset.estimate / length if length else None, share)
 
     @cached_property
     def physics_paths(self) -> Sequence[PhysicsPath]:
@@ -354,8 +354,8 @@ class EnvironmentRecord:
 
     def share(self, layer: Layer) -> float:
         """Return the share of a layer; 0 where nothing belongs to it."""
-        return next((each.share.median for each in self.layer_shares if each.layer == layer), 0.0)
+        return next((each.share.estimate for each in self.layer_shares if each.layer == layer), 0.0)
 
 
-def _speedup(baseline_ns: Sequence[float], ns: Sequence[float]) -> Estimate | None:
+def _speedup(baseline_ns: Sequence[float], ns: Sequence[float]) -> Interval | None:
     return stats.speedup_in_common(baseline_ns, ns) if baseline_ns and ns else None

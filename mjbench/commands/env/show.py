@@ -14,7 +14,7 @@ from mjbench.commands.env.result import (
     VectorSamples,
 )
 from mjbench.host import conditions
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.interval import Interval
 from mjbench.paths import BASE
 from mjbench.paths.base import nthread
 from mjbench.results import charts, content, formats
@@ -76,9 +76,9 @@ def conclusions(record: EnvironmentRecord) -> list[str]:
 
 def _shares(record: EnvironmentRecord) -> str:
     others = [
-        f"{layer.layer} {formats.whole_percent(layer.share.median)}{_costliest_wrapper(layer)}"
+        f"{layer.layer} {formats.whole_percent(layer.share.estimate)}{_costliest_wrapper(layer)}"
         for layer in record.layer_shares
-        if layer.layer != Layer.PHYSICS and layer.share.median >= _NAMED_SHARE
+        if layer.layer != Layer.PHYSICS and layer.share.estimate >= _NAMED_SHARE
     ][:_NAMED]
     physics = f"{formats.whole_percent(record.share(Layer.PHYSICS))} of env.step is physics"
     return f"{record.environment}: {'; '.join(filter(None, [physics, ', '.join(others)]))}"
@@ -86,7 +86,7 @@ def _shares(record: EnvironmentRecord) -> str:
 
 def _costliest_wrapper(layer: LayerShare) -> str:
     """Return the wrapper that takes most, in parentheses, where wrappers take much of a step."""
-    if layer.layer != Layer.WRAPPERS or layer.share.median < _MUCH_SHARE:
+    if layer.layer != Layer.WRAPPERS or layer.share.estimate < _MUCH_SHARE:
         return ""
     wrapper = layer.functions[0]
     return f" ({wrapper.name} {formats.whole_percent(wrapper.share)})"
@@ -124,13 +124,13 @@ def _physics_conclusion(record: EnvironmentRecord) -> str:
     return "; ".join([start, *filter(None, better)]) + "."
 
 
-def is_faster(speedup: Estimate | None) -> bool:
+def is_faster(speedup: Interval | None) -> bool:
     """Return whether something is certainly faster."""
     return speedup is not None and speedup.low is not None and speedup.low > 1
 
 
 def fastest(rows: Sequence[_Timed]) -> _Timed | None:
-    return max(rows, key=lambda row: row.speedup.median if row.speedup else 0.0, default=None)
+    return max(rows, key=lambda row: row.speedup.estimate if row.speedup else 0.0, default=None)
 
 
 def place(path: PhysicsPath) -> str:
@@ -149,8 +149,8 @@ def _rival(record: EnvironmentRecord, closed_loop: bool) -> str:
     return f"{_times(rival.speedup)} by {place(rival)} ({loop})"
 
 
-def _times(speedup: Estimate) -> str:
-    return f"{formats.factor(speedup.median)} times ({_interval(speedup)})"
+def _times(speedup: Interval) -> str:
+    return f"{formats.factor(speedup.estimate)} times ({_interval(speedup)})"
 
 
 def _vector_conclusions(record: EnvironmentRecord) -> list[str]:
@@ -207,8 +207,8 @@ def _step_line(record: EnvironmentRecord) -> str:
     assert record.step is not None, "it was timed"
     engine = f", {record.steps_per_s:,.0f} of the engine" if record.steps_per_s else ""
     return (
-        f"env.step takes {duration(record.step.median)} ({_interval(record.step, duration)}, 95 %,"
-        f" {record.rounds} rounds): {record.env_steps_per_s:,.0f} steps per second{engine}."
+        f"env.step takes {duration(record.step.estimate)} ({_interval(record.step, duration)},"
+        f" 95 %, {record.rounds} rounds): {record.env_steps_per_s:,.0f} steps per second{engine}."
     )
 
 
@@ -223,12 +223,12 @@ def _layers_table(record: EnvironmentRecord) -> DataTable:
     assert record.step is not None, "it was timed"
     rows: list[Sequence[content.Cell]] = []
     for layer in record.layer_shares:
-        is_shown = layer.share.median >= _LEAST_SHARE
-        shares = (layer.share.median, layer.share)
+        is_shown = layer.share.estimate >= _LEAST_SHARE
+        shares = (layer.share.estimate, layer.share)
         rows.append((layer.layer.value, *shares, layer.ns if is_shown else None, None))
         for function in layer.functions:
             is_shown = function.share >= _LEAST_SHARE
-            ns = function.share * record.step.median if is_shown else None
+            ns = function.share * record.step.estimate if is_shown else None
             rows.append((f"  – {function.name}", function.share, None, ns, function.calls))
     return DataTable("Layers and functions of a step", columns, rows)
 
@@ -247,17 +247,17 @@ def reset_line(record: EnvironmentRecord) -> str:
         else f"less than {share.removeprefix('< ')} of an episode, as none ended within"
         f" {record.facts.nstep:,} steps"
     )
-    steps = plain(reset.ns.median / record.step.median, 2)
+    steps = plain(reset.ns.estimate / record.step.estimate, 2)
     return (
-        f"env.reset takes {duration(reset.ns.median)} ({_interval(reset.ns, duration)}), as long as"
-        f" {steps} steps: {episode}."
+        f"env.reset takes {duration(reset.ns.estimate)} ({_interval(reset.ns, duration)}),"
+        f" as long as {steps} steps: {episode}."
     )
 
 
 def cautions(record: EnvironmentRecord) -> Iterator[str]:
-    if record.timer is not None and abs(record.timer.sum.median - 1) > SUM_TOLERANCE:
+    if record.timer is not None and abs(record.timer.sum.estimate - 1) > SUM_TOLERANCE:
         yield (
-            f"The layers add up to {formats.percent(record.timer.sum.median)} of a step, which is"
+            f"The layers add up to {formats.percent(record.timer.sum.estimate)} of a step, which is"
             " too far from 100 %: the machine is too busy to trust these shares."
         )
     threads = max((nthread(path.options) for path in record.physics_paths), default=1)
@@ -304,7 +304,7 @@ def _paths_table(record: EnvironmentRecord) -> DataTable:
         (Column("options"), lambda row: describe_options(row[0].options)),
         (Column("env steps/s", formats.count), lambda row: row[0].env_steps_per_s),
         (Column("engine steps/s", formats.count, leaves=1), lambda row: row[0].steps_per_s),
-        (Column("× env.step", formats.factor), lambda row: row[1].median),
+        (Column("× env.step", formats.factor), lambda row: row[1].estimate),
         (Column("95 %", formats.ends), lambda row: row[1]),
         (Column("loop", leaves=2), lambda row: "closed" if row[0].closed_loop else "open"),
     )
@@ -317,7 +317,7 @@ def _vectors_table(record: EnvironmentRecord) -> DataTable:
         (Column("environments at once"), lambda row: row[0].form.value),
         (Column("number", formats.count), lambda row: row[0].nenv),
         (Column("env steps/s", formats.count), lambda row: row[0].env_steps_per_s),
-        (Column("× one", formats.factor), lambda row: row[1].median),
+        (Column("× one", formats.factor), lambda row: row[1].estimate),
         (Column("95 %", formats.ends), lambda row: row[1]),
         (
             Column("added to a step", duration),
@@ -329,9 +329,9 @@ def _vectors_table(record: EnvironmentRecord) -> DataTable:
 def _figure(record: EnvironmentRecord) -> Figure:
     data = DataTable.of(
         "Layers of a step",
-        [layer for layer in record.layer_shares if layer.share.median > 0],
+        [layer for layer in record.layer_shares if layer.share.estimate > 0],
         (Column("layer"), lambda layer: layer.layer.value),
-        (Column("of env.step", formats.percent), lambda layer: layer.share.median),
+        (Column("of env.step", formats.percent), lambda layer: layer.share.estimate),
         (Column("µs", formats.digits(3)), lambda layer: layer.ns / 1e3),
     )
     title = f"{record.environment}: layers of a step"
@@ -341,7 +341,7 @@ def _figure(record: EnvironmentRecord) -> Figure:
 def notes(record: EnvironmentRecord) -> Iterator[str]:
     """Yield what the figures rest on, and what went wrong with a path or a vectorised form."""
     if (timer := record.timer) is not None:
-        total = f"{formats.percent(timer.sum.median)} ({_interval(timer.sum, _percent)})"
+        total = f"{formats.percent(timer.sum.estimate)} ({_interval(timer.sum, _percent)})"
         yield (
             f"Timing {plain(timer.calls, 3)} calls a step adds {formats.percent(timer.share)} to it"
             f" ({duration(timer.call_ns)} a call), which is subtracted. The layers then add up to"
@@ -366,7 +366,7 @@ def _named(vector: VectorSamples) -> str:
     return f"{vector.form} of {vector.nenv}"
 
 
-def _interval(estimate: Estimate, form: Form = formats.factor) -> str:
+def _interval(estimate: Interval, form: Form = formats.factor) -> str:
     return formats.ends(estimate, form) or "too few rounds"
 
 

@@ -1,6 +1,6 @@
 """Find in a user's script what makes a stepping loop slow or its log wrong; nothing is executed.
 
-The rules are in lint_rules.py; stepping_script.py describes a script to them.
+The rules are in rules.py; stepping_script.py describes a script to them.
 """
 
 import re

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from mjbench.commands.lint.forward import COMPUTED, STATE, enough_for
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
+    FUNCTIONS,
     dotted_name,
     is_bound,
     is_numpy_call,
@@ -108,8 +109,8 @@ def rows_of_two_moments(script: SteppingScript) -> Iterator[Match]:
     for body in (*script.loops, *script.methods):
         if _sets_state(script, body):
             continue
-        for node in body.inner:
-            if stored.loop_around(node) is (None if body.is_method else body):
+        for node in nodes_inside(body):
+            if stored.loop_around(node) is (None if isinstance(body, FUNCTIONS) else body):
                 for row in _logged(script, stored, node, body):
                     yield from _mixed(script, row, body)
 
@@ -118,7 +119,7 @@ def _sets_state(script: SteppingScript, body: SteppingBody) -> bool:
     """Return whether a body writes the state itself, which then is not that of a step."""
     return any(
         field in _INTEGRATED
-        for node in body.inner
+        for node in nodes_inside(body)
         if is_bound(node)
         for _, field in _readings(script, peeled(node))
     )
@@ -139,7 +140,7 @@ def _logged(
     for value in store.values:
         if not isinstance(value, ast.Lambda):
             row = script.resolved(value)  # what the body assigns to a name
-            yield row if row in body.inner and not script.is_view(row) else value
+            yield row if row in nodes_inside(body) and not script.is_view(row) else value
 
 
 def _mixed(script: SteppingScript, row: ast.expr, body: SteppingBody) -> Iterator[Match]:
@@ -181,19 +182,19 @@ def _last_step(
     script: SteppingScript, row: ast.expr, body: SteppingBody, data: str
 ) -> _LastStep | None:
     """Return the last step of an MjData before a row; None where it is not certain."""
-    around = set(script.above(row, body.node))
+    around = set(script.above(row, body))
     place = row.lineno, row.col_offset
-    own = {*ast.walk(row)}
-    calls = [n for n in body.inner if isinstance(n, ast.Call) and n not in own and n not in around]
+    apart = around.union(ast.walk(row))
+    calls = [n for n in nodes_inside(body) if isinstance(n, ast.Call) and n not in apart]
     calls.sort(key=lambda call: (call.lineno, call.col_offset), reverse=True)
     before = [call for call in calls if (call.lineno, call.col_offset) < place]
-    after = [] if body.is_method else calls[: len(calls) - len(before)]
+    after = [] if isinstance(body, FUNCTIONS) else calls[: len(calls) - len(before)]
     computed: set[str] = set()
     for call in (*before, *after):  # the latest first; what stands after the row ran before it
         if _is_harmless(script, call):
             continue
         name, given = last_name(call.func), call.args[1:2]
-        branches = {n for n in script.above(call, body.node) if isinstance(n, _BRANCHES)}
+        branches = {n for n in script.above(call, body) if isinstance(n, _BRANCHES)}
         if not given or dotted_name(given[0]) != data or not branches <= around:
             return None
         if name in COMPUTED:
@@ -201,7 +202,7 @@ def _last_step(
             continue
         if not is_step(call) or name == "mj_step1":
             return None
-        loops = {n for n in script.above(call, body.node) if isinstance(n, ast.For | ast.While)}
+        loops = {n for n in script.above(call, body) if isinstance(n, ast.For | ast.While)}
         is_single = not call.args[2:] and not call.keywords and loops <= around
         return _LastStep(ast.unparse(call.args[0]), data, is_single, frozenset(computed))
     return None

@@ -46,9 +46,9 @@ def new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
 
 def _new_data_per_episode(script: SteppingScript) -> Iterator[ast.expr | ast.stmt]:
     for loop in script.episode_loops:
-        assignments = (n for n in loop.inner if isinstance(n, ast.Assign))
+        assignments = (n for n in nodes_inside(loop) if isinstance(n, ast.Assign))
         assigned = {dotted_name(target) for n in assignments for target in n.targets}
-        for node in loop.inner:
+        for node in nodes_inside(loop):
             if is_call(node, "MjData") and node.args and dotted_name(node.args[0]) not in assigned:
                 yield node
 
@@ -292,12 +292,9 @@ def _is_jit(script: SteppingScript, function: ast.AST) -> bool:
 
 
 def _is_partial_jit(script: SteppingScript, decorator: ast.AST) -> bool:
-    match decorator:
-        case ast.Call(args=[function, *_]) if is_call(decorator, "partial"):
-            return _is_jit(script, function)
-        case ast.Call(func=function):
-            return _is_jit(script, function)
-    return False
+    if is_call(decorator, "partial") and decorator.args:
+        return _is_jit(script, decorator.args[0])
+    return isinstance(decorator, ast.Call) and _is_jit(script, decorator.func)
 
 
 def _is_called(script: SteppingScript, call: ast.Call) -> bool:
@@ -346,14 +343,9 @@ def _varying_inside(function: ast.AST, varying: set[str]) -> set[str]:
     """Return the names that vary inside a function: its parameters do if their defaults do."""
     for arguments in (n for n in ast.walk(function) if isinstance(n, ast.arguments)):
         plain = [*arguments.posonlyargs, *arguments.args]
-        defaults = dict(zip(reversed(plain), reversed(arguments.defaults), strict=False))
-        defaults |= {
-            argument: default
-            for argument, default in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
-            if default is not None
-        }
-        for argument in (*plain, *arguments.kwonlyargs):
-            default = defaults.get(argument)
+        missing = [None] * (len(plain) - len(arguments.defaults))
+        defaults = [*missing, *arguments.defaults, *arguments.kw_defaults]
+        for argument, default in zip([*plain, *arguments.kwonlyargs], defaults, strict=True):
             changes = default is not None and not names_in(default).isdisjoint(varying)
             varying = varying | {argument.arg} if changes else varying - {argument.arg}
     return varying

@@ -28,7 +28,7 @@ from mjbench.commands.lint.script_syntax import (
     names_in,
     nodes_inside,
 )
-from mjbench.commands.lint.stepping_script import SteppingBody, SteppingScript
+from mjbench.commands.lint.stepping_script import Loop, SteppingScript
 from mjbench.commands.lint.stored_views import stored_views
 from mjbench.commands.lint.wrong_results import halves_of_runge_kutta, shared_data, written_views
 from mjbench.errors import InputError
@@ -137,10 +137,10 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
 
 
 def _in_steps(
-    script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingBody]
+    script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[Loop]
 ) -> Iterator[tuple[ast.Call, Repetition | None]]:
     """Yield calls that run in every step of a loop; with one in a function, its caller's loop."""
-    inside = {loop.node: {*loop.inner} for loop in loops}
+    inside = {loop: {*nodes_inside(loop)} for loop in loops}
     for call in calls:
         loop = script.step_loop_around(call)
         if loop in inside and call in inside[loop]:
@@ -172,10 +172,10 @@ def serial_simulations(script: SteppingScript) -> Iterator[Match]:
     Results: none change where the controls are known before the steps.
     """
     for loop in script.episode_loops:
-        begins = any(is_call(node, *_EPISODE_STARTS) for node in loop.inner)
-        inner = (node for node in loop.inner if isinstance(node, ast.For))
+        begins = any(is_call(node, *_EPISODE_STARTS) for node in nodes_inside(loop))
+        inner = (node for node in nodes_inside(loop) if isinstance(node, ast.For))
         if begins and any(any(map(is_step, nodes_inside(each))) for each in inner):
-            yield Match(loop.node)
+            yield Match(loop)
 
 
 @rule(

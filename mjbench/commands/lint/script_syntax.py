@@ -2,7 +2,8 @@
 
 import ast
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import TypeGuard
 
 FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
@@ -101,7 +102,8 @@ def ancestors(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> Iterator[ast
         node = above
 
 
-def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
+@lru_cache(maxsize=256)
+def nodes_inside(node: ast.AST) -> Sequence[ast.expr | ast.stmt]:
     """Return the expressions and statements below a node, without those of functions in it."""
     inside: list[ast.expr | ast.stmt] = []
     waiting = list(ast.iter_child_nodes(node))

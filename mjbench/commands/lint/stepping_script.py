@@ -13,7 +13,6 @@ import itertools
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 from mjbench.commands.lint.name_bindings import NameBindings, ScriptFunctions
@@ -79,22 +78,8 @@ _MATRICES = re.compile(
 
 
 Loop = ast.For | ast.While
-
-
-@dataclass(frozen=True, eq=False)
-class SteppingBody:
-    """A loop that steps, or a method that does, such as an environment's `step`."""
-
-    node: Loop | ast.FunctionDef | ast.AsyncFunctionDef
-
-    @cached_property
-    def inner(self) -> Sequence[ast.expr | ast.stmt]:
-        """The expressions and statements inside it, without those of functions defined there."""
-        return nodes_inside(self.node)
-
-    @property
-    def is_method(self) -> bool:
-        return isinstance(self.node, FUNCTIONS)
+# A loop that steps, or a method that does, such as an environment's `step`.
+SteppingBody = Loop | FUNCTIONS
 
 
 class SteppingScript:
@@ -128,21 +113,19 @@ class SteppingScript:
         steps = (n for n in self.nodes if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self.loops_around(node), None) for node in steps}
-        loops = [SteppingBody(node) for node in self.nodes if isinstance(node, Loop)]
-        self.loops = [loop for loop in loops if self.steps_inside(loop.node)]
-        stepping = {loop.node for loop in self.loops}
+        loops = [node for node in self.nodes if isinstance(node, Loop)]
+        self.loops = [loop for loop in loops if self.steps_inside(loop)]
+        stepping = {*self.loops}
         self.environment_loops = [
-            loop
-            for loop in loops
-            if loop.node not in stepping and self.steps_environment_inside(loop.node)
+            loop for loop in loops if loop not in stepping and self.steps_environment_inside(loop)
         ]
         self.episode_loops = [
             loop
             for loop in self.loops
-            if isinstance(loop.node, ast.For) and stepping.intersection(loop.inner)
+            if isinstance(loop, ast.For) and stepping.intersection(nodes_inside(loop))
         ]
         self.methods = [
-            SteppingBody(node)
+            node
             for node in self.nodes
             if isinstance(node, FUNCTIONS)
             and isinstance(self.parents.get(node), ast.ClassDef)
@@ -236,14 +219,6 @@ class SteppingScript:
 
     def assigned_anywhere(self, name: str) -> Sequence[ast.AST]:
         return self._values_of_names.get(name, []) if name else []
-
-    def attribute_of_self(self, node: ast.AST) -> bool:
-        """Return whether a statement or a call stores something in an attribute of `self`."""
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            return dotted_name(node.func.value).startswith("self.")
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        stored_in = (t.value if isinstance(t, ast.Subscript) else t for t in targets)
-        return any(dotted_name(target).startswith("self.") for target in stored_in)
 
     def is_named_access(self, node: ast.AST) -> bool:
         """Return whether a node is `data.joint(…)`, `model.body(…)` or the like."""

@@ -41,7 +41,7 @@ from mjbench.commands.lint.script_syntax import (
     nodes_inside,
     peeled,
 )
-from mjbench.commands.lint.stepping_script import SteppingBody, SteppingScript
+from mjbench.commands.lint.stepping_script import Loop, SteppingBody, SteppingScript
 from mjbench.commands.lint.view_writes import WRITING_FUNCTIONS, WRITING_METHODS, WritesThrough
 
 # Methods of a list or a deque that store an argument.
@@ -85,7 +85,7 @@ class StoredViews:
 
     def __init__(self, script: SteppingScript):
         self._script = script
-        self._loops = {loop.node: loop for loop in (*script.loops, *script.environment_loops)}
+        self._loops = dict.fromkeys((*script.loops, *script.environment_loops))  # in order
         self._counted = {
             dotted_name(node.target) for node in script.nodes if isinstance(node, ast.AugAssign)
         } - {""}
@@ -103,27 +103,29 @@ class StoredViews:
 
     def matches(self) -> Iterator[Match]:
         """Yield the stored views; with a message where it is not that of the rule."""
-        for loop in self._loops.values():
-            for node in loop.inner:
+        for loop in self._loops:
+            for node in nodes_inside(loop):
                 if self.loop_around(node) is loop:
                     yield from self._stored(node, loop)
         for method in self._script.methods:
-            for node in method.inner:
-                if self.loop_around(node) is None and self._script.attribute_of_self(node):
+            for node in nodes_inside(method):
+                if self.loop_around(node) is None:
                     yield from self._stored(node, method)
         for comprehension in self._script.comprehensions:
             yield from self._collected(comprehension)
 
-    def loop_around(self, node: ast.AST) -> SteppingBody | None:
-        around = (self._loops.get(loop) for loop in self._script.loops_around(node))
-        return next((loop for loop in around if loop is not None), None)
+    def loop_around(self, node: ast.AST) -> Loop | None:
+        return next(filter(self._loops.__contains__, self._script.loops_around(node)), None)
 
     def _stored(self, node: ast.AST, body: SteppingBody) -> Iterator[Match]:
         store = store_of(node)
         if store is None or not self._is_log(store, node, body):
             return
+        # what is local to a method ends with it
+        if not isinstance(body, Loop) and not dotted_name(store.place).startswith("self."):
+            return
         for value in store.values:
-            yield from self._entries(value, body.inner, _renewed(body.inner))
+            yield from self._entries(value, nodes_inside(body), _renewed(nodes_inside(body)))
 
     def _collected(self, comprehension: ast.ListComp) -> Iterator[Match]:
         statement = self._script.parents.get(comprehension)
@@ -147,9 +149,9 @@ class StoredViews:
             attribute = last_name(store.place)
             return bool(_PAST.search(attribute)) and not self._writes.through_attribute(attribute)
         place = dotted_name(peeled(store.place))
-        if self._writes.through_entries(place) or place in _bound(body.inner):
+        if self._writes.through_entries(place) or place in _bound(nodes_inside(body)):
             return False
-        if getattr(body.node, "name", "") == "__init__":
+        if getattr(body, "name", "") == "__init__":
             return False
         assigned = self._script.assigned(store.place)
         is_unknown = store.key is None and not any(isinstance(v, ast.Call) for v in assigned)
@@ -160,7 +162,8 @@ class StoredViews:
     def adds(self, key: ast.expr | None, body: SteppingBody) -> bool:
         if key is None:
             return True
-        counts = self._counted | (set() if body.is_method else _renewed(body.inner))
+        is_method = isinstance(body, FUNCTIONS)
+        counts = self._counted | (set() if is_method else _renewed(nodes_inside(body)))
         return any(
             dotted_name(node) in counts
             or (isinstance(node, ast.Attribute) and node.attr == "time")
@@ -169,7 +172,7 @@ class StoredViews:
         )
 
     def _may_repeat(self, node: ast.AST, place: str, body: SteppingBody) -> bool:
-        while node is not body.node:
+        while node is not body:
             child, node = node, self._script.parents[node]
             if isinstance(node, ast.If) and child is not node.test:
                 parts = list(ast.walk(node.test))
@@ -177,7 +180,7 @@ class StoredViews:
                 is_once = is_single and not is_periodic(node.test)
                 if is_once or place in map(dotted_name, parts):
                     return False
-            last = block_around(child, node)[-1:] if not body.is_method else []
+            last = block_around(child, node)[-1:] if isinstance(body, Loop) else []
             if any(isinstance(each, ast.Break | ast.Return | ast.Raise) for each in last):
                 return False
         return True

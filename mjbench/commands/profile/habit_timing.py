@@ -22,7 +22,7 @@ from mjbench.commands.profile.loop_starts import LoopStarts
 from mjbench.commands.profile.options import HabitOptions
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
-from mjbench.measuring import stats, timing
+from mjbench.measuring import launch_stats, stats, timing
 from mjbench.simulation import models, reference_run
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
@@ -134,10 +134,13 @@ def measure(
     added_ns = {
         name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
     }
-    mean_ns = {name: statistics.mean(values) for name, values in added_ns.items()}
+    intervals = {
+        name: launch_stats.student_interval(values, CONFIDENCE) for name, values in added_ns.items()
+    }
+    mean_ns = {name: interval.estimate for name, interval in intervals.items()}
     costs = []
     for name, ns in mean_ns.items():
-        habit, half_width = habits.BY_NAME[name], stats.mean_half_width(added_ns[name], CONFIDENCE)
+        habit, half_width = habits.BY_NAME[name], intervals[name].half_width
         if habit is not ZERO_STEPS:
             cost = HabitCost(
                 source=name,

@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -29,8 +29,12 @@ _SHOWN = (COMPILE, DISPATCH, PROCESS_START)
 _KNOWN_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
 # Where samples saw less than this beside the calls that are timed, they do not divide the rest.
 _LEAST_REST = 0.02
+# Smaller shares are differences of rounded numbers.
+_LEAST_CELL = 1e-6
 
 _Key = TypeVar("_Key")
+# A line of the user's code, None for what no line shows; and what is done there.
+_Cell = tuple[tuple[str, int] | None, Activity]
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class LineTime:
         package: str = "",
     ) -> "LineTime":
         shares = shares_of(parts, total_s)
-        return cls(place, sum(shares.values()), shares, package)
+        return cls(place, min(1.0, sum(shares.values())), shares, package)
 
     def with_activities(self, parts: Mapping[Activity, float]) -> "LineTime":
         return replace(self, share=min(1.0, sum(parts.values())), activities=parts)
@@ -237,116 +241,107 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.
         seconds *= stretch
     elif has_samples and time.seconds > _LEAST_BEYOND * seconds:
         seconds = time.seconds  # it also runs without these calls
-    timed = shares_of((call.activity, call.seconds) for call in calls)
-    timed_s = sum(call.seconds for call in calls)
-    share = min(1.0, timed_s / seconds)
-    exact = {activity: part * share for activity, part in timed.items()}
-    slow: dict[tuple[str, int], float] = defaultdict(float)
-    for call in calls:
-        if call.activity != Activity.PHYSICS:
-            slow[call.place.position] += call.seconds / seconds
-    rest = {
-        line.place.position: _beside_slow(time, line, slow[line.place.position], exact)
-        if line.place.position in slow
-        else {each: part for each, part in line.activities.items() if each not in exact}
-        for line in time.lines
-    }
-    on_slow_lines = [line for line in time.lines if line.place.position in slow]
-    rest_by_activity = {
-        activity: max(0.0, part - sum(line.activities.get(activity, 0.0) for line in on_slow_lines))
-        for activity, part in time.activities.items()
-        if activity not in exact
-    }
-    for line in on_slow_lines:
-        for activity, part in rest[line.place.position].items():
-            rest_by_activity[activity] = rest_by_activity.get(activity, 0.0) + part
-    total_rest = sum(rest_by_activity.values())
-    rest_is = Activity.BINDINGS if has_samples else Activity.REST
-    if has_samples and total_rest > _LEAST_REST:
-        factor = (1 - share) / total_rest
-        others = {activity: part * factor for activity, part in rest_by_activity.items()}
+    exact: dict[_Cell, float] = shares_of(
+        (((call.place.position, call.activity), call.seconds) for call in calls), seconds
+    )
+    left = 1 - min(1.0, sum(call.seconds for call in calls) / seconds)
+    sampled = _sampled_beside(time, exact)
+    sampled_share = sum(sampled.values())
+    if has_samples and sampled_share > _LEAST_REST:
+        factor = left / sampled_share
+        rest = {cell: part * factor for cell, part in sampled.items()}
     else:
         # samples that are all on the lines of these calls saw the calls themselves
-        factor, others = 0.0, {rest_is: 1 - share}
-    loading = {call.place.position for call in calls if call.activity == Activity.LOADING}
-    beside_loading = (
-        factor * sum(rest[key].get(Activity.BINDINGS, 0.0) for key in loading & rest.keys())
-        if factor
-        else others.get(rest_is, 0.0)
-        * exact.get(Activity.LOADING, 0.0)
-        / max(1e-9, sum(slow.values()))
-    )
-    parts = {**exact, **{activity: part for activity, part in others.items() if part > 1e-6}}
+        factor, rest = 0.0, {(None, Activity.BINDINGS if has_samples else Activity.REST): left}
+    timed = {activity for _, activity in exact}
+    table = [*exact.items(), *(item for item in rest.items() if item[1] > _LEAST_CELL)]
+    activities = shares_of(((activity, part) for (_, activity), part in table), 1.0)
     return replace(
         time,
         seconds=seconds,
         own_files=sorted({*time.own_files, *(call.place.file for call in calls)}),
-        activities=shares_of(parts.items(), 1.0),
+        activities=activities,
         packages={
-            name: part / time.activities[Activity.PYTHON] * parts.get(Activity.PYTHON, 0.0)
+            name: part / time.activities[Activity.PYTHON] * activities.get(Activity.PYTHON, 0.0)
             for name, part in time.packages.items()
         },
-        lines=_timed_lines(time, calls, seconds, rest, factor),
+        lines=_lines(time, calls, table),
         inner_functions=[
             line.with_activities({each: part * factor for each, part in line.activities.items()})
             for line in time.inner_functions
-            if factor and line.main_activity not in exact
+            if factor and line.main_activity not in timed
         ],
         calls=calls,
-        building=None
-        if time.building is None
-        else _timed_building(time.building, exact, factor, beside_loading),
+        building=_building(time.building, exact, rest, factor),
     )
 
 
-def _timed_building(
-    line: LineTime, exact: Mapping[Activity, float], factor: float, beside: float
-) -> LineTime:
+def _sampled_beside(time: LoopTime, exact: Mapping[_Cell, float]) -> dict[_Cell, float]:
+    """Return the shares that samples show of what is not timed.
+
+    On the line of a timed call that is no step, samples may see the call itself as Python or NumPy:
+    what they see beyond its time makes the call, or frees its result.
+    """
+    timed = {activity for _, activity in exact}
+    slow = shares_of(
+        ((line, part) for (line, each), part in exact.items() if each != Activity.PHYSICS), 1.0
+    )
+    known = {*_KNOWN_BY_LINE, *timed}
+    if Activity.DISPATCH in timed:
+        known.add(Activity.POLICY)  # JAX itself, where it is called
+    cells: dict[_Cell, float] = {}
+    on_no_line = defaultdict[Activity, float](float, time.activities)
+    for line in time.lines:
+        position, parts = line.place.position, dict(line.activities)
+        for activity, part in parts.items():
+            on_no_line[activity] -= part
+        if position in slow:
+            parts = {each: part for each, part in parts.items() if each not in known}
+            beside = line.share - slow[position] - sum(parts.values())
+            if beside > 2 * time.error(line.share):
+                parts[Activity.BINDINGS] = beside
+        cells.update({(position, each): part for each, part in parts.items()})
+    cells.update({(None, each): max(0.0, part) for each, part in on_no_line.items()})
+    return {cell: part for cell, part in cells.items() if cell[1] not in timed}
+
+
+def _lines(
+    time: LoopTime, calls: Sequence[CallTime], table: Iterable[tuple[_Cell, float]]
+) -> list[LineTime]:
+    places = {call.place.position: call.place for call in reversed(calls)}
+    places |= {line.place.position: line.place for line in time.lines}
+    packages = {line.place.position: line.package for line in time.lines}
+    parts: dict[tuple[str, int], list[tuple[Activity, float]]] = defaultdict(list)
+    for (position, activity), part in table:
+        if position is not None:
+            parts[position].append((activity, part))
+    return large(
+        LineTime.of(places[position], of_line, 1.0, packages.get(position, ""))
+        for position, of_line in parts.items()
+    )
+
+
+def _building(
+    line: LineTime | None,
+    exact: Mapping[_Cell, float],
+    rest: Mapping[_Cell, float],
+    factor: float,
+) -> LineTime | None:
     """Return the line under which models are built, with the timed calls that load them.
 
     Args:
-      exact: shares of timed calls, by activity.
-      factor: by which samples of what is not timed are scaled.
-      beside: share of what no other line shows, at most.
+      factor: by which samples of what is not timed are scaled; 0 where they do not count.
     """
-    parts = {each: part * factor for each, part in line.activities.items() if each not in exact}
-    parts[Activity.LOADING] = exact.get(Activity.LOADING, 0.0)
+    if line is None:
+        return None
+    timed = {activity for _, activity in exact}
+    parts = {each: part * factor for each, part in line.activities.items() if each not in timed}
+    loading = {cell: part for cell, part in exact.items() if cell[1] == Activity.LOADING}
+    parts[Activity.LOADING] = loading_share = sum(loading.values())
+    if factor:
+        beside = sum(rest.get((position, Activity.BINDINGS), 0.0) for position, _ in loading)
+    else:
+        slow = sum(part for (_, each), part in exact.items() if each != Activity.PHYSICS)
+        beside = sum(rest.values()) * loading_share / max(1e-9, slow)
     parts[Activity.BINDINGS] = parts.get(Activity.BINDINGS, 0.0) + beside
     return line.with_activities(parts)
-
-
-def _beside_slow(
-    time: LoopTime, line: LineTime, share: float, exact: Collection[Activity]
-) -> Mapping[Activity, float]:
-    """Return what samples saw on the line of a slow call beside the call, such as what frees it."""
-    known = {*_KNOWN_BY_LINE, *exact}
-    if Activity.DISPATCH in exact:
-        known.add(Activity.POLICY)  # JAX itself, where it is called
-    others = {activity: part for activity, part in line.activities.items() if activity not in known}
-    beside = line.share - share - sum(others.values())
-    is_certain = beside > 2 * time.error(line.share)
-    return {**others, Activity.BINDINGS: beside} if is_certain else others
-
-
-def _timed_lines(
-    time: LoopTime,
-    calls: Sequence[CallTime],
-    seconds: float,
-    rest: Mapping[tuple[str, int], Mapping[Activity, float]],
-    factor: float,
-) -> list[LineTime]:
-    places = {line.place.position: line.place for line in time.lines}
-    packages = {line.place.position: line.package for line in time.lines}
-    parts: dict[tuple[str, int], list[tuple[Activity, float]]] = defaultdict(list)
-    for call in calls:
-        places.setdefault(call.place.position, call.place)
-        parts[call.place.position].append((call.activity, call.seconds / seconds))
-    for key, activities_of_line in rest.items():
-        parts[key] += [(each, part * factor) for each, part in activities_of_line.items()]
-    lines = []
-    for key, of_line in parts.items():
-        shares = shares_of(of_line, 1.0)
-        if shares:
-            share = min(1.0, sum(shares.values()))
-            lines.append(LineTime(places[key], share, shares, packages.get(key, "")))
-    return large(lines)

@@ -13,7 +13,7 @@ from mjbench.commands.run.remedies import listing
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.step_times import StepTimes
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import charts, formats
 from mjbench.results.content import (
     Cell,
@@ -231,7 +231,7 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     )
 
 
-def _uncertain(remedy: Remedy) -> Ratio | None:
+def _uncertain(remedy: Remedy) -> Interval | None:
     """Return the share that a pair saves, if its interval is wide, as of calls on threads."""
     gain = remedy.share_saved
     if remedy.basis != Basis.PAIRED or gain is None or gain.low is None or gain.high is None:

@@ -13,7 +13,7 @@ from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.commands.versions.family import Family
 from mjbench.errors import InputError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.results import formats
@@ -157,7 +157,7 @@ def _table(judged: Sequence[_Judged]) -> Iterator[str]:
     )
 
 
-def _change(ratio: Ratio | None) -> str:
+def _change(ratio: Interval | None) -> str:
     return "" if ratio is None else formats.with_interval(ratio, formats.change)
 
 

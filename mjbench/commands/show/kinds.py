@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench.commands.checkup import ranking as checkup_ranking
 from mjbench.commands.checkup import show as checkup
 from mjbench.commands.checkup.result import CheckedPart
 from mjbench.commands.compare import show as comparison
@@ -92,7 +93,7 @@ CHECKUP = Kind(
     (CheckedPart,),
     checkup.CheckupDocument.of,
     lambda run: after_disturbances(run, checkup.sections(run)),
-    checkup.items,
+    checkup_ranking.items,
 )
 COMPARE = Kind(
     ("compare",),

@@ -15,7 +15,7 @@ from mjbench.commands.compare.show import mark
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.host import disturbance
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.race_record import Loop
@@ -55,7 +55,7 @@ class MachineAnswer:
     machine: str
     answer: str
     verdict: Verdict | None
-    ratio: Ratio | None
+    ratio: Interval | None
     text: str
 
 

@@ -9,7 +9,7 @@ from mjbench.commands.compare.results import PathResult, derive_all
 from mjbench.errors import InputError
 from mjbench.host.machine import Machine
 from mjbench.measuring import stats
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.outcomes import Verdict
 from mjbench.paths.accelerated import CPU
@@ -52,7 +52,7 @@ class RunDifference:
     nbatch: int | None
     status: Status = Status.OK
     detail: str = ""
-    ratio: Ratio | None = None
+    ratio: Interval | None = None
     verdict: Verdict | None = None
     cautions: Sequence[str] = ()
 
@@ -104,12 +104,11 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
         if returns[0] != returns[1]:
             raise InputError(f"not comparable: one returns {returns[0]}, the other {returns[1]}")
         # how many times faster the old one is: new time over old
-        speedup = stats.unpaired(
+        ratio = stats.unpaired(
             TimedBlocks(after.step_s, identity(new, after.machine)),
             TimedBlocks(before.step_s, identity(old, before.machine)),
             across,
         )
-        ratio = Ratio(speedup.median, speedup.low, speedup.high)
     except InputError as error:
         status, detail = Status.INPUT, str(error)
     return RunDifference(
@@ -125,7 +124,7 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
     )
 
 
-def _verdict(ratio: Ratio | None) -> Verdict | None:
+def _verdict(ratio: Interval | None) -> Verdict | None:
     if ratio is None or ratio.low is None or ratio.high is None:
         return None
     if ratio.low > 1 + MIN_EFFECT:

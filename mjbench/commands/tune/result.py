@@ -19,7 +19,7 @@ from mjbench.commands.tune.mesh_notes import MeshNote
 from mjbench.commands.tune.reference import CurrentSettings
 from mjbench.commands.tune.settings import Setting
 from mjbench.measuring import launch_stats, stats
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.records import LaunchRow
 from mjbench.status import Status
 
@@ -89,7 +89,7 @@ class Attempt:
     detail: str = ""
     accuracy: Accuracy | None = None
     time_ratio: PositiveFloat | None = None
-    ratio: Ratio | None = None
+    ratio: Interval | None = None
     launches: Sequence[LaunchRow] = ()
     stages: Mapping[str, AnyFloat] = field(default_factory=dict)
 
@@ -119,7 +119,7 @@ class Recommendation:
     """
 
     settings: Sequence[Setting]
-    ratio: Ratio
+    ratio: Interval
     error: Distance | None
     samples: Sequence[LaunchRow] = ()
     effect: Effect = Effect.APPROXIMATE
@@ -203,7 +203,7 @@ def allowed_error(max_error: float | None, present_error: float) -> float:
     return max_error or max((1 + SAME_ERROR) * present_error, NO_ERROR)
 
 
-def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Ratio:
+def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Interval:
     """Return the ratio of times over fresh processes, with Student's interval of their mean.
 
     How many there are must not depend on what they say. Disturbed ones are left out.
@@ -212,10 +212,10 @@ def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Ratio:
       count: ratios whose intervals all hold together with CONFIDENCE (Bonferroni).
     """
     logs = [log_ratio(row) for row in samples]
-    return Ratio.of_log(*launch_stats.student_interval(logs, 1 - (1 - CONFIDENCE) / count))
+    return launch_stats.student_interval(logs, 1 - (1 - CONFIDENCE) / count).exponential
 
 
-def saves_time(ratio: Ratio) -> bool:
+def saves_time(ratio: Interval) -> bool:
     """Return whether settings certainly save time, MIN_EFFECT / 2 at least by estimate."""
     return ratio.high is not None and ratio.high < 1 and ratio.estimate <= 1 - MIN_EFFECT / 2
 

@@ -17,7 +17,7 @@ from mjbench.commands.tune.result import (
     saves_time,
 )
 from mjbench.commands.tune.settings import Edit, Part, Setting, edits_of, label, loop_change
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import charts, formats
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.results.formats import short_percent
@@ -145,7 +145,7 @@ def _front_figure(record: TuneRecord, present: CurrentSettings) -> Figure:
 
 def _front_table(record: TuneRecord, present: CurrentSettings) -> DataTable:
     four_digits, listed = formats.digits(4), advised(record)
-    rows = [(Recommendation((), Ratio(1.0, None, None), present.error), False)]
+    rows = [(Recommendation((), Interval(1.0, None, None), present.error), False)]
     rows += [(each, each in listed) for each in record.front]
     return DataTable.of(
         "Confirmed from new starts",

@@ -1,6 +1,6 @@
 """What the ratio of two targets comes to, in the words of its metric."""
 
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.results import formats
@@ -10,7 +10,7 @@ from mjbench.units import plain
 _LARGE = 2.0
 
 
-def describe_ratio(metric: Metric, verdict: Verdict, ratio: Ratio) -> str:
+def describe_ratio(metric: Metric, verdict: Verdict, ratio: Interval) -> str:
     """Return a verdict with its ratio, such as `slower by 1.4 % (interval +1.1 to +1.7 %)`."""
     spec = METRICS[metric]
     if verdict == Verdict.SAME:

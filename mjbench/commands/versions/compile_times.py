@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.interval import Interval
 from mjbench.paired.records import CompilationFigures, VerdictRow
 from mjbench.results import formats
 from mjbench.results.content import Column, DataTable, filled
@@ -36,10 +36,10 @@ def _compile_time(figures: CompilationFigures) -> str:
     return _time(figures.compile_s, figures.compiling_processes) or "from the cache"
 
 
-def _time(seconds: Estimate | None, processes: int) -> str:
+def _time(seconds: Interval | None, processes: int) -> str:
     """Return a median with its interval, or of how many processes it is."""
     if seconds is None:
         return ""
     interval = formats.in_brackets(seconds, lambda end: duration(1e9 * end))
     count = "one process" if processes == 1 else f"{processes} processes"
-    return f"{duration(1e9 * seconds.median)}{interval or f' ({count})'}"
+    return f"{duration(1e9 * seconds.estimate)}{interval or f' ({count})'}"

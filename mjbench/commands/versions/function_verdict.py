@@ -21,7 +21,6 @@ from mjbench.errors import Failure, InputError, MachineError, UnavailableError
 from mjbench.host import machine
 from mjbench.measuring import launch_stats
 from mjbench.measuring.calls import Compilation
-from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsDifference, compare
 from mjbench.paired.launches import launch
 from mjbench.paired.metrics import METRICS, Metric
@@ -112,8 +111,7 @@ def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow 
         return None
     log_ratios = [launch.log_ratio for launch in launches]
     interval = launch_stats.anytime_interval(log_ratios, confidence)
-    ratio = Ratio.of_log(interval.mean, interval.half_width)
-    return ControlRow(ratio, len(launches), interval.low <= 0 <= interval.high)
+    return ControlRow(interval.exponential, len(launches), interval.covers(0))
 
 
 def _code(target: FunctionTarget) -> tuple[str, str]:

@@ -8,7 +8,7 @@ from typing import Any
 from mjbench.commands.versions import compile_times, family
 from mjbench.commands.versions.change_wording import describe_ratio
 from mjbench.commands.versions.family import Family
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, TargetRow, VerdictRecord, VerdictRow
@@ -238,7 +238,7 @@ def describe_control(control: ControlRow) -> str:
     return f"{text}; it should hold 0, so this machine was too noisy for this verdict"
 
 
-def _change(ratio: Ratio) -> str:
+def _change(ratio: Interval) -> str:
     interval = formats.ends(ratio, formats.change, " to ")
     certainty = f"interval {interval}" if interval else "too few launches for an interval"
     return f"{formats.change(ratio.estimate)} ({certainty})"

@@ -15,7 +15,7 @@ from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.lint.check import Finding
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, Recommendation, TuneRecord
 from mjbench.commands.tune.settings import Edit, Part, Setting
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
 from mjbench.status import Status
 
@@ -39,13 +39,13 @@ def tuned(*front: Recommendation, **fields: Any) -> TuneRecord:
 
 
 def free(times: float, *settings: Setting, effect: Effect = Effect.FREE) -> Recommendation:
-    ratio = Ratio(1 / times, 0.99 / times, 1.01 / times)
+    ratio = Interval(1 / times, 0.99 / times, 1.01 / times)
     accuracy = Accuracy(effect, apart(0.0), apart(0.0), [0.0])
     return Recommendation(settings, ratio, apart(0.0), (), effect, accuracy)
 
 
 def attempt(times: float, setting: Setting, reach: float = 0.01) -> Attempt:
-    ratio = Ratio(1 / times, (1 - reach) / times, (1 + reach) / times)
+    ratio = Interval(1 / times, (1 - reach) / times, (1 + reach) / times)
     return Attempt((setting,), Status.OK, ratio=ratio)
 
 

@@ -8,7 +8,7 @@ from benchmarks.studies import tally_file, truths
 from benchmarks.studies.page_part import of_lines
 from benchmarks.studies.truth_tally import Answer, Truth, TruthResult, TruthTally
 from benchmarks.studies.truths import FOLDER, PART, TALLY, TRUTHS
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.simulation import models
 
@@ -18,7 +18,7 @@ TRUTH = Truth(
 
 
 def result(verdict: Verdict | None, ratio: float, control: Verdict = Verdict.SAME) -> TruthResult:
-    answer = Answer(TRUTH.arguments, verdict, Ratio(ratio, None, None), 20.0, 3.0)
+    answer = Answer(TRUTH.arguments, verdict, Interval(ratio, None, None), 20.0, 3.0)
     return TruthResult(answer, replace(answer, arguments=TRUTH.control, verdict=control))
 
 
@@ -76,7 +76,7 @@ def test_each_change_is_measured_once_and_stored_before_the_next(
 
     def ask(arguments: tuple[str, ...]) -> Answer:
         asked.append(arguments)
-        return Answer(arguments, Verdict.SAME, Ratio(1.0, None, None), 1.0, 0.0)
+        return Answer(arguments, Verdict.SAME, Interval(1.0, None, None), 1.0, 0.0)
 
     monkeypatch.setattr(truths, "ask", ask)
     earlier = TruthTally("4.0.0", "a processor", 2, [result(Verdict.SLOWER, 4.0)])

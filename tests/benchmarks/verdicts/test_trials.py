@@ -14,7 +14,7 @@ from benchmarks.verdicts import trials
 from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
 from benchmarks.verdicts.trials import Case
 from mjbench.errors import Failure, InputError, MachineError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired import verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import PlacementControl
@@ -64,7 +64,7 @@ def result(
     status: Status = Status.OK,
     is_judged: bool = True,
 ) -> VerdictRecord:
-    judgement = Judgement(Verdict.SAME, Ratio(1.0, 0.999, 1.001), len(launches), True)
+    judgement = Judgement(Verdict.SAME, Interval(1.0, 0.999, 1.001), len(launches), True)
     targets = case.baseline, case.candidate
     record = VerdictRecord.of(
         (targets[0].row(), targets[1].row()),
@@ -79,7 +79,7 @@ def result(
 def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> None:
     case = trials.between_builds(CARTPOLE.model, NoChangePair("3.2.1", "3.2.2"))
     launches = [launch(0.001, MOVED), launch(0.03, AS_SHIPPED), launch(-0.001, MOVED)]
-    as_shipped = Judgement(Verdict.SLOWER, Ratio(1.03, 1.02, 1.04), 1, True)
+    as_shipped = Judgement(Verdict.SLOWER, Interval(1.03, 1.02, 1.04), 1, True)
     record = trials.record_of(
         case, result(case, PlacementControl(True), launches, as_shipped=as_shipped)
     )

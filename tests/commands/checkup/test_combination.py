@@ -6,7 +6,7 @@ from tuning_values import apart
 from mjbench.commands.checkup import combination
 from mjbench.commands.tune.result import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.verification.plan import WITHOUT_TIMER, Variant
 
 CLOCK = Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))
@@ -16,7 +16,7 @@ PROCESSES = Variant("processes", {"processes": 2})
 
 def recommended(effect: Effect, *settings: Setting) -> Recommendation:
     accuracy = Accuracy(effect, apart(0.0), apart(0.0), [0.0])
-    return Recommendation(settings, Ratio(0.8, 0.7, 0.9), apart(0.0), (), effect, accuracy)
+    return Recommendation(settings, Interval(0.8, 0.7, 0.9), apart(0.0), (), effect, accuracy)
 
 
 def test_it_has_the_fastest_path_without_the_timer_and_with_free_settings() -> None:

@@ -11,9 +11,9 @@ from step_profiles import step_profile
 from tuning_values import apart, blocks, present
 from verdict_records import FASTER, SAME
 
-from mjbench.commands.checkup import checkup_items
+from mjbench.commands.checkup import ranking
 from mjbench.commands.checkup import show as checkup
-from mjbench.commands.checkup.checkup_item import GainUnit, ResultChange
+from mjbench.commands.checkup.item import GainUnit, ResultChange
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart, Combination
 from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.compare import advice
@@ -34,7 +34,7 @@ from mjbench.commands.tune.result import (
     Withdrawal,
 )
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import terminal
 from mjbench.results.content import Tone
 from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
@@ -63,7 +63,7 @@ def of_paths(*entrants: Any, **fields: Any) -> list[Record]:
 
 def recommended(effect: Effect, ratio: float, error: float, *settings: Setting) -> Recommendation:
     accuracy = Accuracy(effect, apart(error), apart(error), [error])
-    interval = Ratio(ratio, ratio - 0.01, ratio + 0.01)
+    interval = Interval(ratio, ratio - 0.01, ratio + 0.01)
     return Recommendation(settings, interval, apart(error), (), effect, accuracy)
 
 
@@ -77,7 +77,7 @@ LONGER = recommended(Effect.APPROXIMATE, 0.2, 0.03, TIMESTEP)
 
 
 def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_first() -> None:
-    listed = checkup.items(run(*PATHS, part(CheckupPart.SETTINGS), tuned(FREE, LONGER)))
+    listed = ranking.items(run(*PATHS, part(CheckupPart.SETTINGS), tuned(FREE, LONGER)))
     assert [item.action for item in listed] == [
         "step by mujoco.rollout on 2 threads, for 64 simulations at once with controls known"
         " beforehand",
@@ -97,7 +97,7 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
 def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
     far = recommended(Effect.APPROXIMATE, 0.1, 0.6, TIMESTEP)
     section = checkup.list_section(run(tuned(FREE, LONGER, far), part(CheckupPart.SETTINGS)))
-    errors = [item.error for item in checkup.items(run(part(CheckupPart.SETTINGS), tuned(far)))]
+    errors = [item.error for item in ranking.items(run(part(CheckupPart.SETTINGS), tuned(far)))]
     assert errors == []
     assert [row[4] for row in section.tables[0].rows] == [
         "settings: engine clock off, jacobian=sparse",
@@ -125,7 +125,7 @@ def test_effects_too_slow_for_short_runs_are_notes_of_what_is_listed() -> None:
 def test_figures_are_those_of_the_commands_that_look_closer() -> None:
     measured = run(*PATHS, tuned(FREE))
     (open_loop, closed_loop) = advice.advise(derive_all(measured.records)[0])
-    first, settings, third = checkup.items(measured)
+    first, settings, third = ranking.items(measured)
     assert (first.gain, third.gain) == (open_loop.speedup, closed_loop.speedup)
     assert first.unit == GainUnit.PLAIN_LOOP
     assert first.command == "mjbench compare 'my robot.xml'"
@@ -135,16 +135,16 @@ def test_figures_are_those_of_the_commands_that_look_closer() -> None:
 
 
 def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
-    turned_off = [item for item in checkup.items(run(*PATHS)) if "timer" in item.action]
+    turned_off = [item for item in ranking.items(run(*PATHS)) if "timer" in item.action]
     assert [item.gain_text for item in turned_off] == ["1.30"]
-    assert not [item for item in checkup.items(run(*PATHS, tuned(FREE))) if "timer" in item.action]
+    assert not [item for item in ranking.items(run(*PATHS, tuned(FREE))) if "timer" in item.action]
     changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, CLOCK, TIMESTEP)
-    assert [item for item in checkup.items(run(*PATHS, tuned(changing))) if "timer" in item.action]
+    assert [item for item in ranking.items(run(*PATHS, tuned(changing))) if "timer" in item.action]
 
 
 def test_the_share_that_a_program_saves_lies_within_the_whole() -> None:
     line = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.8, 0.2)
-    assert line.share_saved == Ratio(0.8, 0.4, 1.0)
+    assert line.share_saved == Interval(0.8, 0.4, 1.0)
 
 
 def test_a_line_is_named_by_its_place_and_not_by_what_it_mostly_does() -> None:
@@ -153,12 +153,12 @@ def test_a_line_is_named_by_its_place_and_not_by_what_it_mostly_does() -> None:
         Remedy(RemedyKind.LINE, activity, place, "time in gymnasium", 0.3, 0.01)
         for activity in (Activity.NUMPY, Activity.BINDINGS)
     ]
-    assert {checkup_items.placed(each) for each in remedies} == {"train.py:7: time in gymnasium"}
+    assert {ranking.placed(each) for each in remedies} == {"train.py:7: time in gymnasium"}
 
 
 def test_wrong_results_stand_first() -> None:
     records = of_paths((ROLLOUT, 3.0), diverged=4, divergence="BADQACC")
-    first, second = checkup.items(run(*records))
+    first, second = ranking.items(run(*records))
     assert first.change == ResultChange.CORRECTED
     assert first.action.startswith("4 of 68 simulations diverge (BADQACC)")
     assert second.gain is not None
@@ -169,9 +169,9 @@ def test_wrong_results_stand_first() -> None:
 
 def test_what_is_given_up_is_said() -> None:
     launches = [blocks(ratio) for ratio in (0.09, 0.1, 0.1, 0.11)]
-    ratio = Ratio(0.1, 0.09, 0.11)
+    ratio = Interval(0.1, 0.09, 0.11)
     alone = Attempt((SENSOR,), Status.OK, time_ratio=0.1, ratio=ratio, launches=launches)
-    (item,) = checkup.items(run(part(CheckupPart.SETTINGS), tuned(attempts=[alone])))
+    (item,) = ranking.items(run(part(CheckupPart.SETTINGS), tuned(attempts=[alone])))
     assert (item.gain_text, item.change_text) == ("10.00", "gives up sensor data")
 
 
@@ -196,7 +196,7 @@ def combined(verdict: Any) -> CheckedPart:
 
 
 def test_what_was_measured_together_is_the_conclusion() -> None:
-    verdict = replace(FASTER, ratio=Ratio(0.25, 0.24, 0.26))
+    verdict = replace(FASTER, ratio=Interval(0.25, 0.24, 0.26))
     section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
     assert section.conclusions[0].text == (
         f"{TARGET}: 4.00 times the plain loop (3.85 to 4.17) with the same results, measured"
@@ -210,7 +210,7 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
 
 
 def test_a_combination_that_gains_less_than_one_change_alone_is_a_note() -> None:
-    verdict = replace(FASTER, ratio=Ratio(0.5, 0.49, 0.51))
+    verdict = replace(FASTER, ratio=Interval(0.5, 0.49, 0.51))
     section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
     assert section.conclusions[0].text.startswith(f"{TARGET}: step by mujoco.rollout")
     assert any("2.00 times the plain loop" in note for note in section.notes)
@@ -268,7 +268,7 @@ def test_a_setting_that_is_not_decided_leaves_no_certainty() -> None:
     seems_faster = replace(SLOW, time_ratio=0.9)
     undecided = [
         tuned(attempts=[seems_faster]),
-        tuned(attempts=[replace(seems_faster, ratio=Ratio(0.9, 0.8, 1.01))]),
+        tuned(attempts=[replace(seems_faster, ratio=Interval(0.9, 0.8, 1.01))]),
         tuned(attempts=[SLOW], withdrawn=[Withdrawal((JACOBIAN,), "not certainly faster")]),
     ]
     for record in undecided:
@@ -316,7 +316,7 @@ def test_of_a_source_there_is_what_lint_finds() -> None:
     wrong = Finding("n.py", 3, 1, "MJB001", "a view", None, is_wrong_result=True)
     slow = Finding("n.py", 4, 1, "MJB002", "a name", 1300.0)
     source = part(CheckupPart.SOURCE, TargetKind.PROGRAM, findings=[slow, wrong])
-    first, second = checkup.items(run(source))
+    first, second = ranking.items(run(source))
     assert first.action == "n.py:3:1: a view (MJB001)"
     assert first.change == ResultChange.CORRECTED
     assert second.gain is None
@@ -327,7 +327,7 @@ def test_of_a_source_there_is_what_lint_finds() -> None:
 def test_of_an_environment_whole_steps_come_before_its_physics_alone() -> None:
     record = example_environment_records.record()
     here = part(CheckupPart.ENVIRONMENT, TargetKind.ENVIRONMENT)
-    listed = checkup.items(run(here, record))
+    listed = ranking.items(run(here, record))
     assert [(item.action, item.gain_text, item.unit) for item in listed] == [
         ("step 2 environments in one AsyncVectorEnv", "1.50", GainUnit.ONE_ENVIRONMENT),
         (

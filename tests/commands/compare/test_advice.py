@@ -31,7 +31,7 @@ from mjbench.commands.compare.advice import (
 from mjbench.commands.compare.results import ModelResults, PathResult, derive
 from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import CoreChange
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
@@ -164,7 +164,7 @@ def test_beside_the_plain_loop_the_fastest_rival_is_said_with_how_fast_it_was() 
     processes = replace(first, path="processes", options={"processes": 2})
     doubt = conclusion(replace(advice, rivals=[processes])).split("; ")[-1]
     assert doubt.startswith("2 worker processes were ")
-    slow = replace(first, speedup=Ratio(1.01, None, None))
+    slow = replace(first, speedup=Interval(1.01, None, None))
     assert "times as fast" not in conclusion(replace(advice, rivals=[slow]))
     assert "times as fast" not in conclusion(replace(advice, reason=Reason.FASTER))
 

@@ -10,13 +10,13 @@ from verdict_records import FAILED, OPEN, SAME, SLOWER, of_model
 
 from mjbench.commands.show import comment
 from mjbench.errors import InputError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import ResultsOutcome
 from mjbench.paired.records import ControlRow, Pair, VerdictRecord
 from mjbench.results.runs import Run, RunHeader
 from mjbench.status import Status
 
-CONTROL = ControlRow(Ratio(1.002, 0.996, 1.008), 8, covers=True)
+CONTROL = ControlRow(Interval(1.002, 0.996, 1.008), 8, covers=True)
 
 
 def of_function(verdict: VerdictRecord, name: str, **fields: Any) -> VerdictRecord:

@@ -15,7 +15,7 @@ from mjbench.cli import cli
 from mjbench.commands.show import exports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import InputError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.results import runs
@@ -44,7 +44,7 @@ def verdict_run(comparison: Run) -> Run:
     """Return a run with a slower, an undecided and a failed comparison."""
     sides = [TargetRow(release, "m", "python_loop", {}, {}) for release in ("3.17.0", "4.0.0")]
     fields = {"model": "m", "path": "python_loop", "old": "3.17.0", "new": "4.0.0", "sides": sides}
-    ratio = Ratio(1.02, 1.01, 1.03)
+    ratio = Interval(1.02, 1.01, 1.03)
     records = (
         VerdictRecord(
             **fields, status=Status.OK, verdict=Verdict.SLOWER, ratio=ratio, e_slower=1e6

@@ -22,8 +22,7 @@ from mjbench.commands.show import reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.show.reports import NamedRun
 from mjbench.host import machine
-from mjbench.measuring.ratio import LogEstimate
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.interval import Interval, LogEstimate
 from mjbench.results import formats, runs
 from mjbench.results import html as as_html
 from mjbench.results import markdown as as_markdown
@@ -359,7 +358,7 @@ def test_the_command_of_a_section_names_some_files(tmp_path: Path) -> None:
 
 def test_a_table_is_saved_with_the_numbers_that_were_measured_and_not_as_they_are_shown() -> None:
     rows = [
-        ("=1+1", -1234.5678, Estimate(2.0, 1.5, 2.5), LogEstimate(-0.25, 0.125), -0.0625),
+        ("=1+1", -1234.5678, Interval(2.0, 1.5, 2.5), LogEstimate(-0.25, 0.125), -0.0625),
         ("a, b", None, None, None, None),
     ]
     columns = (

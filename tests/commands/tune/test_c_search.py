@@ -21,7 +21,7 @@ from mjbench.commands.tune.knobs import KNOBS
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, TuneRecord, log_ratio
 from mjbench.commands.tune.settings import LoopChange, Setting
 from mjbench.errors import MachineError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.status import Status
 
 
@@ -486,7 +486,7 @@ def test_where_errors_cannot_be_compared_nothing_that_changes_the_motion_is_reco
 def faster(label, effect, ratio, **keywords):
     accuracy = Accuracy(effect, apart(0.1), apart(0.1), [0.1] * 64)
     settings = (setting(label, **keywords),)
-    return Attempt(settings, Status.OK, accuracy=accuracy, ratio=Ratio(ratio, None, None))
+    return Attempt(settings, Status.OK, accuracy=accuracy, ratio=Interval(ratio, None, None))
 
 
 def test_combinations_have_one_setting_of_each_knob():

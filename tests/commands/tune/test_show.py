@@ -16,7 +16,7 @@ from mjbench.commands.tune.result import (
     fresh_ratio,
 )
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import terminal
 from mjbench.status import Status
 
@@ -35,7 +35,7 @@ EXCLUDES = Setting(
 
 def recommended(effect, ratio, share, *settings, is_allowed=True):
     accuracy = Accuracy(effect, apart(share), apart(share), [share] * 64)
-    interval = Ratio(ratio, ratio - 0.01, ratio + 0.01)
+    interval = Interval(ratio, ratio - 0.01, ratio + 0.01)
     return Recommendation(
         settings, interval, apart(share), (), effect, accuracy, is_allowed=is_allowed
     )
@@ -110,7 +110,7 @@ def test_flags_and_excludes_are_written_as_mjcf_has_them():
 def tried(knob, label, effect=Effect.FREE, changed_sensors=0, stages=None, **keywords):
     accuracy = Accuracy(effect, None, apart(0.0), [], changed_sensors)
     setting = Setting(knob, label, **keywords)
-    ratio = Ratio(0.5, 0.49, 0.51)
+    ratio = Interval(0.5, 0.49, 0.51)
     return Attempt((setting,), Status.OK, "", accuracy, 0.5, ratio, stages=stages or {})
 
 

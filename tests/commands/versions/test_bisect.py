@@ -28,7 +28,7 @@ from mjbench.commands.versions.function_sides import (
     parse_function,
 )
 from mjbench.errors import InputError, MachineError
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
@@ -72,7 +72,7 @@ class Invented:
         if (first, last) in self.open and (effort == 1 or self.open[first, last]):
             true = Verdict.INCONCLUSIVE
         shown = self.wrong.get(len(self.decided), true)
-        return replace(SAME, verdict=shown, ratio=Ratio(math.exp(truth), None, None))
+        return replace(SAME, verdict=shown, ratio=Interval(math.exp(truth), None, None))
 
 
 def search(

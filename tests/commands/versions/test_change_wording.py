@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.commands.versions.change_wording import describe_ratio
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 
@@ -11,14 +11,19 @@ from mjbench.paired.outcomes import Verdict
 @pytest.mark.parametrize(
     ("metric", "verdict", "ratio", "text"),
     [
-        (Metric.LOAD, Verdict.SLOWER, Ratio(1.05, 1.04, 1.06), "slower by 5 % (interval "),
-        (Metric.LOAD, Verdict.SLOWER, Ratio(3.0, 2.9, 3.1), "slower, takes 3 times as long"),
-        (Metric.MEMORY, Verdict.SLOWER, Ratio(1.05, 1.04, 1.06), "more memory by 5 % (interval "),
-        (Metric.MEMORY, Verdict.SLOWER, Ratio(3.0, 2.9, 3.1), "more memory by 200 %"),
-        (Metric.MEMORY, Verdict.INCONCLUSIVE, Ratio(1.0, None, None), "inconclusive, "),
+        (Metric.LOAD, Verdict.SLOWER, Interval(1.05, 1.04, 1.06), "slower by 5 % (interval "),
+        (Metric.LOAD, Verdict.SLOWER, Interval(3.0, 2.9, 3.1), "slower, takes 3 times as long"),
+        (
+            Metric.MEMORY,
+            Verdict.SLOWER,
+            Interval(1.05, 1.04, 1.06),
+            "more memory by 5 % (interval ",
+        ),
+        (Metric.MEMORY, Verdict.SLOWER, Interval(3.0, 2.9, 3.1), "more memory by 200 %"),
+        (Metric.MEMORY, Verdict.INCONCLUSIVE, Interval(1.0, None, None), "inconclusive, "),
     ],
 )
 def test_a_change_is_said_in_the_words_of_its_metric(
-    metric: Metric, verdict: Verdict, ratio: Ratio, text: str
+    metric: Metric, verdict: Verdict, ratio: Interval, text: str
 ) -> None:
     assert describe_ratio(metric, verdict, ratio).startswith(text)

@@ -6,7 +6,7 @@ import pytest
 
 from mjbench.commands.versions.fail_on import FailOnOptions as FailOn
 from mjbench.commands.versions.fail_on import GateFinding
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
 from mjbench.status import Status
@@ -25,7 +25,7 @@ def row(
         sides=(),
         status=status,
         verdict=verdict,
-        ratio=Ratio(1.0, None, None),
+        ratio=Interval(1.0, None, None),
         e_slower=1e6 if verdict == Verdict.SLOWER else 0.1,
         e_faster=1e6 if verdict == Verdict.FASTER else 0.1,
         changed_work=changed_work,

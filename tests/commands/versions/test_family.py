@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from mjbench.commands.versions import family
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
@@ -17,7 +17,7 @@ SAME = VerdictRow(
     sides=(),
     status=Status.OK,
     verdict=Verdict.SAME,
-    ratio=Ratio(1.0, 0.99, 1.01),
+    ratio=Interval(1.0, 0.99, 1.01),
     e_slower=0.1,
     e_faster=0.1,
 )

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import (
     ControlRow,
@@ -37,7 +37,7 @@ ROW = VerdictRow(
     sides=(OLD, NEW),
     status=Status.OK,
     verdict=Verdict.SLOWER,
-    ratio=Ratio(1.014, 1.011, 1.017),
+    ratio=Interval(1.014, 1.011, 1.017),
     changed_work=False,
     work=Pair(WORK, WORK),
     drift=0.0,
@@ -73,11 +73,11 @@ def test_starts_that_were_not_to_be_had_as_asked_are_told(starts: Starts, line: 
 @pytest.mark.parametrize(
     ("effect", "text"),
     [
-        (Ratio(1.03, 1.01, 1.05), "adds +3.00 % (interval +1.00 to +5.00 %)"),
-        (Ratio(0.97, None, None), "adds -3.00 % (too few launches for an interval)"),
+        (Interval(1.03, 1.01, 1.05), "adds +3.00 % (interval +1.00 to +5.00 %)"),
+        (Interval(0.97, None, None), "adds -3.00 % (too few launches for an interval)"),
     ],
 )
-def test_a_verdict_says_what_the_placement_adds(effect: Ratio, text: str) -> None:
+def test_a_verdict_says_what_the_placement_adds(effect: Interval, text: str) -> None:
     row = replace(ROW, cause=Cause.CODE, placement=PlacementEffect(True, "", effect, effect))
     sentence = verdicts.describe_verdict(row)
     assert ": slower by 1.4 % (interval +1.10 to +1.70 %) because of its code, same" in sentence
@@ -87,23 +87,33 @@ def test_a_verdict_says_what_the_placement_adds(effect: Ratio, text: str) -> Non
 @pytest.mark.parametrize(
     ("verdict", "ratio", "text"),
     [
-        (Verdict.SAME, Ratio(1.001, 0.996, 1.003), ": same within 0.4 %,"),
-        (Verdict.FASTER, Ratio(0.6, 0.5, 0.7), ": faster by 40 % (interval -50.00 to -30.00 %),"),
+        (Verdict.SAME, Interval(1.001, 0.996, 1.003), ": same within 0.4 %,"),
         (
             Verdict.FASTER,
-            Ratio(0.1, 0.08, 0.125),
+            Interval(0.6, 0.5, 0.7),
+            ": faster by 40 % (interval -50.00 to -30.00 %),",
+        ),
+        (
+            Verdict.FASTER,
+            Interval(0.1, 0.08, 0.125),
             ": faster, 10 times as fast (interval 8 to",
         ),
-        (Verdict.SLOWER, Ratio(1.9, 1.8, 2.0), ": slower by 90 % ("),
+        (Verdict.SLOWER, Interval(1.9, 1.8, 2.0), ": slower by 90 % ("),
         (
             Verdict.SLOWER,
-            Ratio(2.5, 2.4, 2.6),
+            Interval(2.5, 2.4, 2.6),
             ": slower, takes 2.5 times as long (interval",
         ),
-        (Verdict.INCONCLUSIVE, Ratio(1.5, None, None), "inconclusive, +50.00 % (interval unknown)"),
+        (
+            Verdict.INCONCLUSIVE,
+            Interval(1.5, None, None),
+            "inconclusive, +50.00 % (interval unknown)",
+        ),
     ],
 )
-def test_each_verdict_says_how_much_and_how_sure(verdict: Verdict, ratio: Ratio, text: str) -> None:
+def test_each_verdict_says_how_much_and_how_sure(
+    verdict: Verdict, ratio: Interval, text: str
+) -> None:
     assert text in verdicts.describe_verdict(replace(ROW, verdict=verdict, ratio=ratio))
 
 
@@ -111,7 +121,7 @@ def test_each_verdict_says_how_much_and_how_sure(verdict: Verdict, ratio: Ratio,
 @given(st.floats(1e-9, 0.99))
 def test_any_change_is_written_as_people_write_a_percentage(change: float) -> None:
     """A factor of 1 + change is slower by 100 × change percent, to two significant digits."""
-    row = replace(ROW, ratio=Ratio(1 + change, 1.0, 1 + 2 * change))
+    row = replace(ROW, ratio=Interval(1 + change, 1.0, 1 + 2 * change))
     sentence = verdicts.describe_verdict(row)
     written = re.search(
         r": slower by (\d+(\.\d+)?) % \(interval \+0\.00 to \+\d+\.\d\d %\), ", sentence
@@ -198,12 +208,12 @@ def test_what_a_function_returned_stands_beside_its_verdict(
 @pytest.mark.parametrize(
     ("ratio", "covers", "text"),
     [
-        (Ratio(1.002, 0.99, 1.01), True, "+0.20 % (interval -1.00 to +1.00 %)"),
-        (Ratio(1.05, 1.04, 1.06), False, "so this machine was too noisy for this verdict"),
-        (Ratio(1.05, None, None), True, "(too few launches for an interval)"),
+        (Interval(1.002, 0.99, 1.01), True, "+0.20 % (interval -1.00 to +1.00 %)"),
+        (Interval(1.05, 1.04, 1.06), False, "so this machine was too noisy for this verdict"),
+        (Interval(1.05, None, None), True, "(too few launches for an interval)"),
     ],
 )
-def test_the_control_and_the_commits_are_noted(ratio: Ratio, covers: bool, text: str) -> None:
+def test_the_control_and_the_commits_are_noted(ratio: Interval, covers: bool, text: str) -> None:
     row = of_revisions(control=ControlRow(ratio, 8, covers), calls_s=Pair(2e-6, 2e-6))
     commits, call, control = verdicts.notes(row)
     assert commits == f"main is {'a' * 40}, WORKTREE is not committed"

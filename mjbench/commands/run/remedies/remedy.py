@@ -1,11 +1,12 @@
 """One thing to do about a program."""
 
 import enum
+import math
 from dataclasses import dataclass
 
 from mjbench.bounds import AnyFloat
 from mjbench.commands.run.activities import Activity, Place
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 
 # Smaller gains are not worth a line.
 LEAST_GAIN = 0.03
@@ -74,19 +75,17 @@ class Remedy:
         return self.gain is None or self.gain > 2 * (self.gain_error or 0.0)
 
     @property
-    def share_saved(self) -> Ratio | None:
+    def share_saved(self) -> Interval | None:
         """The share of the loop's time that it saves, of at most 1; None where it is not known."""
-        if self.gain is None:
+        if self.gain is None or self.gain <= 0:
             return None
-        if self.gain_error is None:
-            gain = Ratio(self.gain, None, None)
-        else:
-            reach = 2 * self.gain_error
-            gain = Ratio(self.gain, self.gain - reach, self.gain + reach)
+        gain = Interval.around(
+            self.gain, math.inf if self.gain_error is None else 2 * self.gain_error
+        )
         low, high = (
             None if end is None else min(1.0, max(0.0, end)) for end in (gain.low, gain.high)
         )
-        return Ratio(min(1.0, gain.estimate), low, high) if gain.estimate > 0 else None
+        return Interval(min(1.0, gain.estimate), low, high)
 
     @property
     def rank(self) -> tuple[int, float]:

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune.settings import Setting
-from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.interval import Interval
 from mjbench.results import formats
 from mjbench.verification.plan import Variant
 
@@ -72,7 +72,7 @@ class CheckupItem:
     action: str
     variant: Variant | None = None
     settings: Sequence[Setting] = ()
-    gain: Ratio | None = None
+    gain: Interval | None = None
     unit: GainUnit | None = None
     is_bound: bool = False
     change: ResultChange
@@ -91,17 +91,6 @@ class CheckupItem:
         if self.unit == GainUnit.LOOP_SHARE:
             return 1 / max(1e-9, 1 - self.gain.estimate)
         return self.gain.estimate
-
-    @property
-    def rank(self) -> tuple[int, float]:
-        """Where it stands: wrong results first, then what keeps results, then the rest."""
-        if self.change == ResultChange.CORRECTED:
-            return 0, 0.0
-        if self.gain is None:
-            return 3, 0.0
-        if self.group == GainGroup.LOOP:  # `run` has ranked them
-            return 1, 0.0
-        return (1 if self.change.keeps else 2), -self.times
 
     @property
     def gain_text(self) -> str:

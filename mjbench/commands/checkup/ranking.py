@@ -1,4 +1,4 @@
-"""What a check-up advises: items, each with what it gains and what it changes in results.
+"""What a check-up advises, ranked: wrong results first, then what keeps results, by gain.
 
 Their figures are those of the command that looks closer.
 """
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from mjbench.commands.checkup.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
+from mjbench.commands.checkup.item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.commands.checkup.result import CheckedPart, Combination
 from mjbench.commands.compare import advice
 from mjbench.commands.compare.advice import Advice
@@ -27,8 +27,7 @@ from mjbench.commands.tune import show as tuning
 from mjbench.commands.tune.result import Effect, Recommendation, TuneRecord
 from mjbench.commands.tune.settings import NO_CHANGE, Setting, label
 from mjbench.errors import file_argument
-from mjbench.measuring.ratio import Ratio
-from mjbench.measuring.stats import Estimate
+from mjbench.measuring.interval import Interval
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.results import formats, starts
@@ -51,7 +50,18 @@ _CHANGES = {
 
 def items(run: Run) -> list[CheckupItem]:
     """Return what a check-up advises, the most important first; those of a loop in its order."""
-    return sorted(_items(run), key=lambda item: item.rank)
+    return sorted(_items(run), key=rank)
+
+
+def rank(item: CheckupItem) -> tuple[int, float]:
+    """Return where an item stands: wrong results, what keeps results, the rest, the unmeasured."""
+    if item.change == ResultChange.CORRECTED:
+        return 0, 0.0
+    if item.gain is None:
+        return 3, 0.0
+    if item.group == GainGroup.LOOP:  # `run` has ranked them
+        return 1, 0.0
+    return (1 if item.change.keeps else 2), -item.times
 
 
 def short_name(target: str) -> str:
@@ -229,7 +239,7 @@ def _in_other_runs(settings: Sequence[Setting]) -> str:
 
 
 def _of_faster(
-    settings: Sequence[Setting], ratio: Ratio, target: str, **fields: Any
+    settings: Sequence[Setting], ratio: Interval, target: str, **fields: Any
 ) -> CheckupItem:
     """Return the item of settings; `fields`: what they change."""
     return CheckupItem(
@@ -244,7 +254,7 @@ def _of_faster(
     )
 
 
-def combination_gain(verdict: VerdictRow) -> Ratio | None:
+def combination_gain(verdict: VerdictRow) -> Interval | None:
     """Return how many times the plain loop a combination is; None where that is not certain.
 
     It is not one of the same results where the work differs.
@@ -322,7 +332,7 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
     if form := environment.fastest(forms):
         yield CheckupItem(
             action=f"step {form.nenv} environments in one {form.form}",
-            gain=ratio_of(form.speedup),
+            gain=form.speedup,
             unit=GainUnit.ONE_ENVIRONMENT,
             change=ResultChange.NONE,
             group=GainGroup.VECTORS,
@@ -335,14 +345,10 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
             yield CheckupItem(
                 action=f"step its physics yourself, by {environment.place(path)}{loop}",
                 variant=Variant(path.path, path.options),
-                gain=ratio_of(path.speedup),
+                gain=path.speedup,
                 unit=GainUnit.ENV_STEP,
                 change=ResultChange.STATED,
                 change_detail="the same physics, without observation, reward and wrappers",
                 group=GainGroup.PHYSICS,
                 command=command,
             )
-
-
-def ratio_of(speedup: Estimate | None) -> Ratio | None:
-    return None if speedup is None else Ratio(speedup.median, speedup.low, speedup.high)
