@@ -9,7 +9,7 @@ import pytest
 from example_records import measurement, model_record
 
 from mjbench import paths
-from mjbench.api import model_comparison
+from mjbench.commands.compare import driver as model_comparison
 from mjbench.commands.compare import results as path_speedups
 from mjbench.commands.compare.results import ModelComparison, ModelResults
 from mjbench.paired.launches import Targets, launch

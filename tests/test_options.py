@@ -13,22 +13,25 @@ from hypothesis import strategies as st
 
 import mjbench
 from mjbench import options
-from mjbench.api import checkup, env, latency, model_comparison, profile, run, tune
+from mjbench.api import checkup, latency, profile
 from mjbench.api.checkup import CheckupPlan
 from mjbench.api.compare import plans_of
-from mjbench.api.session import Measurement
-from mjbench.api.verdict_measurements import between_releases
 from mjbench.cli import cli
 from mjbench.commands.checkup.options import CheckupOptions
+from mjbench.commands.compare import driver as model_comparison
 from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.doctor.options import DoctorOptions
+from mjbench.commands.env import driver as env
 from mjbench.commands.env.options import EnvironmentOptions
 from mjbench.commands.latency.options import LatencyOptions
 from mjbench.commands.profile.options import HabitOptions, InstructionOptions, ProfileOptions
+from mjbench.commands.run import driver as run
 from mjbench.commands.run.options import RunOptions
 from mjbench.commands.show.options import ListOptions, ShowOptions
 from mjbench.commands.sweep.options import SweepOptions
+from mjbench.commands.tune import driver as tune
 from mjbench.commands.tune.options import TuneOptions
+from mjbench.commands.versions.driver import between_releases
 from mjbench.commands.versions.options import (
     BisectOptions,
     ExplainOptions,
@@ -40,6 +43,7 @@ from mjbench.limits import COUNT, MAX_SECONDS, THREADS, Bounds
 from mjbench.options import Kind, Option, options_of
 from mjbench.releases import installs
 from mjbench.results.runs import to_json
+from mjbench.session import Measurement
 from mjbench.simulation import models
 
 CARTPOLE = models.resolve("cartpole")

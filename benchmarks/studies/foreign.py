@@ -94,7 +94,7 @@ def conditions() -> str:
 
 def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
     """Compare all variants on one model file."""
-    from mjbench.api.model_comparison import ModelChildren
+    from mjbench.commands.compare.driver import ModelChildren
     from mjbench.commands.compare.results import ModelComparison
     from mjbench.host.files import temporary_folder
     from mjbench.verification.path_verification import ModelFiles

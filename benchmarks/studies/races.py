@@ -127,7 +127,7 @@ class RaceTally:
 
 def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCode:
     """Store launches of all C paths of models in a file."""
-    from mjbench.api.model_comparison import ModelChildren
+    from mjbench.commands.compare.driver import ModelChildren
     from mjbench.host import machine
     from mjbench.paired.race import RaceLaunches, enter
     from mjbench.paired.worker_pool import WorkerPool

@@ -98,7 +98,7 @@ def _median_bytes(usages: Sequence[Usage]) -> float:
 
 def compare_once() -> None:
     """Compare once, by a child."""
-    from mjbench.api.model_comparison import ModelChildren
+    from mjbench.commands.compare.driver import ModelChildren
     from mjbench.host import files
     from mjbench.paths import BASE
     from mjbench.simulation import models

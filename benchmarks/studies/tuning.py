@@ -128,7 +128,7 @@ class TuningTally:
 
 def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
     """Search settings for a model, and run the recommendations from further starts."""
-    from mjbench.api.tune import tune
+    from mjbench.commands.tune.driver import tune
 
     plan = SearchPlan(budget_s=budget_s)
     with WorkerPool() as pool:

@@ -16,7 +16,6 @@ import numpy as np
 from benchmarks.verdicts import records
 from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
 from benchmarks.verdicts.section import describe_case
-from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.host import child, platforms
 from mjbench.paired import verdict
@@ -28,6 +27,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_names
 from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.results.runs import Record
+from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status

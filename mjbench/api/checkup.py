@@ -12,17 +12,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from mjbench.api import model_comparison, model_sources
+from mjbench.api import model_sources
 from mjbench.api.functions import with_options
 from mjbench.api.result import Result
-from mjbench.api.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
-from mjbench.api.tune import tune
 from mjbench.commands.checkup import combination, ranking, targets
 from mjbench.commands.checkup.item import CheckupItem
 from mjbench.commands.checkup.options import QUICK_S, TOTAL_S, CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.show import CheckupDocument
 from mjbench.commands.checkup.targets import CheckedSource, ProgramFile
+from mjbench.commands.compare import driver as model_comparison
 from mjbench.commands.env import measurement as environments
 from mjbench.commands.env.child_process import EnvironmentPlan
 from mjbench.commands.env.source import EnvironmentSource
@@ -31,6 +30,7 @@ from mjbench.commands.profile import measure as profile
 from mjbench.commands.run import launch
 from mjbench.commands.run import measure as run_measure
 from mjbench.commands.tune.c_search import LEAST_LAUNCHES, SearchPlan
+from mjbench.commands.tune.driver import tune
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import (
     Failure,
@@ -46,6 +46,7 @@ from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record
+from mjbench.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.status import Status

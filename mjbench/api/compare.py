@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from mjbench import paths as stepping_paths
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
-from mjbench.api.model_comparison import measurement
 from mjbench.api.result import Result
 from mjbench.commands.compare.advice import Advice, ClockAdvice
 from mjbench.commands.compare.crossovers import Crossover
+from mjbench.commands.compare.driver import measurement
 from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.compare.results import ModelResults, PathResult, derive_all
 from mjbench.commands.shared_options import check_holds

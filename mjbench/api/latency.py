@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
 from mjbench.api.result import Result
-from mjbench.api.session import Measurement, of_each_model
 from mjbench.commands.latency import measure
 from mjbench.commands.latency.measure import LatencyRow, Pace
 from mjbench.commands.latency.options import LatencyOptions
 from mjbench.options import stored
+from mjbench.session import Measurement, of_each_model
 from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
 from mjbench.api.result import Result
-from mjbench.api.session import Item, Items, Measurement, Observer, input_files, of_each_model
 from mjbench.commands.profile import habit_timing, measure
 from mjbench.commands.profile.habit_timing import OverheadRow
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
@@ -20,6 +19,7 @@ from mjbench.errors import MachineError
 from mjbench.options import stored
 from mjbench.releases import installs, release_names
 from mjbench.results.runs import Record
+from mjbench.session import Item, Items, Measurement, Observer, input_files, of_each_model
 from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from mjbench.api.interrupts import one_interrupt
-from mjbench.api.session import Item, Measurement, Observer, Session
 from mjbench.commands.show import kinds, reports, rows
 from mjbench.commands.show.reports import NamedRun
 from mjbench.commands.show.rows import Cell
@@ -21,6 +20,7 @@ from mjbench.results.content import Report
 from mjbench.results.json_form import json_form
 from mjbench.results.run_writer import RunFile
 from mjbench.results.runs import Run
+from mjbench.session import Item, Measurement, Observer, Session
 from mjbench.status import Status
 
 # The longest conclusion in the one line of `repr`.

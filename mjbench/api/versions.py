@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
 from mjbench.api.result import Result
-from mjbench.api.verdict_measurements import between_releases
 from mjbench.commands.versions import family
+from mjbench.commands.versions.driver import between_releases
 from mjbench.commands.versions.family import Family
 from mjbench.commands.versions.options import VersionsOptions
 from mjbench.errors import InputError

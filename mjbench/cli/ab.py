@@ -14,9 +14,9 @@ from mjbench.commands.versions.options import TargetOptions
 from mjbench.errors import InputError, shown
 
 if TYPE_CHECKING:
-    from mjbench.api.session import Measurement
     from mjbench.commands.versions.function_sides import RevisionComparison
     from mjbench.paired.verdict import VerdictPlan
+    from mjbench.session import Measurement
 
 # What a side begins with that is a revision of the user's code.
 REVISION = "rev="
@@ -56,7 +56,7 @@ def ab(baseline: str, candidate: str, functions: tuple[str, ...], options: Targe
 
     plan = options.plan
     if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
-        from mjbench.api.verdict_measurements import between_revisions
+        from mjbench.commands.versions.driver import between_revisions
 
         comparison = revision_comparison(baseline, candidate, functions, plan)
         measurement = between_revisions(comparison, plan)
@@ -84,7 +84,7 @@ def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
 
 
 def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurement":
-    from mjbench.api.verdict_measurements import between_targets
+    from mjbench.commands.versions.driver import between_targets
     from mjbench.paired import targets
     from mjbench.releases import installs
 
@@ -104,8 +104,8 @@ def revision_comparison(
     Raises:
       InputError: there are none, or the plan says what is of models alone.
     """
-    from mjbench.api.verdict_measurements import check_function_plan
     from mjbench.commands.versions import function_sides
+    from mjbench.commands.versions.driver import check_function_plan
     from mjbench.commands.versions.function_sides import RevisionComparison
     from mjbench.releases.revisions import Repository
 

@@ -13,8 +13,8 @@ from mjbench.commands.versions.options import BisectOptions
 from mjbench.simulation import models
 
 if TYPE_CHECKING:
-    from mjbench.api.session import Measurement
     from mjbench.paired.verdict import VerdictPlan
+    from mjbench.session import Measurement
 
 
 @cli.command()
@@ -57,7 +57,7 @@ def _are_revisions(sides: Sequence[str], target: str) -> bool:
 
 
 def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan") -> "Measurement":
-    from mjbench.api.bisect import release_bisection
+    from mjbench.commands.versions.bisect_driver import release_bisection
     from mjbench.releases import installs
 
     source = models.resolve(model)
@@ -68,7 +68,7 @@ def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan")
 def _of_revisions(
     baseline: str, candidate: str, function: str, plan: "VerdictPlan"
 ) -> "Measurement":
-    from mjbench.api.bisect import revision_bisection
+    from mjbench.commands.versions.bisect_driver import revision_bisection
 
     comparison = revision_comparison(baseline, candidate, [function], plan)
     return revision_bisection(comparison, plan)

@@ -37,8 +37,8 @@ def checkup(target: str, arguments: tuple[str, ...], options: CheckupOptions) ->
       mjbench my_env:make --html checkup.html
     """
     from mjbench.api.checkup import CheckupPlan, measurement
-    from mjbench.api.run import exit_code_of
     from mjbench.commands.checkup import show, targets
+    from mjbench.commands.run.driver import exit_code_of
     from mjbench.commands.show.reports import NamedRun
 
     source = targets.recognized(target, arguments, Path.cwd())

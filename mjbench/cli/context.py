@@ -17,9 +17,9 @@ from mjbench.status import ExitCode, Status, exit_code
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from mjbench.api.session import Item, Measurement, Observer, Session
     from mjbench.results.content import DataTable, Section
     from mjbench.results.runs import Record, Run
+    from mjbench.session import Item, Measurement, Observer, Session
 
     Sections = Callable[[Run], Iterable[Section]]
 
@@ -209,9 +209,9 @@ def measure_and_print(
         than of each.
       code: whether snippets are printed, too; None for a command without that option.
     """
-    from mjbench.api.session import Session
     from mjbench.cli.progress import progress
     from mjbench.commands.show import kinds
+    from mjbench.session import Session
 
     if each is None and summary is None:
         each, summary = (None, _sections) if at_end else (_sections, None)

@@ -20,7 +20,7 @@ def doctor(options: DoctorOptions) -> None:
     Example:
       mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
     """
-    from mjbench.api.doctor import all_conditions, compare_with_itself
+    from mjbench.commands.doctor.driver import all_conditions, compare_with_itself
     from mjbench.commands.doctor.show import condition_lines, noise_section
     from mjbench.commands.show.documents import DoctorDocument
     from mjbench.host import machine, neighbours

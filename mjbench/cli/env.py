@@ -25,7 +25,7 @@ def env(names: tuple[str, ...], options: EnvironmentOptions) -> None:
       mjbench env dm_control:humanoid-walk --nstep 500
       mjbench env my_env:make --no-vector
     """
-    from mjbench.api.env import measurement
+    from mjbench.commands.env.driver import measurement
     from mjbench.commands.env.result import EnvironmentRecord
 
     run = measure_and_print(measurement(names, options), options)

@@ -10,11 +10,11 @@ from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column
 
-from mjbench.api.session import Observer
 from mjbench.cli.group import report_line
 from mjbench.errors import printable
 from mjbench.results import terminal
 from mjbench.results.content import Section
+from mjbench.session import Observer
 
 
 class PhaseLines(Observer):

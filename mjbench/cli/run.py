@@ -49,7 +49,7 @@ def run(program: tuple[str, ...], options: RunOptions) -> None:
       mjbench run --seconds 30 train.py --num-envs 4
       mjbench run -m package.train
     """
-    from mjbench.api.run import exit_code_of, measurement
+    from mjbench.commands.run.driver import exit_code_of, measurement
 
     if options.json_file == "-":
         raise InputError("--json -: standard output is the program's own; name a file")

@@ -24,6 +24,6 @@ def tune(sources: list[ModelSource], options: TuneOptions) -> None:
       mjbench tune robot.xml --only free
       mjbench tune robot.xml --max-error 1% --budget 600s
     """
-    from mjbench.api.tune import measurement
+    from mjbench.commands.tune.driver import measurement
 
     measure_and_print(measurement(sources, options), options).exit()

@@ -45,8 +45,8 @@ def versions(names: tuple[str, ...], options: VersionsOptions) -> None:
     Ratios are new over old: above 1 is slower. Where a release does other work, such as more
     contacts, the verdict names it.
     """
-    from mjbench.api.verdict_measurements import between_releases
     from mjbench.commands.versions import show
+    from mjbench.commands.versions.driver import between_releases
 
     releases, sources = (
         (list(names), list[ModelSource]()) if options.functions else releases_and_models(names)

@@ -16,7 +16,6 @@ from mjbench.errors import InputError
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.api.session import Items, Observer
     from mjbench.counts.instructions import InstructionCounter, ModelCount
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.targets import Target
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.results.content import Section
     from mjbench.results.runs import Record, Run
+    from mjbench.session import Items, Observer
 
 
 @cli.command("versions --explain")
@@ -40,7 +40,6 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
     Example:
       mjbench versions --explain 3.17.0 4.0.0 pile
     """
-    from mjbench.api.session import Item, Measurement, input_files
     from mjbench.counts import records
     from mjbench.counts import show as report
     from mjbench.counts.explain import explain_change
@@ -49,6 +48,7 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
+    from mjbench.session import Item, Measurement, input_files
 
     releases, sources = releases_and_models(names)
     if len(releases) != 2:

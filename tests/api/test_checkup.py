@@ -14,7 +14,6 @@ from verdict_records import FASTER
 import mjbench
 from mjbench.api import checkup
 from mjbench.api.checkup import CheckupPlan
-from mjbench.api.session import Item, Observer
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import ProgramFile
 from mjbench.commands.run.launch import ProgramObservation
@@ -24,6 +23,7 @@ from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios
 from mjbench.commands.tune.c_search import LEAST_LAUNCHES
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import InputError, MachineError
+from mjbench.session import Item, Observer
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status

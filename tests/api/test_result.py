@@ -16,7 +16,6 @@ from verdict_records import SLOWER, of_model
 import mjbench
 from mjbench.api.compare import Comparison
 from mjbench.api.profile import Profile
-from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.api.versions import ReleaseComparison
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.host import machine
@@ -25,6 +24,7 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.results import fragment, runs
 from mjbench.results.content import Tone
 from mjbench.results.runs import Record, Run, RunHeader
+from mjbench.session import Item, Items, Measurement, Observer
 
 HOSTILE = "<img src=x onerror=alert(1)>&\x1b[31m"
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.api.session import Item, Items, Measurement, Observer, Session
 from mjbench.cli.context import RunContext, measure_and_print
 from mjbench.commands.profile.habit_timing import OverheadRow
 from mjbench.commands.shared_options import OutputOptions
@@ -20,6 +19,7 @@ from mjbench.results import runs
 from mjbench.results.content import Section, Tone
 from mjbench.results.run_writer import RunFile
 from mjbench.results.runs import Record, Run
+from mjbench.session import Item, Items, Measurement, Observer, Session
 from mjbench.status import Status
 
 

@@ -19,7 +19,7 @@ def test_a_seed_draws_the_same_programs() -> None:
         (3, 3, "it ended with exit code 3", ""),
         (0, 3, "", "exit code 3 in place of 0"),
         (3, 3, "mjbench: unexpected KeyError", "an error of mjbench's own"),
-        (1, 1, 'File "/x/mjbench/api/run.py", line 3', "a traceback of mjbench"),
+        (1, 1, 'File "/x/mjbench/commands/run/driver.py", line 3', "a traceback of mjbench"),
     ],
 )
 def test_what_is_wrong_is_named(expected: int, code: int, err: str, problem: str) -> None:

@@ -9,14 +9,14 @@ from commands import TESTS
 from example_models import PENDULUM_XML
 from pretender import MODEL, available, make_workload
 
-from mjbench.api.model_comparison import ComparedModel
-from mjbench.api.session import Observer
 from mjbench.commands.compare import accelerated_measurement
 from mjbench.commands.compare import results as path_speedups
 from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
+from mjbench.commands.compare.driver import ComparedModel
 from mjbench.host.child_connection import ChildConnection
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
+from mjbench.session import Observer
 from mjbench.simulation import models
 from mjbench.simulation.accelerated_judgement import EngineAnswer, PartName
 from mjbench.simulation.reference_run import observe

@@ -9,12 +9,12 @@ from example_races import BATCH_STEP, CLEAR, ROLLOUT, derived, raced
 from example_records import measurement
 from rich.console import Console
 
-from mjbench.api.session import Observer
 from mjbench.cli.progress import PhaseLines, progress
 from mjbench.commands.compare import show as comparison
 from mjbench.commands.compare.results import ModelResults
 from mjbench.paired.race_record import MAX_LAUNCHES, UnableVariant
 from mjbench.results import terminal
+from mjbench.session import Observer
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 from mjbench.verification.plan import WITHOUT_TIMER

@@ -6,7 +6,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.commands.versions import bisect
 from mjbench.commands.versions.bisect import (
     BisectComparison,
@@ -20,6 +19,7 @@ from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases import bundle, catalogue
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results.runs import Record
+from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.simulation.models import ModelSource
 
 # Comparisons beside those that halve: of the ends, and the one that confirms.

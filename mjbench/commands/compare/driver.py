@@ -13,7 +13,6 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 from mjbench import paths
-from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.commands.compare import accelerated_measurement
 from mjbench.commands.compare import show as report
 from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
@@ -26,6 +25,7 @@ from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record, to_json
+from mjbench.session import Item, Items, Measurement, Observer
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
 from mjbench.verification.path_verification import AgreementReport, ModelFiles, verify_in_child

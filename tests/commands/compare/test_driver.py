@@ -14,10 +14,9 @@ import pytest
 from commands import TESTS
 from pretender import Pretender
 
-from mjbench.api import model_comparison
-from mjbench.api.model_comparison import ComparedModel, ModelChildren
-from mjbench.api.session import Observer
 from mjbench.commands.compare import accelerated_measurement
+from mjbench.commands.compare import driver as model_comparison
+from mjbench.commands.compare.driver import ComparedModel, ModelChildren
 from mjbench.commands.compare.results import ModelComparison, PathResult, derive
 from mjbench.host import isolate, machine, neighbours
 from mjbench.host.machine import CoreChange
@@ -26,6 +25,7 @@ from mjbench.paired.race import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.content import Section
+from mjbench.session import Observer
 from mjbench.simulation import models
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.workload import Product

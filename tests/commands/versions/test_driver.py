@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 from set_files import MACHINE, run_file
 
-from mjbench.api import verdict_measurements
-from mjbench.api.session import Observer
-from mjbench.api.verdict_measurements import between_releases, completed_share
 from mjbench.commands.show.kinds import RECORD_TYPES
+from mjbench.commands.versions import driver as verdict_measurements
+from mjbench.commands.versions.driver import between_releases, completed_share
 from mjbench.commands.versions.function_sides import FunctionName, FunctionTarget, FunctionTargets
 from mjbench.errors import InputError
 from mjbench.measuring.interval import Interval
@@ -25,6 +24,7 @@ from mjbench.releases import release_names
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Revision
 from mjbench.results import runs
+from mjbench.session import Observer
 from mjbench.simulation import models
 from mjbench.status import Status
 

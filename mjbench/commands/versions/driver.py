@@ -10,7 +10,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mjbench.api.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.commands.versions import accelerated_environments, function_sides, function_verdict
 from mjbench.commands.versions.accelerated_environments import AcceleratedComparison
 from mjbench.commands.versions.function_sides import (
@@ -37,6 +36,7 @@ from mjbench.releases import packages
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results import formats
 from mjbench.results.runs import Record
+from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.units import listed

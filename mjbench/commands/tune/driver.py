@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from mjbench.api.session import Item, Items, Measurement, Observer, finished, in_turn, input_files
 from mjbench.commands.tune import knobs
 from mjbench.commands.tune.c_search import PARTS, Advance, CSearch, SearchPlan
 from mjbench.commands.tune.measurements import SILENCE_S, CMeasurements
@@ -11,6 +10,7 @@ from mjbench.commands.tune.result import Effect, TuneRecord
 from mjbench.measuring.timing import Progress
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record
+from mjbench.session import Item, Items, Measurement, Observer, finished, in_turn, input_files
 from mjbench.simulation.models import ModelSource
 
 

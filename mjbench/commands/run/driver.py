@@ -4,7 +4,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mjbench.api.session import Item, Items, Measurement, Observer
 from mjbench.commands.run import launch, measure
 from mjbench.commands.run.launch import Program
 from mjbench.commands.run.options import RunOptions
@@ -12,6 +11,7 @@ from mjbench.commands.run.result import ProgramRow
 from mjbench.errors import InputError
 from mjbench.options import stored
 from mjbench.results.runs import Record, Run
+from mjbench.session import Item, Items, Measurement, Observer
 
 
 def measurement(program: Sequence[str], options: RunOptions) -> Measurement:

@@ -4,7 +4,6 @@ import functools
 from collections.abc import Sequence
 from pathlib import Path
 
-from mjbench.api.session import Item, Measurement, finished, in_turn
 from mjbench.commands.env import measurement as environments
 from mjbench.commands.env.child_process import EnvironmentPlan
 from mjbench.commands.env.options import EnvironmentOptions
@@ -13,6 +12,7 @@ from mjbench.commands.env.source import EnvironmentSource, resolve
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of
 from mjbench.host import machine
 from mjbench.measuring.timing import Progress
+from mjbench.session import Item, Measurement, finished, in_turn
 from mjbench.status import Status
 
 

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from mjbench.api.session import Observer, input_files, of_each_model
 from mjbench.commands.profile.habit_timing import OverheadRow
 from mjbench.paired.targets import Target
 from mjbench.releases.release_names import ReleaseSpec
+from mjbench.session import Observer, input_files, of_each_model
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS
