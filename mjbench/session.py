@@ -11,9 +11,9 @@ from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
-from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable, wrong_argument
 from mjbench.host import disturbance, machine, neighbours, platforms
 from mjbench.host.disturbance import Disturbance, Watch
@@ -81,7 +81,7 @@ class Measurement:
         not be measured again. It may raise KeyboardInterrupt, or end after a record that says so.
       select_finished: which records of a continued run are not measured again.
       notes: what makes the results unreliable here, a sentence each.
-      record_types: of the records in a run file, by their `type`.
+      record_types: of the records in a run file, by `type`; empty for those of the package.
     """
 
     command: str
@@ -90,7 +90,7 @@ class Measurement:
     measure: Callable[[Sequence[Record], Observer], Items]
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
-    record_types: Mapping[str, type] = field(default_factory=lambda: RECORD_TYPES)
+    record_types: Mapping[str, type] = field(default_factory=dict)
 
 
 def pinning_notes() -> list[str]:
@@ -199,6 +199,7 @@ class Session:
         resume: Path | None = None,
         command_line: Sequence[str] = (),
         report: Callable[[str], None] = lambda line: None,
+        record_types: Mapping[str, type] = MappingProxyType({}),
     ):
         """Prepare to measure.
 
@@ -209,6 +210,7 @@ class Session:
           resume: run file to continue instead.
           command_line: the words after `mjbench`.
           report: called at once with what people should know, in a line.
+          record_types: of the records that `resume` may have, by their `type`.
         """
         self.earlier: Sequence[Record] = ()
         self.records: list[Record] = []
@@ -216,6 +218,7 @@ class Session:
         self._measurement, self._wait = measurement, wait
         self._folder, self._resume = folder, resume
         self._command_line, self._report = command_line, report
+        self._record_types = record_types
         self._file: RunFile | None = None
 
     def __enter__(self) -> "Session":
@@ -273,7 +276,7 @@ class Session:
             return RunFile.create(folder, self.header)
         if file.is_fifo():
             raise InputError(f"cannot continue {file}: it is a pipe, not a file")
-        stored = runs.load(file, self._measurement.record_types)
+        stored = runs.load(file, self._record_types)
         check_continues(file, stored.header, self.header)
         self.header = stored.header
         if stored.is_torn:

@@ -13,17 +13,19 @@ from hypothesis import strategies as st
 
 import mjbench
 from mjbench import options
-from mjbench.api import checkup, latency, profile
-from mjbench.api.checkup import CheckupPlan
 from mjbench.api.compare import plans_of
 from mjbench.cli import cli
+from mjbench.commands.checkup import driver as checkup
+from mjbench.commands.checkup.driver import CheckupPlan
 from mjbench.commands.checkup.options import CheckupOptions
 from mjbench.commands.compare import driver as model_comparison
 from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.doctor.options import DoctorOptions
 from mjbench.commands.env import driver as env
 from mjbench.commands.env.options import EnvironmentOptions
+from mjbench.commands.latency import measure as latency
 from mjbench.commands.latency.options import LatencyOptions
+from mjbench.commands.profile import driver as profile
 from mjbench.commands.profile.options import HabitOptions, InstructionOptions, ProfileOptions
 from mjbench.commands.run import driver as run
 from mjbench.commands.run.options import RunOptions

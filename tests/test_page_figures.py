@@ -21,8 +21,8 @@ from test_docs import prose_of
 
 from benchmarks.studies import races
 from benchmarks.studies.tally_file import load
-from mjbench.api import checkup
 from mjbench.cli import cli
+from mjbench.commands.checkup import driver as checkup
 from mjbench.commands.checkup import ranking
 from mjbench.commands.compare import advice
 from mjbench.commands.record import capture

@@ -1,6 +1,5 @@
 """`mjbench.latency`: how long single steps take, and which are late."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,9 +9,6 @@ from mjbench.api.result import Result
 from mjbench.commands.latency import measure
 from mjbench.commands.latency.measure import LatencyRow, Pace
 from mjbench.commands.latency.options import LatencyOptions
-from mjbench.options import stored
-from mjbench.session import Measurement, of_each_model
-from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -53,15 +49,4 @@ def latency(model: "Model", *, options: LatencyOptions) -> Latency:
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
     with model_sources.sources([model]) as sources:
-        return Latency.of(measurement(sources, options), options.wait)
-
-
-def measurement(sources: Sequence[ModelSource], options: LatencyOptions) -> Measurement:
-    """Return the measurement of single steps of each model, free-running and paced."""
-    starts = options.starts
-
-    def measure_model(source: ModelSource) -> list[LatencyRow]:
-        samples = measure.measure(source, starts, options)
-        return [measure.row(source.name, of_pace, options.deadline_s) for of_pace in samples]
-
-    return of_each_model("latency", sources, starts, LatencyRow, measure_model, stored(options))
+        return Latency.of(measure.measurement(sources, options), options.wait)

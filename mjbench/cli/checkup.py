@@ -36,8 +36,8 @@ def checkup(target: str, arguments: tuple[str, ...], options: CheckupOptions) ->
       mjbench Humanoid-v5 --quick
       mjbench my_env:make --html checkup.html
     """
-    from mjbench.api.checkup import CheckupPlan, measurement
     from mjbench.commands.checkup import show, targets
+    from mjbench.commands.checkup.driver import CheckupPlan, measurement
     from mjbench.commands.run.driver import exit_code_of
     from mjbench.commands.show.reports import NamedRun
 

@@ -217,8 +217,15 @@ def measure_and_print(
         each, summary = (None, _sections) if at_end else (_sections, None)
     for note in measurement.notes:
         report_line(note)
+    record_types = measurement.record_types or kinds.RECORD_TYPES
     session = Session(
-        measurement, output.wait, output.results, output.resume, command_line(), report_line
+        measurement,
+        output.wait,
+        output.results,
+        output.resume,
+        command_line(),
+        report_line,
+        record_types,
     )
     inputs = [*measurement.files, *([output.resume] if output.resume else [])]
     with RunContext(output.json_file, inputs, session, to_stderr) as run:

@@ -21,6 +21,6 @@ def latency(sources: list[ModelSource], options: LatencyOptions) -> None:
       mjbench latency humanoid
       mjbench latency robot.xml --rate 1000 --deadline 500us
     """
-    from mjbench.api.latency import measurement
+    from mjbench.commands.latency.measure import measurement
 
     measure_and_print(measurement(sources, options), options).exit()

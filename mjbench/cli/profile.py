@@ -25,7 +25,7 @@ def profile(sources: list[ModelSource], options: ProfileOptions) -> None:
       mjbench profile humanoid
       mjbench profile robot.mjb --states states.npz
     """
-    from mjbench.api.profile import measurement
+    from mjbench.commands.profile.driver import measurement
 
     measure_and_print(measurement(sources, options), options).exit()
 
@@ -46,7 +46,7 @@ def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
       mjbench profile --habits cartpole
       mjbench profile --habits robot.mjb --states states.npz
     """
-    from mjbench.api.profile import of_habits
+    from mjbench.commands.profile.driver import of_habits
 
     measure_and_print(of_habits(sources, options), options, code=options.code).exit()
 
@@ -64,7 +64,7 @@ def profile_instructions(sources: list[ModelSource], options: InstructionOptions
     Example:
       mjbench profile --instructions humanoid --release 3.3.0 --release 4.0.0
     """
-    from mjbench.api.profile import of_instructions
+    from mjbench.commands.profile.driver import of_instructions
     from mjbench.counts import show
     from mjbench.counts.records import InstructionsRecord
 

@@ -10,7 +10,7 @@ import pytest
 from commands import ROOT, Completed, mjbench, mjbench_process
 
 import mjbench as package
-from mjbench.api.checkup import CheckupPlan
+from mjbench.commands.checkup.driver import CheckupPlan
 from mjbench.commands.profile import measure as profile
 from mjbench.host import isolate
 

@@ -29,6 +29,8 @@ from mjbench.errors import InputError, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.measuring import stats
+from mjbench.options import stored
+from mjbench.session import Measurement, of_each_model
 from mjbench.simulation import compat, models, reference_run, starts, workload_sampling
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.reference_run import Work
@@ -148,6 +150,17 @@ class LatencyRow:
 
 
 QUANTILES = (0.5, 0.99, 0.999)
+
+
+def measurement(sources: Sequence[ModelSource], options: LatencyOptions) -> Measurement:
+    """Return the measurement of single steps of each model, free-running and paced."""
+    starts = options.starts
+
+    def measure_model(source: ModelSource) -> list[LatencyRow]:
+        samples = measure(source, starts, options)
+        return [row(source.name, of_pace, options.deadline_s) for of_pace in samples]
+
+    return of_each_model("latency", sources, starts, LatencyRow, measure_model, stored(options))
 
 
 def measure(source: ModelSource, plan: StartPlan, options: LatencyOptions) -> list[StepSamples]:

@@ -12,8 +12,8 @@ from step_profiles import step_profile
 from verdict_records import FASTER
 
 import mjbench
-from mjbench.api import checkup
-from mjbench.api.checkup import CheckupPlan
+from mjbench.commands.checkup import driver as checkup
+from mjbench.commands.checkup.driver import CheckupPlan
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import ProgramFile
 from mjbench.commands.run.launch import ProgramObservation
