@@ -21,7 +21,7 @@ from mjbench.commands.latency import measure as latency
 from mjbench.commands.latency import show as latency_section
 from mjbench.commands.profile import habit_timing
 from mjbench.commands.run import loop_time, py_spy
-from mjbench.commands.run.hook import bursts, step_clock
+from mjbench.commands.run.hook import call_bursts, step_clock
 from mjbench.commands.run.remedies import remedy
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.tune import reference, solver_convergence, trajectories
@@ -105,9 +105,10 @@ def paired() -> Iterator[str]:
 
 
 def run() -> Iterator[str]:
-    calls_of_burst = bursts.BURST_CALLS
+    calls_of_burst = call_bursts.BURST_CALLS
     yield f"in bursts of {calls_of_burst} calls, or of 0.1 s"
-    yield f"at most {percent(bursts.MAX_COST_SHARE, 1)} of the processor time after the first 10 ms"
+    cost = percent(call_bursts.MAX_COST_SHARE, 1)
+    yield f"at most {cost} of the processor time after the first 10 ms"
     yield f"in less than {step_clock.FASTEST_PASSED_NS / 1000:.0f} µs"
     yield f"{py_spy.DEFAULT_RATE_HZ:.0f} times a second"
     yield f"from {percent(remedy.LEAST_GAIN)} of the loop on"

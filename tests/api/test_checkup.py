@@ -19,8 +19,8 @@ from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import ProgramFile
 from mjbench.commands.run.launch import ProgramObservation
 from mjbench.commands.run.recorded_models import RecordedModel
-from mjbench.commands.run.remedies import trials
-from mjbench.commands.run.remedies.trials import MeasuredRatios
+from mjbench.commands.run.remedies import remedy_pairs
+from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios
 from mjbench.commands.tune.c_search import LEAST_LAUNCHES
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import InputError, MachineError
@@ -160,7 +160,7 @@ def test_an_interrupt_after_the_run_keeps_what_was_seen(monkeypatch: pytest.Monk
             raise KeyboardInterrupt
         return MeasuredRatios({})
 
-    monkeypatch.setattr(trials, "measure", measure)
+    monkeypatch.setattr(remedy_pairs, "measure", measure)
     seen = replace(OBSERVED, models=(model,))
     _, program, row = program_parts(monkeypatch, lambda name: [], seen)
     assert (program.status, row.wall_s) == (Status.INTERRUPTED, 1.0)

@@ -9,7 +9,7 @@ from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import file_owners
 from mjbench.commands.run.launch import ProgramObservation
 from mjbench.commands.run.loop_time import LoopTime
-from mjbench.commands.run.remedies import listing, trials, wrong_results
+from mjbench.commands.run.remedies import listing, remedy_pairs, wrong_results
 from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.source_loops import SourceLoop
 from mjbench.host import machine
@@ -36,8 +36,8 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
         if not file_owners.package_of(file)
     )
     findings = listing.findings_of(files)
-    asked = listing.trials(times, findings, incidents)
-    measured = trials.measure(observation.models, asked)
+    asked = listing.pairs(times, findings, incidents)
+    measured = remedy_pairs.measure(observation.models, asked)
     physics = None
     if times and times[0].is_mostly_physics:
         most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))

@@ -16,7 +16,7 @@ from hook_clock import Clock
 
 from mjbench.commands.run import call_times, recorded_models, step_times
 from mjbench.commands.run.activities import Activity
-from mjbench.commands.run.hook import bursts, call_clock, slow_functions, step_file, watch
+from mjbench.commands.run.hook import call_bursts, call_clock, rare_calls, step_file, watch
 from mjbench.commands.run.step_times import Header
 
 HOOK = Path(call_clock.__file__).parent
@@ -34,7 +34,7 @@ def looks(clock, tmp_path):
 
 @pytest.fixture
 def slow(clock, looks):
-    return slow_functions.SlowFunctions(clock, looks)
+    return rare_calls.RareCalls(clock, looks)
 
 
 def read(folder):
@@ -274,7 +274,7 @@ def test_a_batch_counts_the_simulations_that_it_steps(slow, tmp_path):
 
 
 def test_callbacks_between_bursts_are_those_of_the_steps_of_their_own_loop(clock, tmp_path):
-    burst = bursts.Burst(clock)
+    burst = call_bursts.Burst(clock)
 
     def program():
         frame = sys._getframe()
@@ -300,7 +300,7 @@ def test_callbacks_between_bursts_are_those_of_the_steps_of_their_own_loop(clock
 def test_steps_take_what_was_measured_however_much_the_clock_seems_to_cost(
     clock, tmp_path, cost_ns
 ):
-    burst = bursts.Burst(clock)
+    burst = call_bursts.Burst(clock)
     burst.add("mj_step", sys._getframe(), 1_000, 1_400, 1)
     burst.pass_on(burst.write(), 9, until_ns=5_000)
     header = dict.fromkeys(Header.__dataclass_fields__, 0)
@@ -321,7 +321,7 @@ def test_a_damaged_file_is_left_out(tmp_path):
 PROGRAM = """
 import sys
 import mujoco
-sys.modules["mjbench_hook.bursts"].FREE_COST_NS = sys.maxsize
+sys.modules["mjbench_hook.call_bursts"].FREE_COST_NS = sys.maxsize
 model = mujoco.MjModel.from_xml_string('''
 <mujoco>
   <option integrator="RK4"/>

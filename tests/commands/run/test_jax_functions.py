@@ -10,7 +10,7 @@ import pytest
 from hook_clock import Clock
 
 from mjbench.commands.run import call_times, step_times
-from mjbench.commands.run.hook import bursts, call_clock, jax_functions, step_clock, watch
+from mjbench.commands.run.hook import call_bursts, call_clock, jax_functions, step_clock, watch
 
 HOOK = Path(call_clock.__file__).parent
 
@@ -74,7 +74,7 @@ def test_calls_inside_another_are_part_of_it(clock, tmp_path):
 
 
 def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp_path, monkeypatch):
-    monkeypatch.setattr(bursts, "FREE_COST_NS", 0)
+    monkeypatch.setattr(call_bursts, "FREE_COST_NS", 0)
     step_clock.StepClock(str(tmp_path), clock._calls, watch.Watch(str(tmp_path), clock._calls))
     clock.bursts.call_cost_ns = 30
     timed, count = clock._timed(lambda: None, call_clock.DISPATCH), 100_000
@@ -90,7 +90,7 @@ def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp
     assert call.calls == pytest.approx(count, rel=0.05)
     assert (
         clock.bursts.calls_timed * clock.bursts.call_cost_ns
-        < 1.5 * bursts.MAX_COST_SHARE * clock._now_ns()
+        < 1.5 * call_bursts.MAX_COST_SHARE * clock._now_ns()
     )
 
 

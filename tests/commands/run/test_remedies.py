@@ -14,13 +14,13 @@ from mjbench.commands.run.remedies import call_remedies, line_remedies, listing,
 from mjbench.commands.run.remedies.call_remedies import CALL_REMEDIES
 from mjbench.commands.run.remedies.line_remedies import LINE_REMEDIES
 from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
-from mjbench.commands.run.remedies.trials import MeasuredRatios, TimeRatio, Trial
+from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair, TimeRatio
 from mjbench.commands.run.source_loops import SourceLoop
 from mjbench.commands.run.step_times import Durations, StepTimes
 
 PHYSICS, PYTHON, NUMPY = Activity.PHYSICS, Activity.PYTHON, Activity.NUMPY
 BINDINGS = Activity.BINDINGS
-NAMED_ACCESS = Trial(line_remedies.named_access, by_wall_time=True)
+NAMED_ACCESS = RemedyPair(line_remedies.named_access, by_wall_time=True)
 
 
 def line(number, activities, function="main", package=""):
@@ -155,7 +155,7 @@ def test_each_call_in_a_loop_has_its_remedy(remedy):
         of_text = [more for text, more in ROLLOUT_CONTEXTS.items() if remedy.text.startswith(text)]
         context = {**CONTEXTS.get(callee, {}), **(of_text[0] if of_text else {})}
         time = loop_of(step(), call(callee, **context))
-        asked = listing.trials([time], codes)
+        asked = listing.pairs([time], codes)
         measured = MeasuredRatios({each: ratio(0.5) for each in asked})
         (listed,) = [r for r in listing.remedies(time, codes, measured) if r.kind == "call"]
         assert listed.place.line == 15
@@ -182,9 +182,9 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
     other = LineTime(Place("train.py", 19, "main", "text"), 0.2, {NUMPY: 0.2})
     whole = loop_of(step(seconds=2.0), call("MjData", seconds=4.0))
     time = replace(whole, lines=[other], activities={PHYSICS: 0.8, NUMPY: 0.2})
-    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
-    assert trial in listing.trials([time], [])
-    measured = MeasuredRatios({trial: replace(ratio(0.25), created_share=2 / 3)})
+    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
+    assert pair in listing.pairs([time], [])
+    measured = MeasuredRatios({pair: replace(ratio(0.25), created_share=2 / 3)})
     remedy = next(each for each in listing.remedies(time, [], measured) if each.kind == "call")
     assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.75 * 0.8))
     (few,) = listing.remedies(replace(time, samples=10), [], measured)
@@ -195,8 +195,8 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
 
 def test_an_object_whose_creation_no_clock_saw_saves_no_more_than_its_lines():
     time = replace(loop_of(step(seconds=2.0), call("MjData", seconds=4.0)), samples=10)
-    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
-    measured = MeasuredRatios({trial: replace(ratio(0.25), created_share=0.0)})
+    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
+    measured = MeasuredRatios({pair: replace(ratio(0.25), created_share=0.0)})
     (remedy,) = [each for each in listing.remedies(time, [], measured) if each.kind == "call"]
     assert remedy.gain <= 1.0
 
@@ -204,16 +204,18 @@ def test_an_object_whose_creation_no_clock_saw_saves_no_more_than_its_lines():
 def test_functions_that_no_clock_saw_save_nothing():
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(step(seconds=0.0), call("mj_forward", calls=1000, seconds=0.0))
-    measured = MeasuredRatios({Trial(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)})
+    measured = MeasuredRatios(
+        {RemedyPair(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)}
+    )
     assert listing.remedies(time, [found], measured) == []
 
 
 def test_a_new_mjdata_costs_only_its_first_steps():
     """Of 250 steps that follow each MjData, 50 are in the pair."""
     time = loop_of(step(seconds=8.0), call("MjData", calls=4, seconds=1.99))
-    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
-    assert trial in listing.trials([time], [])
-    measured = MeasuredRatios({trial: replace(ratio(0.5), created_share=0.2)})
+    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
+    assert pair in listing.pairs([time], [])
+    measured = MeasuredRatios({pair: replace(ratio(0.5), created_share=0.2)})
     (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
     assert gain == pytest.approx(0.5 * (0.99 - (0.99 - 0.199) * 200 / 250))
 
@@ -231,22 +233,22 @@ def test_what_a_new_mjdata_saves_does_not_grow_with_what_python_does_to_call_ste
     )
     creation = call("MjData", calls=100, seconds=10 * 20 / whole_us)
     time = replace(seen, calls=[step(seconds=10 * 120 / whole_us, calls=20_000), creation])
-    trial = Trial(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
-    assert trial in listing.trials([time], [])
-    measured = MeasuredRatios({trial: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
+    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
+    assert pair in listing.pairs([time], [])
+    measured = MeasuredRatios({pair: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
     (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
     assert gain == pytest.approx(18 / whole_us)
 
 
 def test_what_may_be_chance_is_not_suggested():
     time = loop_of(step())
-    (trial,) = listing.trials([time], [])
+    (pair,) = listing.pairs([time], [])
     chance = replace(ratio(0.5), high=1.1)
-    assert listing.remedies(time, [], MeasuredRatios({trial: chance})) == []
-    (timer,) = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.5)}))
+    assert listing.remedies(time, [], MeasuredRatios({pair: chance})) == []
+    (timer,) = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.5)}))
     assert timer.gain == pytest.approx(0.5 * 0.99)  # no other line is seen
     few = replace(time, samples=10)
-    (timer,) = listing.remedies(few, [], MeasuredRatios({trial: ratio(0.5)}))
+    (timer,) = listing.remedies(few, [], MeasuredRatios({pair: ratio(0.5)}))
     assert timer.gain == pytest.approx(0.25)  # of the steps, which take half of the loop
 
 
@@ -277,29 +279,34 @@ def test_copies_of_a_model_that_is_loaded_again_and_again_leave_the_loop():
 
 @pytest.mark.parametrize("callee", call_clock.COPIES_OF_DATA)
 def test_a_copy_of_an_mjdata_is_compared_with_a_copy_of_its_kind(callee):
-    trial = Trial(call_remedies.new_data, (callee, "mj_copyData"), steps=10, of_copied=True)
-    assert trial in listing.trials([loop_of(step(), call(callee))], [])
+    pair = RemedyPair(call_remedies.new_data, (callee, "mj_copyData"), steps=10, of_copied=True)
+    assert pair in listing.pairs([loop_of(step(), call(callee))], [])
 
 
 def test_a_renderer_is_tried_at_its_size_and_with_its_library():
     time = loop_of(step(), call("Renderer", frame=(48, 64), backend="egl"))
-    asked = listing.trials([time], [])
-    assert Trial(call_remedies.renderer, frame=(48, 64), backend="egl", by_wall_time=True) in asked
+    asked = listing.pairs([time], [])
+    assert (
+        RemedyPair(call_remedies.renderer, frame=(48, 64), backend="egl", by_wall_time=True)
+        in asked
+    )
 
 
 def test_a_finding_of_lint_gives_its_message_and_its_code():
     time = loop_of(step(), call("MjData"))
     (remedy,) = listing.remedies(time, [finding("MJB005")])
     assert (remedy.code, remedy.text) == ("MJB005", "do otherwise")
-    trial = Trial(call_remedies.new_data, ("MjData", "mj_resetData"), steps=10)
-    assert trial in listing.trials([time], [finding("MJB005")])
+    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_resetData"), steps=10)
+    assert pair in listing.pairs([time], [finding("MJB005")])
 
 
 def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
     """1,000 steps of 5 ms, each with a call of 4 ms; the pair takes 2/3 with what is enough."""
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(step(seconds=5.0), call("mj_forward", calls=1000, seconds=4.0))
-    measured = MeasuredRatios({Trial(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)})
+    measured = MeasuredRatios(
+        {RemedyPair(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)}
+    )
     (remedy,) = listing.remedies(time, [found], measured)
     assert remedy.gain == pytest.approx(0.99 / 3)  # with what Python does to make the calls
     assert listing.remedies(time) == [], "only lint knows what is read afterwards"
@@ -308,9 +315,9 @@ def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
 def test_functions_in_a_loop_that_does_not_step_are_compared_alone():
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(call("mj_forward", calls=1000, seconds=6.0))
-    (trial,) = listing.trials([time], [found])
-    assert (trial.ways, trial.steps) == (call_remedies.functions, 0)
-    (remedy,) = listing.remedies(time, [found], MeasuredRatios({trial: ratio(0.2)}))
+    (pair,) = listing.pairs([time], [found])
+    assert (pair.ways, pair.steps) == (call_remedies.functions, 0)
+    (remedy,) = listing.remedies(time, [found], MeasuredRatios({pair: ratio(0.2)}))
     assert remedy.gain == pytest.approx(0.99 * 0.8)
 
 
@@ -339,7 +346,7 @@ def test_what_runs_many_times_a_step_saves_a_share_of_its_line(tmp_path):
     stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
     time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
     found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0)
-    _, asked = listing.trials([time], [found])
+    _, asked = listing.pairs([time], [found])
     assert asked == NAMED_ACCESS
     measured = MeasuredRatios({NAMED_ACCESS: ratio(0.25, saved_s=1e-6)})
     first = listing.remedies(time, [found], measured)[0]
@@ -356,7 +363,7 @@ def test_a_new_array_is_not_the_cost_of_what_a_line_computes(text, gain):
     found = replace(finding("MJB003"), ns_per_step=300.0)
     listed = {each.code: each.gain for each in listing.remedies(time, [found])}
     assert listed == {"MJB003": gain} if gain else {"": 0.4}
-    measured = MeasuredRatios({Trial(line_remedies.new_array): ratio(0.5, saved_s=1e-3)})
+    measured = MeasuredRatios({RemedyPair(line_remedies.new_array): ratio(0.5, saved_s=1e-3)})
     listed = {each.code: each.gain for each in listing.remedies(time, [found], measured)}
     assert listed == {"MJB003": gain / 2, "": gain / 2} if gain else {"": 0.4}
     once_a_step = replace(time, calls=[step(calls=1000)])
@@ -378,26 +385,30 @@ def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("text", "trial", "says"),
+    ("text", "pair", "says"),
     [
-        ("contact = data.contact[i]", Trial(line_remedies.contacts), "arrays of all contacts"),
-        ("for contact in data.contact:", Trial(line_remedies.contacts), "arrays of all contacts"),
+        ("contact = data.contact[i]", RemedyPair(line_remedies.contacts), "arrays of all contacts"),
+        (
+            "for contact in data.contact:",
+            RemedyPair(line_remedies.contacts),
+            "arrays of all contacts",
+        ),
         ("mujoco.mj_contactForce(m, d, i, force)", None, "choose contacts"),
         ("x = np.linalg.inv(full) @ force", None, "mj_solveM"),
         ("x = np.linalg.pinv(jacobian) @ error", None, "damped least squares"),
         ("log.append(data.qpos.tolist())", None, "log[i] = data.qpos"),
     ],
 )
-def test_a_line_has_the_remedy_of_what_it_calls(text, trial, says):
+def test_a_line_has_the_remedy_of_what_it_calls(text, pair, says):
     called = LineTime(Place("train.py", 15, "main", text), 0.4, {PYTHON: 0.4})
     time = loop(line(12, {PHYSICS: 0.6}), called)
-    asked = listing.trials([time], [])
-    assert asked == ([] if trial is None else [trial])
+    asked = listing.pairs([time], [])
+    assert asked == ([] if pair is None else [pair])
     measured = MeasuredRatios({each: ratio(0.25) for each in asked})
     first = listing.remedies(time, [], measured)[0]
     assert says in first.text
     assert (first.basis, first.gain) == (
-        (Basis.BOUND, pytest.approx(0.4)) if trial is None else (Basis.PAIRED, pytest.approx(0.3))
+        (Basis.BOUND, pytest.approx(0.4)) if pair is None else (Basis.PAIRED, pytest.approx(0.3))
     )
 
 
@@ -416,14 +427,14 @@ def test_rays_at_once_save_the_loop_that_casts_them_one_by_one(tmp_path):
     rays = replace(call("mj_ray", calls=36_000, seconds=4.0), place=lines[2].place)
     stepping = replace(step(seconds=2.0), place=lines[0].place, lines=[(file, 2)])
     time = replace(loop(*lines), calls=[stepping, rays])
-    trial = Trial(call_remedies.rays, simulations=36)
-    assert trial in listing.trials([time], [])
-    first, *_ = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.5)}))
+    pair = RemedyPair(call_remedies.rays, simulations=36)
+    assert pair in listing.pairs([time], [])
+    first, *_ = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.5)}))
     assert first.text.startswith("mj_multiRay")
     assert first.gain == pytest.approx(0.5 / 2 + 0.3)
     # of 0.4 for the calls, half stays; too few samples tell whose 0.4 that is not timed are
     short = replace(time, samples=20, lines=[])
-    first, *_ = listing.remedies(short, [], MeasuredRatios({trial: ratio(0.5)}))
+    first, *_ = listing.remedies(short, [], MeasuredRatios({pair: ratio(0.5)}))
     assert (first.gain, first.gain_error) == (pytest.approx(0.4 / 2 + 0.4 / 2), pytest.approx(0.1))
 
 
@@ -438,7 +449,7 @@ def test_half_of_what_only_samples_show_is_expected_to_be_saved():
     time = replace(
         loop(line(12, {PHYSICS: 0.7}), line(13, {NUMPY: 0.3})), calls=[step(seconds=7.0)]
     )
-    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.75)})
+    measured = MeasuredRatios({RemedyPair(loop_remedies.no_timer): ratio(0.75)})
     timer, numpy = listing.remedies(time, [], measured)
     assert (timer.kind, numpy.kind) == (RemedyKind.CLOCK, RemedyKind.LINE)
     assert timer.gain < numpy.gain
@@ -446,7 +457,7 @@ def test_half_of_what_only_samples_show_is_expected_to_be_saved():
 
 def test_the_timer_is_turned_off_before_callbacks_are_set():
     time = loop_of(step(), call(f"{call_clock.CALLBACK} mjcb_control"))
-    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.5)})
+    measured = MeasuredRatios({RemedyPair(loop_remedies.no_timer): ratio(0.5)})
     timer = next(r for r in listing.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
     assert "callbacks of your own" in timer.text
 
@@ -455,9 +466,9 @@ def test_the_timer_is_turned_off_before_callbacks_are_set():
 def test_inverse_dynamics_is_computed_in_the_step_of_the_same_data(text):
     same = text == "mj_inverse(m, d)"
     time = loop_of(step(), call("mj_inverse", calls=1000, text=text))
-    trial = Trial(call_remedies.inverse)
-    assert (trial in listing.trials([time], [])) == same
-    listed = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.7)}))
+    pair = RemedyPair(call_remedies.inverse)
+    assert (pair in listing.pairs([time], [])) == same
+    listed = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.7)}))
     assert bool(listed) == same
     assert listing.remedies(time) == [], "with Runge-Kutta, nothing is measured"
 
@@ -465,12 +476,12 @@ def test_inverse_dynamics_is_computed_in_the_step_of_the_same_data(text):
 def test_the_timer_of_the_python_package_is_measured_on_the_model():
     other = LineTime(Place("train.py", 19, "main", "text"), 0.5, {NUMPY: 0.5})
     time = replace(loop_of(step()), lines=[other], activities={PHYSICS: 0.5, NUMPY: 0.5})
-    measured = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.8)})
+    measured = MeasuredRatios({RemedyPair(loop_remedies.no_timer): ratio(0.8)})
     remedy = next(r for r in listing.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
     assert remedy.gain == pytest.approx(0.1)
     calls_of_five = loop_of(call("mj_step", 12, 100, 5.0, steps=500, all_steps=500))
-    assert listing.trials([calls_of_five], []) == [Trial(loop_remedies.no_timer, steps=5)]
-    slight = MeasuredRatios({Trial(loop_remedies.no_timer): ratio(0.95)})
+    assert listing.pairs([calls_of_five], []) == [RemedyPair(loop_remedies.no_timer, steps=5)]
+    slight = MeasuredRatios({RemedyPair(loop_remedies.no_timer): ratio(0.95)})
     assert all(r.kind != RemedyKind.CLOCK for r in listing.remedies(time, [], slight))
 
 
@@ -478,29 +489,29 @@ def test_steps_with_nothing_between_them_are_one_call(tmp_path):
     file = tmp_path / "train.py"
     bare = replace(step(), place=Place(str(file), 3, "main"))
     time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 5))
-    trial = Trial(call_remedies.one_call)
+    pair = RemedyPair(call_remedies.one_call)
     held = "for _ in range(9):\n    for _ in range(5):\n        mj_step(m, d)\n        {}\n    {}\n"
     file.write_text(held.format("# and no more", "d.ctrl[:] = policy(d)"))
     findings = listing.findings_of([str(file)])
-    assert trial in listing.trials([time], findings)
-    (remedy,) = listing.remedies(time, findings, MeasuredRatios({trial: ratio(0.8)}))
+    assert pair in listing.pairs([time], findings)
+    (remedy,) = listing.remedies(time, findings, MeasuredRatios({pair: ratio(0.8)}))
     assert (remedy.code, remedy.place.line, remedy.effect) == ("MJB017", 3, "nothing")
     assert remedy.gain == pytest.approx(0.1)
     assert listing.remedies(time, findings, MeasuredRatios({})) == [], "not measured"
     file.write_text(held.format("d.ctrl[:] = policy(d)", "pass"))
     findings = listing.findings_of([str(file)])
-    assert trial not in listing.trials([time], findings)
-    assert listing.remedies(time, findings, MeasuredRatios({trial: ratio(0.8)})) == []
+    assert pair not in listing.pairs([time], findings)
+    assert listing.remedies(time, findings, MeasuredRatios({pair: ratio(0.8)})) == []
 
 
 def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
     time = loop_of(step())
     incident = Incident(call_clock.IN_TURN, step().place, 8)
-    trial = Trial(loop_remedies.batch, simulations=8, on_threads=True)
-    assert trial in listing.trials([time], [], [incident])
-    (remedy,) = listing.remedies(time, [], MeasuredRatios({trial: ratio(0.4)}), [incident])
+    pair = RemedyPair(loop_remedies.batch, simulations=8, on_threads=True)
+    assert pair in listing.pairs([time], [], [incident])
+    (remedy,) = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.4)}), [incident])
     assert remedy.gain == pytest.approx(0.3)
-    assert listing.remedies(time, [], MeasuredRatios({trial: ratio(1.2)}), [incident]) == []
+    assert listing.remedies(time, [], MeasuredRatios({pair: ratio(1.2)}), [incident]) == []
 
 
 @pytest.mark.parametrize("comment", ["", "  # never closed"])
@@ -559,13 +570,13 @@ def test_processes_that_are_started_again_and_again_cost_their_whole_line():
 
 
 @pytest.mark.parametrize(
-    ("line", "trial"),
+    ("line", "pair"),
     [
-        ("log.append(np.zeros(3))", Trial(line_remedies.concatenation)),
-        ("for pair in data.contact.geom:", Trial(line_remedies.contacts)),
-        ("least = min(x for x in data.contact.dist)", Trial(line_remedies.contacts)),
+        ("log.append(np.zeros(3))", RemedyPair(line_remedies.concatenation)),
+        ("for pair in data.contact.geom:", RemedyPair(line_remedies.contacts)),
+        ("least = min(x for x in data.contact.dist)", RemedyPair(line_remedies.contacts)),
     ],
 )
-def test_lines_that_look_alike_are_not_tried(line: str, trial: Trial) -> None:
-    (remedy,) = [each for each in LINE_REMEDIES if each.trial == trial]
+def test_lines_that_look_alike_are_not_tried(line: str, pair: RemedyPair) -> None:
+    (remedy,) = [each for each in LINE_REMEDIES if each.pair == pair]
     assert not remedy.line.search(line)

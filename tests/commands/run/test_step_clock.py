@@ -16,9 +16,9 @@ from commands import ROOT
 
 from mjbench.commands.run import call_times, step_times
 from mjbench.commands.run.hook import (
-    bursts,
+    call_bursts,
     call_clock,
-    other_functions,
+    engine_calls,
     step_clock,
     step_file,
     watch,
@@ -132,7 +132,7 @@ def test_bursts_cost_no_more_than_their_share(started):
     steps = read(started)
     assert len(started.calls) == count
     assert steps.nstep == pytest.approx(count, rel=0.05)
-    limit = bursts.MAX_COST_SHARE + bursts.FREE_COST_NS / (count * CALL_NS)
+    limit = call_bursts.MAX_COST_SHARE + call_bursts.FREE_COST_NS / (count * CALL_NS)
     assert 0 < steps.cost_share <= 1.1 * limit
 
 
@@ -151,7 +151,7 @@ def test_bursts_of_calls_without_steps_cost_no_more_than_their_share(started, st
     assert len(started.calls) == count + steps
     assert forward.calls == pytest.approx(count, rel=0.01)
     assert forward.seconds == pytest.approx(seconds, rel=0.01)
-    limit = bursts.MAX_COST_SHARE * seconds + 1e-9 * bursts.FREE_COST_NS
+    limit = call_bursts.MAX_COST_SHARE * seconds + 1e-9 * call_bursts.FREE_COST_NS
     assert 0 < forward.clock_s <= 1.1 * limit
 
 
@@ -169,12 +169,12 @@ def test_many_calls_for_each_step_cost_no_more_than_their_share_either(started, 
     step, forward = sorted(calls_of(started), key=lambda each: each.calls)
     assert (step.callee, step.calls) == ("mj_step", pytest.approx(count, rel=0.05))
     assert forward.calls == pytest.approx(300_000, rel=0.05)
-    limit = bursts.MAX_COST_SHARE * seconds + 1e-9 * bursts.FREE_COST_NS
+    limit = call_bursts.MAX_COST_SHARE * seconds + 1e-9 * call_bursts.FREE_COST_NS
     assert forward.clock_s + step.clock_s <= 2.2 * limit
 
 
 def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatch):
-    monkeypatch.setattr(bursts, "FREE_COST_NS", 0)
+    monkeypatch.setattr(call_bursts, "FREE_COST_NS", 0)
     timed, (model, data) = [], simulation()
     for share in (1.0, 0.25):
         fake, calls = FakeClock(), []
@@ -187,7 +187,7 @@ def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatc
         module = engine(fake, calls)
         clock.install(module)
         clock.timed_ns = clock.cold_ns = CALL_NS // 100
-        for _ in range(400 * bursts.BURST_CALLS):
+        for _ in range(400 * call_bursts.BURST_CALLS):
             module.mj_step(model, data)
         timed.append(clock._calls_timed)
     assert timed[1] == pytest.approx(timed[0] / 4, rel=0.1)
@@ -211,17 +211,17 @@ def test_what_a_call_costs_the_program_is_learned_from_its_bursts(started):
 
 def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):
     monkeypatch.setattr(step_clock, "FASTEST_PASSED_NS", 2 * CALL_NS)
-    monkeypatch.setattr(bursts, "FREE_COST_NS", 0)
+    monkeypatch.setattr(call_bursts, "FREE_COST_NS", 0)
     model, data = simulation()
     started.clock.timed_ns = started.clock.cold_ns = CALL_NS
     original = started.clock._originals["mj_step"]
-    for _ in range(bursts.BURST_CALLS):
+    for _ in range(call_bursts.BURST_CALLS):
         started.module.mj_step(model, data)
         started.fake.spend(CALL_NS // 2)
     assert started.module.mj_step is original
     started.module.mj_resetData(model, data)
     assert started.module.mj_step is original, "its cost is not earned back yet"
-    started.fake.spend(int(bursts.BURST_CALLS * CALL_NS / bursts.MAX_COST_SHARE))
+    started.fake.spend(int(call_bursts.BURST_CALLS * CALL_NS / call_bursts.MAX_COST_SHARE))
     started.module.mj_resetData(model, data)
     assert started.module.mj_step is not original
     steps = read(started)
@@ -233,7 +233,7 @@ def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):
 def test_the_engines_timers_give_stages(started):
     model, data = simulation()
     names = {"STEP": 0, "POS_KINEMATICS": 1, "CONSTRAINT": 2}
-    for _ in range(bursts.BURST_CALLS):
+    for _ in range(call_bursts.BURST_CALLS):
         started.module.mj_step(model, data)
         data.timer.duration += np.array([1.0, 0.25, 0.5]) * 1e-9 * CALL_NS
     started.clock.end()
@@ -247,7 +247,7 @@ def test_the_engines_timers_give_stages(started):
 @pytest.mark.parametrize("share", [2.0, 1e-6])
 def test_timers_without_a_clock_give_no_stages(started, share):
     model, data = simulation()
-    for _ in range(bursts.BURST_CALLS):
+    for _ in range(call_bursts.BURST_CALLS):
         started.module.mj_step(model, data)
         data.timer.duration += share * 1e-9 * CALL_NS
     started.clock.end()
@@ -258,7 +258,7 @@ def test_timers_without_a_clock_give_no_stages(started, share):
 def test_timers_that_the_program_resets_are_left_out(started):
     model, data = simulation()
     data.timer.duration += 5.0
-    for _ in range(bursts.BURST_CALLS):
+    for _ in range(call_bursts.BURST_CALLS):
         started.module.mj_step(model, data)
         data.timer.duration[:] = 0.0
     assert read(started).stages == {}
@@ -318,12 +318,12 @@ def test_calibration_leaves_nothing_wherever_it_is_interrupted(started, reads):
 
 
 def test_the_file_never_overflows(started, monkeypatch):
-    monkeypatch.setattr(step_file, "CAPACITY", 4 * bursts.BURST_CALLS)
+    monkeypatch.setattr(step_file, "CAPACITY", 4 * call_bursts.BURST_CALLS)
     model, data = simulation()
-    for _ in range(20 * bursts.BURST_CALLS):
+    for _ in range(20 * call_bursts.BURST_CALLS):
         started.module.mj_step(model, data)
     steps = read(started)
-    assert 0 < steps.step.count <= 4 * bursts.BURST_CALLS
+    assert 0 < steps.step.count <= 4 * call_bursts.BURST_CALLS
 
 
 def test_a_thread_has_iterations_of_its_own():
@@ -493,7 +493,7 @@ def test_an_endless_recursion_is_reported_as_without_the_clock(tmp_path):
 
 def test_what_follows_the_last_step_does_not_count(started):
     model, data = simulation()
-    for _ in range(bursts.BURST_CALLS + 5):
+    for _ in range(call_bursts.BURST_CALLS + 5):
         started.module.mj_step(model, data)
     started.fake.spend(10**12)
     assert read(started).steps_per_s == pytest.approx(1e9 / CALL_NS, rel=0.01)
@@ -548,7 +548,7 @@ def test_a_program_that_never_steps_is_looked_at_in_its_loop(started, monkeypatc
     seen = []
     monkeypatch.setattr(started.clock._watch, "look", lambda *arguments: seen.append(arguments[:2]))
     model, data = simulation()
-    for _ in range(other_functions.MOST_BETWEEN_STEPS + bursts.BURST_CALLS):
+    for _ in range(engine_calls.MOST_BETWEEN_STEPS + call_bursts.BURST_CALLS):
         started.module.mj_forward(model, data)
     assert not seen, "that may be set-up"
     started.module.mj_forward(model, data)

@@ -22,7 +22,7 @@ from types import FrameType
 from typing import Any
 
 from . import file_owners
-from .replaced import named_like, suppress
+from .function_replacement import named_like, suppress
 from .step_file import map_file
 
 # A slot: calls, their ns, calls while steps were timed, their ns, when the first began and the last

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from types import FrameType, MethodType, ModuleType
 from typing import Any
 
-from .bursts import CallBursts, cold_cost_ns
+from .call_bursts import CallBursts, cold_cost_ns
 from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, TRACE, TRANSFER, CallClock
-from .replaced import named_like, suppress
+from .function_replacement import named_like, suppress
 
 # What JAX calls its events, and the callee that each belongs to.
 _EVENTS = {

@@ -16,9 +16,9 @@ from typing import Any
 
 from . import file_owners, step_file
 from .call_clock import CallClock
+from .function_replacement import AfterImport, named_like
 from .jax_functions import JaxFunctions
-from .replaced import AfterImport, named_like
-from .slow_functions import SlowFunctions
+from .rare_calls import RareCalls
 from .step_clock import StepClock
 from .watch import Watch
 
@@ -42,7 +42,7 @@ def start(folder: str) -> None:
         if os.path.exists(step_file.path_of(folder)):
             return  # it is empty, for want of space, and the report says so
         raise
-    slow, of_jax = SlowFunctions(calls, watch), JaxFunctions(calls)
+    slow, of_jax = RareCalls(calls, watch), JaxFunctions(calls)
 
     def install(module: ModuleType) -> None:
         steps.install(module)

@@ -20,11 +20,11 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from .bursts import BURST_CALLS, Burst, CallBursts, Pacer, Written, cold_cost_ns
+from .call_bursts import BURST_CALLS, Burst, CallBursts, Pacer, Written, cold_cost_ns
 from .call_clock import FAST, STEPS, CallClock
 from .collection_clock import CollectionClock
-from .other_functions import OtherFunctions
-from .replaced import engine_function, named_like
+from .engine_calls import EngineCalls
+from .function_replacement import engine_function, named_like
 from .step_file import BURST, ITERATION, STEP, StepFile
 from .watch import Watch, write_engine
 
@@ -56,7 +56,7 @@ class StepClock:
         self.collections = CollectionClock(now_ns)
         self._burst = Burst(calls)
         bursts = CallBursts(calls, now_ns, processor_ns)
-        self._others = OtherFunctions(self, self._burst, bursts, watch, now_ns)
+        self._others = EngineCalls(self, self._burst, bursts, watch, now_ns)
         calls.before_steps = self._note_first
         self._originals: dict[str, Any] = {}
         self._timed: dict[str, Any] = {}

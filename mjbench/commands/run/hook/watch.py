@@ -11,7 +11,7 @@ from types import FrameType, ModuleType
 from typing import Any
 
 from .call_clock import COPIED_ENVIRONMENT, HALVES, IN_TURN, SHARED_DATA, WARNING, CallClock
-from .replaced import named_like, suppress
+from .function_replacement import named_like, suppress
 
 # States of a model that are noted, to measure other calls on; models, and bytes of one.
 MAX_STATES, MAX_MODELS, MAX_MODEL_BYTES = 8, 4, 64 << 20

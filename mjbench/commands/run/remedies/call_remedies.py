@@ -1,6 +1,6 @@
 """What to do about calls of MuJoCo and JAX in a loop: a row for each remedy.
 
-A remedy belongs to a call in a context, such as an MjData that is created in a loop. The trial of a
+A remedy belongs to a call in a context, such as an MjData that is created in a loop. The pair of a
 row, and what it asks of the program, stand before the rows.
 """
 
@@ -16,7 +16,7 @@ from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.remedies import call_savings
 from mjbench.commands.run.remedies.call_savings import CallRemedy, CallsInLoop, count_of, steps_of
-from mjbench.commands.run.remedies.trials import Trial, Way
+from mjbench.commands.run.remedies.remedy_pairs import RemedyPair, TimedWay
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.simulation import compat
@@ -27,7 +27,7 @@ _INVERSE_ARGUMENTS = re.compile(r"mj_inverse\(([^()]*)\)")
 _COUNT_ERROR = 0.1
 # Calls that span less than this share of their loop are one burst, such as the starts of a pool.
 _LEAST_SPREAD = 0.25
-# At most so many steps follow a new MjData in a trial: the first ones pay for its memory.
+# At most so many steps follow a new MjData in a pair: the first ones pay for its memory.
 _MOST_STEPS = 50
 # What copies an MjData, by the names of the call clock.
 _COPIERS: Mapping[str, Callable[[mujoco.MjData], mujoco.MjData]] = {
@@ -53,14 +53,14 @@ def _calling(
     return run
 
 
-def functions(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def functions(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     """Return `mj_forward`, and the functions that are enough, each after a step if there is one."""
-    assert trial.functions is not None, "the trial names them"
-    present = _calling(model, ["mj_forward"], trial.steps)
-    return Way(present), Way(_calling(model, trial.functions, trial.steps))
+    assert pair.functions is not None, "the pair names them"
+    present = _calling(model, ["mj_forward"], pair.steps)
+    return TimedWay(present), TimedWay(_calling(model, pair.functions, pair.steps))
 
 
-def inverse(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def inverse(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     """Return inverse dynamics before a step, and within it; halves are no Runge-Kutta."""
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         raise InputError("mj_step1 and mj_step2 integrate by Euler")
@@ -75,15 +75,15 @@ def inverse(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
         mujoco.mj_inverseSkip(model, data, velocity, 1)
         mujoco.mj_step2(model, data)
 
-    return Way(before), Way(within)
+    return TimedWay(before), TimedWay(within)
 
 
-def uncentered(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def uncentered(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     size = 2 * model.nv + model.na
     by_state, by_control = np.empty((size, size)), np.empty((size, model.nu))
 
-    def way(centered: bool) -> Way:
-        return Way(
+    def way(centered: bool) -> TimedWay:
+        return TimedWay(
             lambda data: mujoco.mjd_transitionFD(
                 model, data, 1e-6, centered, by_state, by_control, None, None
             )
@@ -92,17 +92,17 @@ def uncentered(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     return way(True), way(False)
 
 
-def one_call(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def one_call(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     def ten_steps(data: mujoco.MjData) -> None:
         for _ in range(10):
             mujoco.mj_step(model, data)
 
-    return Way(ten_steps), Way(lambda data: mujoco.mj_step(model, data, 10))
+    return TimedWay(ten_steps), TimedWay(lambda data: mujoco.mj_step(model, data, 10))
 
 
-def rays(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def rays(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     origin = np.array(model.stat.center)
-    nray = trial.simulations
+    nray = pair.simulations
     vectors = np.random.default_rng(0).normal(size=(nray, 3))
     geoms, distances = np.empty(nray, np.int32), np.empty(nray)
     geom = np.empty(1, np.int32)
@@ -113,47 +113,47 @@ def rays(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     def at_once(data: mujoco.MjData) -> None:
         compat.cast_rays(model, data, origin, vectors, geoms, distances)
 
-    return Way(one_by_one), Way(at_once)
+    return TimedWay(one_by_one), TimedWay(at_once)
 
 
 # -- rollouts --------------------------------------------------------------------------------------
 
 
-def rollouts(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def rollouts(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     """Return two ways of stepping simulations, by the names that the call clock gives them."""
     if (problem := compat.rollout_threads_unavailable()) is not None:
         raise InputError(problem)
     from mujoco import rollout
 
-    threads, nstep = machine.usable_cores(), trial.steps
+    threads, nstep = machine.usable_cores(), pair.steps
     datas = [mujoco.MjData(model) for _ in range(threads)]
     one, pool = datas[0], rollout.Rollout(nthread=threads)
-    starts = np.empty((trial.simulations, compat.state_size(model, compat.FULLPHYSICS)))
+    starts = np.empty((pair.simulations, compat.state_size(model, compat.FULLPHYSICS)))
 
     def take_state(data: mujoco.MjData) -> None:
         compat.get_state(model, data, starts[0], compat.FULLPHYSICS)
         starts[1:] = starts[0]
 
-    def way(name: str) -> Way:
+    def way(name: str) -> TimedWay:
         if name == "Batch.step":
             from mujoco.batch import Batch
 
-            batch = Batch(model, trial.simulations)
-            return Way(lambda data: batch.step(nstep=nstep))
+            batch = Batch(model, pair.simulations)
+            return TimedWay(lambda data: batch.step(nstep=nstep))
         calls: Mapping[str, Callable[[], object]] = {
             "rollout": lambda: rollout.rollout(model, one, starts, nstep=nstep),
             call_clock.THREADED_ROLLOUT: lambda: rollout.rollout(model, datas, starts, nstep=nstep),
             "Rollout.rollout": lambda: pool.rollout(model, datas, starts, nstep=nstep),
         }
         call = calls[name]
-        return Way(lambda data: call(), prepare=take_state)
+        return TimedWay(lambda data: call(), prepare=take_state)
 
-    assert trial.functions is not None, "there are two"
-    present, suggested = trial.functions
+    assert pair.functions is not None, "there are two"
+    present, suggested = pair.functions
     return way(present), way(suggested)
 
 
-def no_rollout(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def no_rollout(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     """Return one step of one simulation by rollout, and by mj_step."""
     from mujoco import rollout
 
@@ -171,19 +171,19 @@ def no_rollout(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
         data.ctrl[:] = control[0, 0]
         mujoco.mj_step(model, data)
 
-    return Way(one_step, prepare=take_state), Way(step)
+    return TimedWay(one_step, prepare=take_state), TimedWay(step)
 
 
 # -- objects that are created ----------------------------------------------------------------------
 
 
-def new_data(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def new_data(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     """Return an MjData that is new each time, and one that stays; both are stepped.
 
     Steps are timed, too: the first ones after a new MjData pay for its memory.
     """
-    assert trial.functions is not None, "there are two"
-    present, suggested = trial.functions
+    assert pair.functions is not None, "there are two"
+    present, suggested = pair.functions
     scratch = mujoco.MjData(model)
     copier, is_copy = _COPIERS.get(present), suggested == "mj_copyData"
     is_new_copy = is_copy and copier is None
@@ -197,7 +197,7 @@ def new_data(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
         step(fresh)
 
     def step(stepped: mujoco.MjData) -> None:
-        for _ in range(trial.steps):
+        for _ in range(pair.steps):
             mujoco.mj_step(model, stepped)
 
     def again(data: mujoco.MjData) -> None:
@@ -207,11 +207,11 @@ def new_data(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
             mujoco.mj_resetData(model, scratch)
         step(scratch)
 
-    return Way.creating(create, use), Way(again)
+    return TimedWay.creating(create, use), TimedWay(again)
 
 
-def renderer(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
-    height, width = trial.frame
+def renderer(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
+    height, width = pair.frame
     model.vis.global_.offheight = max(height, model.vis.global_.offheight)
     model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
     permanent = mujoco.Renderer(model, height, width)
@@ -223,43 +223,43 @@ def renderer(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
     def create(data: mujoco.MjData) -> mujoco.Renderer:
         return mujoco.Renderer(model, height, width)
 
-    return Way.creating(create, draw), Way(lambda data: draw(permanent, data))
+    return TimedWay.creating(create, draw), TimedWay(lambda data: draw(permanent, data))
 
 
 # -- what rows ask, and whether they apply ---------------------------------------------------------
 
 
-def _functions_trial(calls: CallsInLoop) -> Trial:
+def _functions_pair(calls: CallsInLoop) -> RemedyPair:
     enough = () if calls.finding is None else tuple(calls.finding.instead)
-    return Trial(functions, enough, steps=int(calls.nstep > 0))
+    return RemedyPair(functions, enough, steps=int(calls.nstep > 0))
 
 
-def _rays_trial(calls: CallsInLoop) -> Trial:
+def _rays_pair(calls: CallsInLoop) -> RemedyPair:
     of_step = calls.count / calls.nstep if calls.nstep else _USUAL_RAYS
-    return Trial(rays, simulations=min(_MOST_RAYS, max(1, round(of_step))))
+    return RemedyPair(rays, simulations=min(_MOST_RAYS, max(1, round(of_step))))
 
 
-def _renderer_trial(calls: CallsInLoop) -> Trial:
+def _renderer_pair(calls: CallsInLoop) -> RemedyPair:
     frame = next((call.frame for call in calls.calls if call.frame), None) or (240, 320)
-    return Trial(renderer, frame=frame, backend=calls.calls[0].backend, by_wall_time=True)
+    return RemedyPair(renderer, frame=frame, backend=calls.calls[0].backend, by_wall_time=True)
 
 
-def _data_trial(calls: CallsInLoop) -> Trial:
+def _data_pair(calls: CallsInLoop) -> RemedyPair:
     steps = min(_MOST_STEPS, round(calls.nstep / max(1.0, calls.count)))
     if calls.finding is not None and calls.finding.code == "MJB005":
-        return Trial(new_data, ("MjData", "mj_resetData"), steps=steps)
+        return RemedyPair(new_data, ("MjData", "mj_resetData"), steps=steps)
     longest = max(calls.calls, key=lambda call: call.seconds).callee
     present = longest if longest in _COPIERS else "MjData"
     is_copied = present in _COPIERS
-    return Trial(new_data, (present, "mj_copyData"), steps=steps, of_copied=is_copied)
+    return RemedyPair(new_data, (present, "mj_copyData"), steps=steps, of_copied=is_copied)
 
 
-def _rollout_trial(
-    ways: Callable[[mujoco.MjModel, Trial], tuple[Way, Way]], *names: str
-) -> Callable[[CallsInLoop], Trial]:
-    def trial(calls: CallsInLoop) -> Trial:
+def _rollout_pair(
+    ways: Callable[[mujoco.MjModel, RemedyPair], tuple[TimedWay, TimedWay]], *names: str
+) -> Callable[[CallsInLoop], RemedyPair]:
+    def pair(calls: CallsInLoop) -> RemedyPair:
         steps = max(1.0, sum(call.steps for call in calls.calls))
-        return Trial(
+        return RemedyPair(
             ways,
             names,
             simulations=max(1, round(sum(call.all_steps for call in calls.calls) / steps)),
@@ -267,7 +267,7 @@ def _rollout_trial(
             on_threads=ways is rollouts,
         )
 
-    return trial
+    return pair
 
 
 def _is_of_stepped_data(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
@@ -294,7 +294,7 @@ CALL_REMEDIES = (
     CallRemedy(
         callees=("mj_step",),
         text="nothing happens between these steps: call mj_step(model, data, nstep) once",
-        trial=lambda calls: Trial(one_call),
+        pair=lambda calls: RemedyPair(one_call),
         saving=call_savings.of_call_alone,
         codes=("MJB017",),
         needs_finding=True,
@@ -304,7 +304,7 @@ CALL_REMEDIES = (
         text="mj_forward computes what the next mj_step computes again",
         effect="nothing since MuJoCo 3.10.0; in 3.3.1 and before, later states within the solver's"
         " tolerance",
-        trial=_functions_trial,
+        pair=_functions_pair,
         saving=call_savings.of_functions,
         is_bound=True,
         codes=("MJB007",),
@@ -315,7 +315,7 @@ CALL_REMEDIES = (
         text="mj_inverse computes what depends on positions and velocities, and mj_step computes it"
         " again: call mj_step1, set data.qacc, call mj_inverseSkip(model, data,"
         " mujoco.mjtStage.mjSTAGE_VEL, 1), and then mj_step2",
-        trial=lambda calls: Trial(inverse),
+        pair=lambda calls: RemedyPair(inverse),
         saving=call_savings.of_functions,
         applies=_is_of_stepped_data,
     ),
@@ -324,20 +324,20 @@ CALL_REMEDIES = (
         text="with flg_centered=False, half as many steps are taken; None in place of C and D"
         " leaves out sensors",
         effect="derivatives, which are less exact",
-        trial=lambda calls: Trial(uncentered),
+        pair=lambda calls: RemedyPair(uncentered),
         applies=lambda calls, of_loop: "True" in calls[0].place.text,
     ),
     CallRemedy(
         callees=("mj_ray",),
         text="mj_multiRay casts all rays from one point in one call",
-        trial=_rays_trial,
+        pair=_rays_pair,
         saving=call_savings.of_rays,
         applies=_are_several_a_step,
     ),
     CallRemedy(
         callees=("MjData", *call_clock.COPIES_OF_DATA),
         text="create one MjData before the loop, and use mj_copyData or mj_setState in it",
-        trial=_data_trial,
+        pair=_data_pair,
         saving=call_savings.of_new_data,
         is_bound=True,
         codes=("MJB005", "MJB010"),
@@ -363,7 +363,7 @@ CALL_REMEDIES = (
     CallRemedy(
         callees=("Renderer",),
         text="create one Renderer before the loop; each creates a graphics context",
-        trial=_renderer_trial,
+        pair=_renderer_pair,
         saving=call_savings.of_renderers,
         is_bound=True,
         codes=("MJB012",),
@@ -401,14 +401,14 @@ CALL_REMEDIES = (
         callees=(call_clock.THREADED_ROLLOUT,),
         text="rollout starts threads for each call: keep a pool, rollout.Rollout(nthread=n), and"
         " give it initial_warmstart where one call continues another",
-        trial=_rollout_trial(rollouts, call_clock.THREADED_ROLLOUT, "Rollout.rollout"),
+        pair=_rollout_pair(rollouts, call_clock.THREADED_ROLLOUT, "Rollout.rollout"),
         codes=("MJB014",),
     ),
     CallRemedy(
         callees=("rollout",),
         text="rollout takes these simulations one after the other: give it a list with an MjData"
         " for each core, and keep a pool, rollout.Rollout(nthread=n)",
-        trial=_rollout_trial(rollouts, "rollout", "Rollout.rollout"),
+        pair=_rollout_pair(rollouts, "rollout", "Rollout.rollout"),
         applies=lambda calls, of_loop: any(c.all_steps > c.steps for c in calls),
     ),
     CallRemedy(
@@ -416,7 +416,7 @@ CALL_REMEDIES = (
         text="rollout copies states for each step of one simulation: write data.ctrl, and call"
         " mj_step(model, data)",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
-        trial=_rollout_trial(no_rollout),
+        pair=_rollout_pair(no_rollout),
         applies=lambda calls, of_loop: all(c.all_steps == c.calls for c in calls),
     ),
     CallRemedy(
@@ -424,7 +424,7 @@ CALL_REMEDIES = (
         text="rollout copies all states for each step: mujoco.batch.Batch keeps them, and its step"
         " takes controls",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
-        trial=_rollout_trial(rollouts, "Rollout.rollout", "Batch.step"),
+        pair=_rollout_pair(rollouts, "Rollout.rollout", "Batch.step"),
         applies=lambda calls, of_loop: all(c.steps == c.calls for c in calls),
     ),
     CallRemedy(

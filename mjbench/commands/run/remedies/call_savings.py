@@ -1,7 +1,7 @@
 """What it saves to replace calls in a loop, or to move them out of it.
 
 What a call takes was timed in this very program. What mjbench suggests in its place is timed on the
-program's own model (`trials`). Where a call moves out of the loop, its time is the gain.
+program's own model (`remedy_pairs`). Where a call moves out of the loop, its time is the gain.
 """
 
 import math
@@ -13,7 +13,7 @@ from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.loop_time import FEW_SAMPLES, LoopTime
 from mjbench.commands.run.remedies.remedy import Basis
-from mjbench.commands.run.remedies.trials import MeasuredRatios, TimeRatio, Trial
+from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair, TimeRatio
 from mjbench.commands.run.source_loops import loop_within_step
 
 # The most that a pair stands for.
@@ -55,7 +55,7 @@ class CallsInLoop:
         return sum(call.all_steps for call in steps_of(self.loop.calls))
 
 
-def of_share(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
+def of_share(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Saving:
     """Return what a pair saves of its calls, and of what Python does to make them."""
     gain = ratio.saved * share_with_python(calls.loop, calls.calls)
     return _paired(gain, calls.share, ratio)
@@ -67,7 +67,7 @@ class CallRemedy:
 
     Attributes:
       text: `{count}` stands for the number of calls.
-      trial: what to measure; None where nothing replaces the call.
+      pair: what to measure; None where nothing replaces the call.
       saving: what follows from the ratio that was measured.
       codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
@@ -82,8 +82,8 @@ class CallRemedy:
     callees: tuple[str, ...]
     text: str
     effect: str = "nothing"
-    trial: Callable[[CallsInLoop], Trial] | None = None
-    saving: Callable[[CallsInLoop, Trial, TimeRatio], Saving] = of_share
+    pair: Callable[[CallsInLoop], RemedyPair] | None = None
+    saving: Callable[[CallsInLoop, RemedyPair, TimeRatio], Saving] = of_share
     codes: tuple[str, ...] = ()
     needs_finding: bool = False
     keeps_first: bool = False
@@ -108,13 +108,13 @@ class CallRemedy:
 
     def _saved_at_most(self, calls: CallsInLoop, measured: MeasuredRatios) -> Saving | None:
         share, basis = calls.share, Basis.BOUND if self.is_bound else Basis.TIMED
-        if self.trial is not None:
-            trial = self.trial(calls)
-            if (ratio := measured.ratios.get(trial)) is not None:
-                return self.saving(calls, trial, ratio)
+        if self.pair is not None:
+            pair = self.pair(calls)
+            if (ratio := measured.ratios.get(pair)) is not None:
+                return self.saving(calls, pair, ratio)
             if not self.is_bound:
                 return None
-            if trial.functions == ():  # the call is not needed at all
+            if pair.functions == ():  # the call is not needed at all
                 basis = Basis.TIMED
         if self.is_of_line:
             position = calls.place.position
@@ -123,13 +123,13 @@ class CallRemedy:
         return Saving(share, share, basis)
 
 
-def of_call_alone(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
+def of_call_alone(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Saving:
     """Return what a pair saves that includes what Python does around each call."""
     share = min(1.0, calls.share + calls.loop.activities.get(Activity.BINDINGS, 0.0))
     return _paired(ratio.saved * share, share, ratio)
 
 
-def of_functions(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
+def of_functions(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Saving:
     """Return what other functions save; the pair has a step with the call, and with the others."""
     loop, nstep = calls.loop, calls.nstep
     calls_s, steps_s = seconds_of(calls.calls), seconds_of(steps_of(loop.calls))
@@ -139,15 +139,15 @@ def of_functions(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
     return _paired(ratio.saved * both * per_call, calls.share, ratio)
 
 
-def of_renderers(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
+def of_renderers(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Saving:
     drawing = [call for call in calls.loop.calls if call.activity == Activity.RENDERING]
     return _of_objects(calls, drawing, 0.0, ratio)
 
 
-def of_new_data(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
+def of_new_data(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Saving:
     """Return what it saves to create an MjData once; the pair leaves out most steps with it."""
     steps = [call for call in calls.loop.calls if call.is_step]
-    left_out = 1 - min(1.0, trial.steps * calls.count / max(1.0, calls.nstep))
+    left_out = 1 - min(1.0, pair.steps * calls.count / max(1.0, calls.nstep))
     return _of_objects(calls, steps, left_out, ratio)
 
 
@@ -170,7 +170,7 @@ def _of_objects(
     return _paired(gain, calls.share, ratio)
 
 
-def of_rays(calls: CallsInLoop, trial: Trial, ratio: TimeRatio) -> Saving:
+def of_rays(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Saving:
     """Return what one call saves in place of a loop of calls: all that this loop does goes, too.
 
     How much that is, few samples do not tell: then half of what they do not see, give or take half.

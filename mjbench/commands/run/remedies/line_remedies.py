@@ -14,7 +14,7 @@ from mjbench.commands.run.activities import Place
 from mjbench.commands.run.loop_time import LineTime, LoopTime
 from mjbench.commands.run.remedies.call_savings import Saving, count_of, steps_of
 from mjbench.commands.run.remedies.remedy import Basis
-from mjbench.commands.run.remedies.trials import MeasuredRatios, Trial, Way
+from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair, TimedWay
 from mjbench.commands.run.source_loops import loop_within_step
 
 # What a line calls, and the functions that only create an array.
@@ -22,7 +22,7 @@ _CALLED = re.compile(r"(\w+)\(")
 _CREATE = {*lint_rules.ALLOCATIONS, "append", "asarray", "copy"}
 
 
-def named_access(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def named_access(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     names = [model.body(body).name for body in range(model.nbody)]
     body = next(name for name in reversed(names) if name)  # the world has one
     hoisted: list[Any] = []
@@ -32,19 +32,19 @@ def named_access(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
             hoisted.append(data.body(body))
         return hoisted[0].xpos[0]
 
-    return Way(lambda data: data.body(body).xpos[0]), Way(before_the_loop)
+    return TimedWay(lambda data: data.body(body).xpos[0]), TimedWay(before_the_loop)
 
 
-def new_array(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def new_array(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     permanent = np.zeros(model.nv)
 
     def write(data: mujoco.MjData) -> None:
         permanent[:] = 0.0
 
-    return Way(lambda data: np.zeros(model.nv)), Way(write)
+    return TimedWay(lambda data: np.zeros(model.nv)), TimedWay(write)
 
 
-def concatenation(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def concatenation(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     nq = model.nq
     permanent = np.empty(nq + 2 * model.nv)
     after_velocities = nq + model.nv
@@ -54,13 +54,13 @@ def concatenation(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
         permanent[nq:after_velocities] = data.qvel
         permanent[after_velocities:] = data.qacc
 
-    return Way(lambda data: np.concatenate([data.qpos, data.qvel, data.qacc])), Way(write)
+    return TimedWay(lambda data: np.concatenate([data.qpos, data.qvel, data.qacc])), TimedWay(write)
 
 
-def contacts(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def contacts(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     return (
-        Way(lambda data: [contact.dist for contact in data.contact]),
-        Way(lambda data: data.contact.dist),
+        TimedWay(lambda data: [contact.dist for contact in data.contact]),
+        TimedWay(lambda data: data.contact.dist),
     )
 
 
@@ -70,26 +70,28 @@ class LineRemedy:
 
     line: re.Pattern[str]
     text: str
-    trial: Trial | None = None
+    pair: RemedyPair | None = None
     code: str = ""
     effect: str = "nothing"
 
 
 # The first that fits counts. A finding's own message is shown instead of `text`.
 LINE_REMEDIES = (
-    LineRemedy(re.compile(""), "", Trial(named_access, by_wall_time=True), lint_rules.NAMED_ACCESS),
+    LineRemedy(
+        re.compile(""), "", RemedyPair(named_access, by_wall_time=True), lint_rules.NAMED_ACCESS
+    ),
     LineRemedy(
         re.compile(r"\b(np|numpy)\.(concatenate|append|tile|[hv]?stack)\("),
         "",
-        Trial(concatenation),
+        RemedyPair(concatenation),
         lint_rules.NEW_ARRAY,
     ),
-    LineRemedy(re.compile(""), "", Trial(new_array), lint_rules.NEW_ARRAY),
+    LineRemedy(re.compile(""), "", RemedyPair(new_array), lint_rules.NEW_ARRAY),
     LineRemedy(
         re.compile(r"\.contact\[|\bin\b.*\.contact\b(?!\.)"),
         "each contact becomes an object of Python: data.contact.geom, .dist, .pos and the like are"
         " arrays of all contacts, to be read once for each step",
-        Trial(contacts),
+        RemedyPair(contacts),
     ),
     LineRemedy(
         re.compile(r"\blinalg\.p?inv\("),
@@ -145,7 +147,7 @@ def saved(
     text = line.place.text
     only_creates = " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
     is_part = remedy.code == lint_rules.NEW_ARRAY and not only_creates
-    ratio = None if remedy.trial is None else measured.ratios.get(remedy.trial)
+    ratio = None if remedy.pair is None else measured.ratios.get(remedy.pair)
     nstep = count_of(steps_of(loop.calls))
     is_within = loop_within_step(line.place.position, loop.lines_to_step) is not None
     if ratio is not None and count and nstep and not is_within:

@@ -21,7 +21,7 @@ from mjbench.commands.run.remedies.call_remedies import CALL_REMEDIES
 from mjbench.commands.run.remedies.call_savings import CallRemedy, CallsInLoop, count_of, seconds_of
 from mjbench.commands.run.remedies.loop_remedies import ADVICE, of_samples
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Remedy, RemedyKind
-from mjbench.commands.run.remedies.trials import MeasuredRatios, Trial
+from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair
 from mjbench.errors import InputError
 
 # A line that is one call.
@@ -45,23 +45,23 @@ def findings_of(files: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def trials(
+def pairs(
     loops: Sequence[LoopTime], findings: Sequence[Finding], incidents: Sequence[Incident] = ()
-) -> list[Trial]:
+) -> list[RemedyPair]:
     """Return what to measure on the program's model: only what could be worth a line."""
-    asked = [*loop_remedies.step_trials(loops, incidents)]
+    asked = [*loop_remedies.step_pairs(loops, incidents)]
     for loop in loops:
         asked += [
-            remedy.trial(calls)
+            remedy.pair(calls)
             for remedy, calls in _calls(loop, findings)
-            if remedy.trial is not None and calls.share >= LEAST_GAIN
+            if remedy.pair is not None and calls.share >= LEAST_GAIN
         ]
         asked += [
-            remedy.trial
+            remedy.pair
             for line in loop.lines
             if _avoidable(line) >= LEAST_GAIN
             for remedy, _ in line_remedies.line_remedies(line.place, findings)
-            if remedy.trial is not None
+            if remedy.pair is not None
         ]
     return list(dict.fromkeys(asked))
 

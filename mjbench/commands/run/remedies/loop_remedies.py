@@ -16,7 +16,7 @@ from mjbench.commands.run.remedies.call_savings import (
     steps_of,
 )
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
-from mjbench.commands.run.remedies.trials import MeasuredRatios, Trial, Way
+from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair, TimedWay
 from mjbench.host import machine
 from mjbench.simulation import engine_clock
 
@@ -85,51 +85,51 @@ def of_building(loop: LoopTime) -> Remedy | None:
 # -- steps -----------------------------------------------------------------------------------------
 
 
-def no_timer(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def no_timer(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     def steps(data: mujoco.MjData) -> None:
         for _ in range(10):
-            mujoco.mj_step(model, data, trial.steps)
+            mujoco.mj_step(model, data, pair.steps)
 
-    return Way(steps), Way(steps, has_timer=False)
+    return TimedWay(steps), TimedWay(steps, has_timer=False)
 
 
-def batch(model: mujoco.MjModel, trial: Trial) -> tuple[Way, Way]:
+def batch(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     """Return simulations in turn, and as a batch, from the model's own start."""
     from mujoco.batch import Batch
 
-    datas = [mujoco.MjData(model) for _ in range(trial.simulations)]
-    of_all = Batch(model, trial.simulations)
+    datas = [mujoco.MjData(model) for _ in range(pair.simulations)]
+    of_all = Batch(model, pair.simulations)
 
     def in_turn(data: mujoco.MjData) -> None:
         for each in datas:
             mujoco.mj_step(model, each)
 
-    return Way(in_turn), Way(lambda data: of_all.step())
+    return TimedWay(in_turn), TimedWay(lambda data: of_all.step())
 
 
-def step_trials(loops: Sequence[LoopTime], incidents: Sequence[Incident]) -> Iterator[Trial]:
+def step_pairs(loops: Sequence[LoopTime], incidents: Sequence[Incident]) -> Iterator[RemedyPair]:
     for incident in incidents:
         if incident.name == call_clock.IN_TURN:
-            yield _turns_trial(incident)
+            yield _turns_pair(incident)
     for loop in loops:
         if seconds_of(steps_of(loop.calls)) > LEAST_GAIN * loop.seconds:
-            yield _timer_trial(loop)
+            yield _timer_pair(loop)
 
 
-def _timer_trial(loop: LoopTime) -> Trial:
+def _timer_pair(loop: LoopTime) -> RemedyPair:
     steps = steps_of(loop.calls)
     nstep = sum(call.all_steps for call in steps) / max(1.0, count_of(steps))
-    return Trial(no_timer, steps=max(1, round(nstep)))
+    return RemedyPair(no_timer, steps=max(1, round(nstep)))
 
 
-def _turns_trial(incident: Incident) -> Trial:
-    return Trial(batch, simulations=max(2, incident.count), on_threads=True)
+def _turns_pair(incident: Incident) -> RemedyPair:
+    return RemedyPair(batch, simulations=max(2, incident.count), on_threads=True)
 
 
 def of_timer(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
     has_callbacks = any(call.is_callback for call in loop.calls)
     share = share_with_python(loop, steps_of(loop.calls))
-    ratio = measured.ratios.get(_timer_trial(loop)) if share else None
+    ratio = measured.ratios.get(_timer_pair(loop)) if share else None
     if ratio is not None and (gain := ratio.saved * share) >= engine_clock.MIN_GAIN:
         yield Remedy(
             RemedyKind.CLOCK,
@@ -153,7 +153,7 @@ def of_turns(
         ]
         if incident.name != call_clock.IN_TURN or not calls:
             continue
-        share, ratio = share_of(loop, calls), measured.ratios.get(_turns_trial(incident))
+        share, ratio = share_of(loop, calls), measured.ratios.get(_turns_pair(incident))
         saved = 1 - 1 / machine.usable_cores() if ratio is None else ratio.saved
         yield Remedy(
             RemedyKind.CALL,

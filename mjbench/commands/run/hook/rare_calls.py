@@ -18,7 +18,7 @@ from .call_clock import (
     THREADED_ROLLOUT,
     CallClock,
 )
-from .replaced import named_like, suppress
+from .function_replacement import named_like, suppress
 from .watch import Watch
 
 # Methods: class of the module `mujoco`, method, callee.
@@ -47,7 +47,7 @@ _GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGLESv2.so.2", "libOSMesa.so
 _GL_RENDERER = 0x1F01
 
 
-class SlowFunctions:
+class RareCalls:
     """Replaces the slow functions of MuJoCo in this process."""
 
     def __init__(self, calls: CallClock, watch: Watch) -> None:

@@ -9,31 +9,36 @@ import pytest
 
 from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.recorded_models import RecordedModel
-from mjbench.commands.run.remedies import call_remedies, line_remedies, loop_remedies, trials
-from mjbench.commands.run.remedies.trials import Trial, Way
+from mjbench.commands.run.remedies import call_remedies, line_remedies, loop_remedies, remedy_pairs
+from mjbench.commands.run.remedies.remedy_pairs import RemedyPair, TimedWay
 from mjbench.errors import InputError
 from mjbench.simulation import compat
 
 # What each row tries; the names are those of the call clock.
-TRIALS = [
-    Trial(call_remedies.functions, ("mj_kinematics",)),
+PAIRS = [
+    RemedyPair(call_remedies.functions, ("mj_kinematics",)),
     *(
-        Trial(getattr(call_remedies, name))
+        RemedyPair(getattr(call_remedies, name))
         for name in ("inverse", "uncentered", "one_call", "rays", "no_rollout", "renderer")
     ),
-    Trial(call_remedies.rollouts, ("rollout", "Rollout.rollout")),
-    Trial(call_remedies.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),
-    Trial(call_remedies.rollouts, ("Rollout.rollout", "Batch.step")),
-    Trial(call_remedies.new_data, ("MjData", "mj_resetData")),
-    Trial(call_remedies.new_data, ("MjData", "mj_copyData")),
-    Trial(call_remedies.new_data, (call_clock.COPY_OF_DATA, "mj_copyData"), of_copied=True),
-    Trial(call_remedies.new_data, (call_clock.DEEP_COPY_OF_DATA, "mj_copyData"), of_copied=True),
-    Trial(line_remedies.named_access, by_wall_time=True),
-    *(Trial(getattr(line_remedies, name)) for name in ("new_array", "concatenation", "contacts")),
-    Trial(loop_remedies.no_timer),
-    Trial(loop_remedies.batch, on_threads=True),
+    RemedyPair(call_remedies.rollouts, ("rollout", "Rollout.rollout")),
+    RemedyPair(call_remedies.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),
+    RemedyPair(call_remedies.rollouts, ("Rollout.rollout", "Batch.step")),
+    RemedyPair(call_remedies.new_data, ("MjData", "mj_resetData")),
+    RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData")),
+    RemedyPair(call_remedies.new_data, (call_clock.COPY_OF_DATA, "mj_copyData"), of_copied=True),
+    RemedyPair(
+        call_remedies.new_data, (call_clock.DEEP_COPY_OF_DATA, "mj_copyData"), of_copied=True
+    ),
+    RemedyPair(line_remedies.named_access, by_wall_time=True),
+    *(
+        RemedyPair(getattr(line_remedies, name))
+        for name in ("new_array", "concatenation", "contacts")
+    ),
+    RemedyPair(loop_remedies.no_timer),
+    RemedyPair(loop_remedies.batch, on_threads=True),
 ]
-WITHOUT_GRAPHICS = [trial for trial in TRIALS if trial.ways is not call_remedies.renderer]
+WITHOUT_GRAPHICS = [pair for pair in PAIRS if pair.ways is not call_remedies.renderer]
 
 FALLING = """
 <mujoco>
@@ -48,7 +53,7 @@ FALLING = """
 
 
 def ways(function, of_model):
-    return function(of_model, Trial(function))
+    return function(of_model, RemedyPair(function))
 
 
 def model(integrator="Euler"):
@@ -79,9 +84,9 @@ def test_contacts_one_by_one_and_as_arrays_are_the_same():
     assert np.array_equal(one_by_one.run(data), arrays.run(data))
 
 
-@pytest.mark.parametrize("trial", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
-def test_both_ways_of_each_trial_run(trial):
-    for way in trial.ways(model(), replace(trial, simulations=2)):
+@pytest.mark.parametrize("pair", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
+def test_both_ways_of_each_pair_run(pair):
+    for way in pair.ways(model(), replace(pair, simulations=2)):
         way.run(mujoco.MjData(model()))
 
 
@@ -91,14 +96,14 @@ def test_each_pair_of_ways_is_tried_here():
         for module in (call_remedies, line_remedies, loop_remedies)
         for function in vars(module).values()
         if inspect.isfunction(function)
-        and function.__annotations__.get("return") == tuple[Way, Way]
+        and function.__annotations__.get("return") == tuple[TimedWay, TimedWay]
     }
-    assert {trial.ways for trial in TRIALS} == declared
+    assert {pair.ways for pair in PAIRS} == declared
 
 
-def test_a_mistake_in_a_trial_is_no_lack_of_a_release():
-    """A TypeError ends the child of `trials`, which says so."""
-    assert not issubclass(TypeError, trials.LACKING)
+def test_a_mistake_in_a_pair_is_no_lack_of_a_release():
+    """A TypeError ends the child of `remedy_pairs`, which says so."""
+    assert not issubclass(TypeError, remedy_pairs.LACKING)
 
 
 def test_rays_at_once_hit_what_single_rays_hit():
@@ -159,23 +164,23 @@ class Channel:
 @pytest.fixture
 def quick(monkeypatch):
     """Time each pair for as few rounds as an interval needs."""
-    monkeypatch.setattr(trials, "BUDGET_S", 0.0)
-    monkeypatch.setattr(trials, "LEAST_ROUNDS", 6)
-    monkeypatch.setattr(trials, "MOST_CALLS", 2)
+    monkeypatch.setattr(remedy_pairs, "BUDGET_S", 0.0)
+    monkeypatch.setattr(remedy_pairs, "LEAST_ROUNDS", 6)
+    monkeypatch.setattr(remedy_pairs, "MOST_CALLS", 2)
 
 
 def answers(questions, model=MODEL):
     channel = Channel()
-    trials.answer(recorded(model), questions, channel)
+    remedy_pairs.answer(recorded(model), questions, channel)
     return channel.sent
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("trial", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
-def test_every_pair_can_be_timed(trial):
-    if trial.ways is loop_remedies.batch or "Batch.step" in (trial.functions or ()):
+@pytest.mark.parametrize("pair", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
+def test_every_pair_can_be_timed(pair):
+    if pair.ways is loop_remedies.batch or "Batch.step" in (pair.functions or ()):
         pytest.importorskip("mujoco.batch", reason="this MuJoCo has no Batch")
-    asked = replace(trial, simulations=2, steps=2)
+    asked = replace(pair, simulations=2, steps=2)
     _, answer = answers([asked])
     ratio = answer.ratios[asked]
     assert 0 < ratio.low <= ratio.estimate <= ratio.high
@@ -185,10 +190,10 @@ def test_every_pair_can_be_timed(trial):
 def test_a_pair_that_the_model_or_the_release_lacks_is_left_out():
     runge_kutta = mujoco.MjModel.from_xml_string("<mujoco><option integrator='RK4'/></mujoco>")
     asked = [
-        Trial(call_remedies.inverse),
-        Trial(call_remedies.functions, ("mj_of_another_release",)),
+        RemedyPair(call_remedies.inverse),
+        RemedyPair(call_remedies.functions, ("mj_of_another_release",)),
     ]
-    known = Trial(loop_remedies.no_timer)
+    known = RemedyPair(loop_remedies.no_timer)
     _, *rest = answers([*asked, known], runge_kutta)
     assert [list(answer.ratios) for answer in rest] == [[known]]
 
@@ -204,27 +209,30 @@ def test_whether_a_step_computes_forces_follows_from_the_sensors():
 
 def test_a_model_of_another_release_is_not_loaded():
     other = replace(recorded(), release="2.3.7")
-    assert trials.measure([other], [Trial(loop_remedies.no_timer)]).ratios == {}
+    assert remedy_pairs.measure([other], [RemedyPair(loop_remedies.no_timer)]).ratios == {}
 
 
 def test_a_model_that_crashes_the_child_costs_only_its_ratios():
     damaged = replace(recorded(), mjb=b"no model")
-    measured = trials.measure([damaged], [Trial(loop_remedies.no_timer)])
-    assert measured == trials.MeasuredRatios({})
+    measured = remedy_pairs.measure([damaged], [RemedyPair(loop_remedies.no_timer)])
+    assert measured == remedy_pairs.MeasuredRatios({})
 
 
 def test_a_pair_on_threads_is_the_median_launch_with_the_interval_of_all(monkeypatch):
-    threaded, alone = Trial(call_remedies.rollouts, on_threads=True), Trial(call_remedies.one_call)
+    threaded, alone = (
+        RemedyPair(call_remedies.rollouts, on_threads=True),
+        RemedyPair(call_remedies.one_call),
+    )
     estimates = iter((0.9, 0.5, 1.4, 0.7, 0.6, 0.8))
 
     def launch(function, arguments, on_message, *_, **__):
         for question in arguments[1]:
             estimate = next(estimates)
-            ratio = trials.TimeRatio(estimate, estimate, estimate, 0.0)
-            on_message(trials.MeasuredRatios({question: ratio}))
+            ratio = remedy_pairs.TimeRatio(estimate, estimate, estimate, 0.0)
+            on_message(remedy_pairs.MeasuredRatios({question: ratio}))
 
-    monkeypatch.setattr(trials.isolate, "run", launch)
-    ratios = trials.measure([recorded()], [threaded, alone]).ratios
+    monkeypatch.setattr(remedy_pairs.isolate, "run", launch)
+    ratios = remedy_pairs.measure([recorded()], [threaded, alone]).ratios
     ends = {q: (ratio.low, ratio.estimate, ratio.high) for q, ratio in ratios.items()}
     assert ends == {alone: (0.9, 0.9, 0.9), threaded: (0.5, 0.7, 1.4)}
     assert ratios[threaded].saved == 0.0

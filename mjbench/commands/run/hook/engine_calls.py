@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from sys import _getframe as get_frame
 from typing import TYPE_CHECKING, Any
 
-from .bursts import BURST_CALLS, Burst, CallBursts
-from .replaced import engine_function
+from .call_bursts import BURST_CALLS, Burst, CallBursts
+from .function_replacement import engine_function
 from .watch import Watch
 
 # Calls between two steps that are timed with them; more would make bursts of steps cost too much.
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .step_clock import StepClock
 
 
-class OtherFunctions:
+class EngineCalls:
     """Times functions while steps are timed.
 
     Where many of their calls follow each other without a step, as in inverse kinematics, they have

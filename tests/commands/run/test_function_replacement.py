@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mjbench.commands.run.hook import replaced
+from mjbench.commands.run.hook import function_replacement
 
 
 def handle(number, frame):
@@ -40,15 +40,18 @@ HANDLERS = [handle, Handler().handle, Handler(), functools.partial(handle_with, 
 @pytest.mark.parametrize("handler", HANDLERS)
 def test_what_a_signal_handler_raises_passes(set_handler, handler):
     set_handler(handler)
-    with pytest.raises(TimeoutError, match="of the program"), replaced.suppress(Exception):
+    with (
+        pytest.raises(TimeoutError, match="of the program"),
+        function_replacement.suppress(Exception),
+    ):
         signal.raise_signal(signal.SIGINT)
 
 
 def test_other_errors_are_suppressed_as_asked_for(set_handler):
     set_handler(handle)
-    with replaced.suppress(OSError):
+    with function_replacement.suppress(OSError):
         raise TimeoutError("of the clocks")
-    with pytest.raises(ValueError, match="another kind"), replaced.suppress(OSError):
+    with pytest.raises(ValueError, match="another kind"), function_replacement.suppress(OSError):
         raise ValueError("another kind")
 
 
@@ -60,7 +63,7 @@ def finder(monkeypatch, tmp_path):
     monkeypatch.delitem(sys.modules, "imported", raising=False)
 
     def find(action):
-        found = replaced.AfterImport({"imported": action})
+        found = function_replacement.AfterImport({"imported": action})
         monkeypatch.setattr(sys, "meta_path", [found, *sys.meta_path])
 
     return find

@@ -1,7 +1,7 @@
 """Two ways of doing something, as a program does it and as mjbench suggests, timed in turns.
 
 Both run on the program's own model and states, in a child process: a model that crashes MuJoCo
-costs only its ratio. The rows of tables declare the trials.
+costs only its ratio. The rows of tables declare the pairs.
 """
 
 import itertools
@@ -36,7 +36,7 @@ LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 
 
 @dataclass(frozen=True)
-class Way:
+class TimedWay:
     """One way of doing something.
 
     Attributes:
@@ -55,12 +55,12 @@ class Way:
     @classmethod
     def creating(
         cls, create: Callable[[mujoco.MjData], Any], use: Callable[[Any, mujoco.MjData], None]
-    ) -> "Way":
+    ) -> "TimedWay":
         return cls(lambda data: use(create(data), data), create, use)
 
 
 @dataclass(frozen=True)
-class Trial:
+class RemedyPair:
     """Two ways of doing something, and what they need to know of the program.
 
     Attributes:
@@ -75,7 +75,7 @@ class Trial:
       of_copied: whether it needs states that the program copied.
     """
 
-    ways: "Callable[[mujoco.MjModel, Trial], tuple[Way, Way]]"
+    ways: "Callable[[mujoco.MjModel, RemedyPair], tuple[TimedWay, TimedWay]]"
     functions: tuple[str, ...] | None = None
     simulations: int = 1
     steps: int = 1
@@ -121,19 +121,19 @@ class TimeRatio:
 class MeasuredRatios:
     """What was measured, and whether a step computes `cfrc_ext`, `cfrc_int` and `cacc`."""
 
-    ratios: Mapping[Trial, TimeRatio]
+    ratios: Mapping[RemedyPair, TimeRatio]
     computes_forces: bool | None = None
 
 
-def measure(models: Sequence[RecordedModel], trials: Sequence[Trial]) -> MeasuredRatios:
+def measure(models: Sequence[RecordedModel], pairs: Sequence[RemedyPair]) -> MeasuredRatios:
     model = loadable(models)
     if model is None:
         return MeasuredRatios({})
     messages: list[MeasuredRatios] = []
-    threaded = [trial for trial in trials if trial.on_threads]
-    others = [trial for trial in trials if not trial.on_threads]
+    threaded = [pair for pair in pairs if pair.on_threads]
+    others = [pair for pair in pairs if not pair.on_threads]
     # a library of OpenGL that does not work, or crashes, must not cost the other answers
-    backends = dict.fromkeys(["", *(trial.backend for trial in others)])
+    backends = dict.fromkeys(["", *(pair.backend for pair in others)])
     of_launches = [(b, [each for each in others if each.backend == b]) for b in backends]
     of_launches += [("", threaded)] * (LAUNCHES_OF_THREADS if threaded else 0)
     for backend, of_launch in of_launches:
@@ -144,13 +144,13 @@ def measure(models: Sequence[RecordedModel], trials: Sequence[Trial]) -> Measure
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,
         )
-    launches: dict[Trial, list[TimeRatio]] = defaultdict(list)
+    launches: dict[RemedyPair, list[TimeRatio]] = defaultdict(list)
     for message in messages:
-        for trial, ratio in message.ratios.items():
-            launches[trial].append(ratio)
+        for pair, ratio in message.ratios.items():
+            launches[pair].append(ratio)
     computes = [each.computes_forces for each in messages if each.computes_forces is not None]
     return MeasuredRatios(
-        {trial: _of_launches(ratios) for trial, ratios in launches.items()},
+        {pair: _of_launches(ratios) for pair, ratios in launches.items()},
         computes[-1] if computes else None,
     )
 
@@ -162,29 +162,29 @@ def _of_launches(ratios: Sequence[TimeRatio]) -> TimeRatio:
     return replace(median, low=low, high=high)
 
 
-def answer(recorded: RecordedModel, trials: Sequence[Trial], channel: Channel) -> None:
-    """Send what each trial comes to, one by one; runs in a child."""
+def answer(recorded: RecordedModel, pairs: Sequence[RemedyPair], channel: Channel) -> None:
+    """Send what each pair comes to, one by one; runs in a child."""
     model = recorded.load()
     data = mujoco.MjData(model)
     for state in recorded.states[:1]:
         compat.set_state(model, data, state)
     mujoco.mj_step(model, data)
     channel.send(MeasuredRatios({}, bool(data.cacc.any())))
-    for trial in trials:
+    for pair in pairs:
         try:
-            ratio = _ratio(model, recorded, trial)
+            ratio = _ratio(model, recorded, pair)
         except (MjbenchError, mujoco.FatalError, *LACKING):
             continue  # this release, this model, or this machine lacks something
-        channel.send(MeasuredRatios({trial: ratio}))
+        channel.send(MeasuredRatios({pair: ratio}))
 
 
-def _ratio(model: mujoco.MjModel, recorded: RecordedModel, trial: Trial) -> TimeRatio:
-    present, suggested = trial.ways(model, trial)
-    is_of_copies = trial.of_copied and len(recorded.copied) > 0
+def _ratio(model: mujoco.MjModel, recorded: RecordedModel, pair: RemedyPair) -> TimeRatio:
+    present, suggested = pair.ways(model, pair)
+    is_of_copies = pair.of_copied and len(recorded.copied) > 0
     states = recorded.copied if is_of_copies else recorded.states
     data = mujoco.MjData(model)
 
-    def contender(way: Way, calls: int) -> timing.Contender:
+    def contender(way: TimedWay, calls: int) -> timing.Contender:
         turn = itertools.count()
 
         def before() -> None:
@@ -201,10 +201,10 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, trial: Trial) -> Time
         return timing.Contender(block, before)
 
     # other processes on the same core lengthen the wall time alone
-    is_by_wall_time = trial.on_threads or trial.by_wall_time
+    is_by_wall_time = pair.on_threads or pair.by_wall_time
     clock = time.perf_counter if is_by_wall_time else time.thread_time
     one_s = min(timing.block_s(contender(present, 1), clock) for _ in range(3))
-    block_s = BLOCK_OF_THREADS_S if trial.on_threads else BLOCK_S
+    block_s = BLOCK_OF_THREADS_S if pair.on_threads else BLOCK_S
     calls = max(1, min(MOST_CALLS, round(block_s / max(one_s, 1e-9))))
     contenders = [contender(present, calls), contender(suggested, calls)]
     rounds = list(timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS, clock=clock))
@@ -223,7 +223,7 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, trial: Trial) -> Time
     )
 
 
-def _created_share(way: Way, data: mujoco.MjData, clock: timing.Clock) -> float:
+def _created_share(way: TimedWay, data: mujoco.MjData, clock: timing.Clock) -> float:
     if way.create is None:
         return 1.0
     begin_s = clock()
