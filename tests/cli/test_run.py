@@ -13,7 +13,7 @@ import program_runs
 import pytest
 from commands import PYTHONPATH, ROOT, mjbench
 
-PLANTED = ROOT / "tests" / "program" / "planted"
+PLANTED = ROOT / "tests" / "commands" / "run" / "planted"
 HUMANOID = str(ROOT / "models" / "humanoid.xml")
 
 

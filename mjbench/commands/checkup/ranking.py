@@ -328,7 +328,7 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
     command = f"mjbench env {target}"
     for line in environment.unrepeated_lines(record):
         yield CheckupItem(action=line, change=ResultChange.CORRECTED, command=command)
-    forms = [form for form in record.vector_forms if environment.is_faster(form.speedup)]
+    forms = [form for form in record.vectors if environment.is_faster(form.speedup)]
     if form := environment.fastest(forms):
         yield CheckupItem(
             action=f"step {form.nenv} environments in one {form.form}",

@@ -220,8 +220,6 @@ class ResetTime:
     layers="layer_shares",
     paths="physics_paths",
     cores="median_cores",
-    vectors="vector_forms",
-    no_vectors="why_no_vectors",
 )
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentRecord:
@@ -272,6 +270,8 @@ class EnvironmentRecord:
         each_round = [self.reset_ns, self.layered_ns, self.timer_ns, *(s.ns for s in self.layers)]
         if any(len(samples) != rounds for samples in each_round):
             raise ValueError("step_ns and the other times of rounds differ in length")
+        if not rounds and (self.cores or self.vectors or self.no_vectors):
+            raise ValueError("it was not timed, but has cores or vectorised forms")
         if any(path.ns for path in self.paths) and not self.compared_ns:
             raise ValueError("paths were timed, but compared_ns is missing")
 
@@ -345,20 +345,12 @@ class EnvironmentRecord:
 
     @property
     def median_cores(self) -> float | None:
-        return float(np.median(self.cores)) if self.is_timed and self.cores else None
-
-    @property
-    def vector_forms(self) -> Sequence[VectorSamples]:
-        return self.vectors if self.is_timed else ()
-
-    @property
-    def why_no_vectors(self) -> str:
-        return self.no_vectors if self.is_timed else ""
+        return float(np.median(self.cores)) if self.cores else None
 
     def statuses(self) -> list[Status]:
         check = [self.check.status] if self.check else []
         paths = [path.status for path in self.physics_paths]
-        return [self.status, *check, *paths, *(form.status for form in self.vector_forms)]
+        return [self.status, *check, *paths, *(form.status for form in self.vectors)]
 
     def share(self, layer: Layer) -> float:
         """Return the share of a layer; 0 where nothing belongs to it."""

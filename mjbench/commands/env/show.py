@@ -155,7 +155,7 @@ def _times(speedup: Interval) -> str:
 
 def _vector_conclusions(record: EnvironmentRecord) -> list[str]:
     """Return which vectorised form is fastest, and what slows processes; none without any form."""
-    timed = [vector for vector in record.vector_forms if vector.speedup is not None]
+    timed = [vector for vector in record.vectors if vector.speedup is not None]
     best = fastest(timed)
     if best is None or best.speedup is None:
         return []
@@ -313,7 +313,7 @@ def _paths_table(record: EnvironmentRecord) -> DataTable:
 def _vectors_table(record: EnvironmentRecord) -> DataTable:
     return DataTable.of(
         "Several environments at once, resets included",
-        [(form, form.speedup) for form in record.vector_forms if form.speedup is not None],
+        [(form, form.speedup) for form in record.vectors if form.speedup is not None],
         (Column("environments at once"), lambda row: row[0].form.value),
         (Column("number", formats.count), lambda row: row[0].nenv),
         (Column("env steps/s", formats.count), lambda row: row[0].env_steps_per_s),
@@ -351,13 +351,13 @@ def notes(record: EnvironmentRecord) -> Iterator[str]:
     for path in record.physics_paths:
         if path.status not in (Status.OK, Status.UNAVAILABLE):
             yield f"{Variant(path.path, path.options)}: {path.status}: {path.detail}"
-    for vector in record.vector_forms:
+    for vector in record.vectors:
         if vector.status != Status.OK:
             yield f"{_named(vector)}: {vector.status}: {vector.detail}"
-    if any(vector.speedup for vector in record.vector_forms):
+    if any(vector.speedup for vector in record.vectors):
         yield "Several environments: all steps return what they do in one environment."
-    if record.why_no_vectors:
-        yield f"No vectorised forms: {record.why_no_vectors}."
+    if record.no_vectors:
+        yield f"No vectorised forms: {record.no_vectors}."
     if record.status != Status.OK:
         yield f"{record.environment}: {record.status}: {record.detail}"
 

@@ -14,7 +14,7 @@ import os
 import shutil
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -228,13 +228,15 @@ class _Block:
     pid: int = dataclasses.field(default_factory=os.getpid)
 
     def write(self) -> Captured:
-        models, others = self.recorder.models(), self.recorder.other_nstep
+        models = self.recorder.models()
+        counts = [(each.name, each.nstep) for each in models]
+        others = tuple(OtherModel(*c) for c in (*counts, *self.recorder.other_nstep.items()))
         unseen = tuple(_modules_with_own_functions())
         windows = models[0].windows() if models else []
         segments = [segment for window in windows for segment in window.segments()]
         if not segments:  # no step was seen, or each diverged or raised
-            return Captured(None, others=_others(others, models), unseen=unseen)
-        recorded, *rest = models
+            return Captured(None, others=others, unseen=unseen)
+        recorded = models[0]
         header = _header(recorded, windows)
         with _replacing(self.file) as stream:
             state_file.write(stream, header, recorded.reader.columns, segments)
@@ -252,7 +254,7 @@ class _Block:
             steps=recorded.nstep,
             simulated_s=recorded.nstep * recorded.timestep_s,
             changed_inputs=header.changed_inputs,
-            others=_others(others, rest),
+            others=others[1:],
             model_file=self.model_file if recorded.mjb is not None else None,
             unseen=unseen,
         )
@@ -270,12 +272,6 @@ def _header(recorded: ModelRecorder, windows: Sequence[RecordedWindow]) -> Captu
         steps=recorded.nstep,
         changed_inputs=tuple(sorted(changed)),
     )
-
-
-def _others(nstep: Mapping[str, int], models: Iterable[ModelRecorder]) -> tuple[OtherModel, ...]:
-    """Return the models that are left out: those that were only counted, and others."""
-    counts = [*((recorded.name, recorded.nstep) for recorded in models), *nstep.items()]
-    return tuple(OtherModel(name, count) for name, count in counts)
 
 
 def _modules_with_own_functions() -> list[str]:

@@ -94,7 +94,7 @@ def test_a_reset_is_spread_over_the_steps_of_an_episode() -> None:
 
 
 def test_a_vectorised_form_is_compared_with_one_environment() -> None:
-    sync, asynchronous = record().vector_forms
+    sync, asynchronous = record().vectors
     assert sync.speedup is not None
     assert sync.speedup.estimate == pytest.approx(1.0)
     assert asynchronous.speedup is not None
@@ -104,9 +104,9 @@ def test_a_vectorised_form_is_compared_with_one_environment() -> None:
 
 def test_processes_add_what_a_step_takes_beyond_its_share_of_the_cores() -> None:
     samples = VectorSamples(VectorForm.ASYNC, 8, Status.OK, "", steady(9e4), steady(1e5), 2)
-    (known,) = record(vectors=[samples]).vector_forms
+    (known,) = record(vectors=[samples]).vectors
     assert (known.step_ns, known.overhead_ns) == (pytest.approx(5e4), pytest.approx(4e4))
-    sync, _ = record().vector_forms
+    sync, _ = record().vectors
     assert (sync.step_ns, sync.overhead_ns) == (None, None)
 
 
@@ -114,7 +114,17 @@ def test_what_was_not_timed_has_no_figures() -> None:
     row = EnvironmentRecord(environment="Robot-v0", status=Status.FAILED, detail="no")
     assert (row.step, row.layer_shares, row.timer, row.rounds) == (None, [], None, 0)
     assert row.statuses() == [Status.FAILED]
-    untimed = record(step_ns=[], reset_ns=[], layered_ns=[], timer_ns=[], layers=[], paths=[])
+    rounds = (
+        "step_ns",
+        "reset_ns",
+        "layered_ns",
+        "timer_ns",
+        "layers",
+        "paths",
+        "cores",
+        "vectors",
+    )
+    untimed = record(**dict.fromkeys(rounds, ()))
     assert untimed.step is None
     assert untimed.check is not None
 

@@ -35,9 +35,10 @@ def test_the_owner_of_a_file(file, package, is_of_program):
 
 
 def test_a_folder_of_mjbench_is_its_own_behind_a_link(tmp_path):
+    commands = tmp_path / "linked" / "commands"
     (tmp_path / "linked").symlink_to(Path(mjbench.__file__).parent)
-    assert file_owners.package_of(f"{tmp_path}/linked/loop/lint.py") == file_owners.MJBENCH
-    assert file_owners.is_of_clocks(f"{tmp_path}/linked/program/hook/step_clock.py")
+    assert file_owners.package_of(f"{commands}/lint/check.py") == file_owners.MJBENCH
+    assert file_owners.is_of_clocks(f"{commands}/run/hook/step_clock.py")
 
 
 def test_only_the_clocks_stand_for_functions_of_the_engine():
