@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from mjbench.host import disturbance
 from mjbench.host.disturbance import Disturbance
-from mjbench.measuring.interval import LogEstimate
+from mjbench.measuring.interval import Interval, LogEstimate
 from mjbench.results import formats
-from mjbench.results.formats import Bounded, Form
+from mjbench.results.formats import Form
 
 if TYPE_CHECKING:
     from mjbench.results.runs import Run
 
 # What a cell can hold: a text, a number, an estimate or interval, or nothing.
-Cell = str | float | int | LogEstimate | Bounded | None
+Cell = str | float | int | LogEstimate | Interval | None
 _T = TypeVar("_T")
 
 

@@ -4,7 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from typing import Any
 
 from mjbench.measuring.interval import Interval, LogEstimate
 from mjbench.units import plain
@@ -17,18 +17,6 @@ _BAR_WIDTH = 30
 _FORMULA = tuple("=+-@\t\r\n＝＋－＠")
 # What a cell of CSV can hold.
 _CsvCell = str | float | int | bool | None
-
-
-class Bounded(Protocol):
-    """An estimate with the ends of its interval; an end is None where it is not known."""
-
-    @property
-    def low(self) -> float | None:
-        """The lower end."""
-
-    @property
-    def high(self) -> float | None:
-        """The upper end."""
 
 
 def digits(count: int) -> Form:
@@ -107,7 +95,7 @@ def _is_factor(ratio: float) -> bool:
     return ratio >= 2 or ratio <= 0.5
 
 
-def ends(interval: Bounded | None, form: Form = factor, between: str = "–") -> str:
+def ends(interval: Interval | None, form: Form = factor, between: str = "–") -> str:
     """Return the ends of an interval; empty where one is not known."""
     if interval is None or interval.low is None or interval.high is None:
         return ""
@@ -115,7 +103,7 @@ def ends(interval: Bounded | None, form: Form = factor, between: str = "–") ->
     return f"{low.removesuffix(' %')}{between}{high}"
 
 
-def in_brackets(interval: Bounded, form: Form = factor) -> str:
+def in_brackets(interval: Interval, form: Form = factor) -> str:
     """Return an interval as it follows an estimate in a sentence; empty where it is not known."""
     text = ends(interval, form, " to ")
     return f" ({text})" if text else ""

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.commands.profile import habits
 from mjbench.commands.profile.habit_timing import HabitCost, OverheadRow
+from mjbench.measuring.interval import Interval
 from mjbench.results import charts, content, formats
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.results.starts import starts_lines
@@ -61,7 +62,10 @@ def _table(table: OverheadRow) -> DataTable:
         table.costs or (),
         (Column("in the loop"), lambda cost: cost.source),
         (Column("adds ns/step", formats.count), lambda cost: cost.ns),
-        (Column("95 %", formats.ends_in(formats.count), leaves=2), lambda cost: cost),
+        (
+            Column("95 %", formats.ends_in(formats.count), leaves=2),
+            lambda cost: Interval(cost.ns, cost.low, cost.high),
+        ),
         (Column("of a step", formats.percent, leaves=1), lambda cost: cost.share),
         (Column("cheaper"), lambda cost: cost.cheaper),
         (Column("saves ns", formats.count), lambda cost: cost.saved_ns),

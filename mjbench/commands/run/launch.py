@@ -83,7 +83,7 @@ class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
-      was_ended: as that of `records.ProgramRow`.
+      was_ended: as that of `result.ProgramRow`.
       was_interrupted: whether a signal to mjbench ended the run.
       problem: why there are no samples, in one line; empty where there are.
       untimed_pids: processes whose steps were not timed, since the disk is full.
@@ -259,10 +259,7 @@ def _first_step_ns(folder: Path) -> int | None:
 
 def _stepped_s(folder: Path, first_ns: int | None) -> float:
     """Return for how long a program has stepped; one of MJX may never call `mj_step`."""
-    return _since_s(first_ns or call_times.first_compiled_ns(folder))
-
-
-def _since_s(begin_ns: int | None) -> float:
+    begin_ns = first_ns or call_times.first_compiled_ns(folder)
     return (time.perf_counter_ns() - begin_ns) / 1e9 if begin_ns else 0.0
 
 

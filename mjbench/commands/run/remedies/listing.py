@@ -119,7 +119,7 @@ def _savings(
         if Activity.COLLECTION in loop.activities:
             yield loop_remedies.of_activity(loop, Activity.COLLECTION)
         return
-    for activity in whole:
+    for activity in sorted(whole):
         if not loop.is_timed(activity) or not any(r.activity == activity for r in of_calls):
             remedy = loop_remedies.of_activity(loop, activity)
             if activity in WAITING and remedy.gain is not None:
