@@ -22,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
-	@echo "make test      run lint (see below) and the tests (8 minutes on two cores)"
+	@echo "make test      run lint (see below) and the tests (7 minutes on two cores)"
 	@echo "make site      write all reports and the documents as a static site to $(SITE)"
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs npm)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
@@ -42,13 +42,13 @@ help:
 bench: $(BASE)
 	$(BIN)/mjbench compare --budget 22s
 
-# Style and types beside each other; then the tests, on both cores. CI checks the types of macOS, too.
+# Style and types beside each other; then the tests, in three processes, since some wait. CI checks the types of macOS, too.
 test: $(STAMP)
 	$(MAKE) --jobs style types
 	$(MAKE) tests
 
 tests: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 3 --dist worksteal
 
 lint: style types types-darwin pages
 
