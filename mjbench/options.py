@@ -14,7 +14,7 @@ A value comes as text from the command line, or from a program; a `Kind` reads b
 
 import operator
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 from mjbench import limits
@@ -106,7 +106,8 @@ def option(
     is_stored: bool = True,
 ) -> Any:
     """Return the field of an option (see `Option`); its flag follows from its name by default."""
-    given = (kind, text, flags, unset, of_functions, is_stored and of_functions)
+    is_stored = is_stored and of_functions
+    given = Option("", default, kind, text, flags, unset, of_functions, is_stored)
     return field(default=default, metadata={_KEY: given})
 
 
@@ -117,9 +118,9 @@ def options_of(kind: type[Any]) -> list[Option]:
     options = []
     for name in dict.fromkeys(names):
         if name in by_name:
-            of_kind, text, flags, *others = by_name[name].metadata[_KEY]
-            flags = flags or (f"--{name.removesuffix('_s').removesuffix('_hz')}".replace("_", "-"),)
-            options.append(Option(name, by_name[name].default, of_kind, text, flags, *others))
+            given = by_name[name].metadata[_KEY]
+            flag = f"--{name.removesuffix('_s').removesuffix('_hz')}".replace("_", "-")
+            options.append(replace(given, name=name, flags=given.flags or (flag,)))
     return options
 
 

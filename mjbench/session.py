@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable, wrong_argument
@@ -199,7 +198,6 @@ class Session:
         resume: Path | None = None,
         command_line: Sequence[str] = (),
         report: Callable[[str], None] = lambda line: None,
-        record_types: Mapping[str, type] = MappingProxyType({}),
     ):
         """Prepare to measure.
 
@@ -210,7 +208,6 @@ class Session:
           resume: run file to continue instead.
           command_line: the words after `mjbench`.
           report: called at once with what people should know, in a line.
-          record_types: of the records that `resume` may have, by their `type`.
         """
         self.earlier: Sequence[Record] = ()
         self.records: list[Record] = []
@@ -218,7 +215,6 @@ class Session:
         self._measurement, self._wait = measurement, wait
         self._folder, self._resume = folder, resume
         self._command_line, self._report = command_line, report
-        self._record_types = record_types
         self._file: RunFile | None = None
 
     def __enter__(self) -> "Session":
@@ -276,7 +272,7 @@ class Session:
             return RunFile.create(folder, self.header)
         if file.is_fifo():
             raise InputError(f"cannot continue {file}: it is a pipe, not a file")
-        stored = runs.load(file, self._record_types)
+        stored = runs.load(file, self._measurement.record_types)
         check_continues(file, stored.header, self.header)
         self.header = stored.header
         if stored.is_torn:

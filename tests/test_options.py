@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 import mjbench
 from mjbench import options
-from mjbench.api.compare import plans_of
 from mjbench.cli import cli
 from mjbench.commands.checkup import driver as checkup
 from mjbench.commands.checkup.driver import CheckupPlan
@@ -70,7 +69,9 @@ KINDS: dict[str, type[Any]] = {
 }
 MEASUREMENTS: dict[str, Callable[[Any], Measurement]] = {
     "checkup": lambda given: checkup.measurement(CARTPOLE, CheckupPlan.of(given)),
-    "compare": lambda given: model_comparison.measurement([CARTPOLE], plans_of(given, None)),
+    "compare": lambda given: model_comparison.measurement(
+        [CARTPOLE], model_comparison.plans_of(given, None)
+    ),
     "env": lambda given: env.measurement(["Humanoid-v5"], given),
     "latency": lambda given: latency.measurement([CARTPOLE], given),
     "profile": lambda given: profile.measurement([CARTPOLE], given),

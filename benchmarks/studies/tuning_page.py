@@ -10,6 +10,8 @@ from mjbench.status import Status
 if TYPE_CHECKING:
     from benchmarks.studies.tuning import Promise, TunedModel, TuningTally
 
+# When the search last changed; results of an earlier day are of another search.
+_SEARCH_SINCE = "2026-11-28"
 _HEADINGS = ("model", "same results", "within tolerance", "error allowed", "settings")
 
 
@@ -80,6 +82,12 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
         f" budget of {tally.budget_s:g} s a model. Each column includes what changes less. Settings"
         " are those recommended first. Ten models are mjbench's own, ten are of other packages."
     )
+    if tally.date < _SEARCH_SINCE:
+        yield ""
+        yield (
+            f"The search has changed since. These results are of the search of {tally.date}; run"
+            " the command above to measure today's."
+        )
     yield from _promise_lines(searched, promises)
 
 

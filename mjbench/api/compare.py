@@ -13,17 +13,13 @@ from mjbench.api.functions import with_options
 from mjbench.api.result import Result
 from mjbench.commands.compare.advice import Advice, ClockAdvice
 from mjbench.commands.compare.crossovers import Crossover
-from mjbench.commands.compare.driver import measurement
+from mjbench.commands.compare.driver import measurement, plans_of
 from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.compare.results import ModelResults, PathResult, derive_all
-from mjbench.commands.shared_options import check_holds
 from mjbench.commands.show.documents import CompareDocument
 from mjbench.errors import InputError
 from mjbench.measuring.timing import Progress
 from mjbench.simulation import models as shipped_models
-from mjbench.simulation.workload import Product
-from mjbench.verification import selection
-from mjbench.verification.plan import BUDGET_S, QUICK_BUDGET_S, ComparisonPlan
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -87,36 +83,6 @@ def compare(
     plans = plans_of(options, _own_path_folder(options.paths or ()))
     with model_sources.sources(models or shipped_models.shipped()) as sources:
         return Comparison.of(measurement(sources, plans), options.wait, on_progress)
-
-
-def plans_of(options: CompareOptions, import_from: str | None) -> list[ComparisonPlan]:
-    """Return a plan for each number of simulations.
-
-    Args:
-      import_from: folder of the user's own paths; None without any.
-    """
-    check_holds(options.nstep, options.hold)
-    if options.quick and options.budget_s is not None:
-        raise InputError("--quick is a budget of 5 s: give it, or --budget")
-    names, threads, chunk = options.paths or [], options.threads, options.chunk
-    plan = ComparisonPlan(
-        variants=(),
-        nstep=options.nstep,
-        hold=options.hold,
-        seed=options.seed,
-        starts=options.starts,
-        returns=Product(options.returns),
-        budget_s=options.budget_s or (QUICK_BUDGET_S if options.quick else BUDGET_S),
-        limit_s=options.time_limit_s,
-        import_from=import_from,
-        named=tuple(name for name in names if name != selection.USUAL_PATHS),
-        total_steps=options.total_steps,
-    )
-    if options.scaling:
-        names = names or list(selection.SCALING_PATHS)
-        threads = threads or selection.scaling_threads()
-        chunk = chunk or list(selection.SCALING_CHUNKS)
-    return selection.plans(plan, names, threads, chunk, options.options or (), options.nbatch)
 
 
 def _own_path_folder(path_names: Sequence[str]) -> str | None:

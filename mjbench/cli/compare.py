@@ -27,10 +27,9 @@ def compare(sources: list[ModelSource], options: CompareOptions) -> None:
       mjbench compare humanoid --scaling
       mjbench compare cartpole --paths mjx,rollout --nbatch 16,256,4096
     """
-    from mjbench.api.compare import plans_of
     from mjbench.api.model_sources import each_once
     from mjbench.commands.compare import show
-    from mjbench.commands.compare.driver import measurement
+    from mjbench.commands.compare.driver import measurement, plans_of
 
     plans = plans_of(options, own_path_folder(options.paths))
     measure_and_print(

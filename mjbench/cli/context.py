@@ -4,6 +4,7 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -218,14 +219,9 @@ def measure_and_print(
     for note in measurement.notes:
         report_line(note)
     record_types = measurement.record_types or kinds.RECORD_TYPES
+    measurement = replace(measurement, record_types=record_types)
     session = Session(
-        measurement,
-        output.wait,
-        output.results,
-        output.resume,
-        command_line(),
-        report_line,
-        record_types,
+        measurement, output.wait, output.results, output.resume, command_line(), report_line
     )
     inputs = [*measurement.files, *([output.resume] if output.resume else [])]
     with RunContext(output.json_file, inputs, session, to_stderr) as run:

@@ -16,8 +16,10 @@ from mjbench import paths
 from mjbench.commands.compare import accelerated_measurement
 from mjbench.commands.compare import show as report
 from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
+from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.compare.results import ModelComparison, comparisons, derive_all
-from mjbench.errors import Failure, failure_of
+from mjbench.commands.shared_options import check_holds
+from mjbench.errors import Failure, InputError, failure_of
 from mjbench.host import isolate, machine
 from mjbench.host.disturbance import Watch
 from mjbench.paired import launches
@@ -27,13 +29,45 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record, to_json
 from mjbench.session import Item, Items, Measurement, Observer
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import Product
 from mjbench.status import FINISHED, Status
+from mjbench.verification import selection
 from mjbench.verification.path_verification import AgreementReport, ModelFiles, verify_in_child
-from mjbench.verification.plan import ComparisonPlan
+from mjbench.verification.plan import BUDGET_S, QUICK_BUDGET_S, ComparisonPlan
 from mjbench.verification.records import ModelRecord, VariantRecord
 
 # Share of a model's progress that verification stands for; the race is the rest.
 _VERIFICATION_SHARE = 0.2
+
+
+def plans_of(options: CompareOptions, import_from: str | None) -> list[ComparisonPlan]:
+    """Return a plan for each number of simulations.
+
+    Args:
+      import_from: folder of the user's own paths; None without any.
+    """
+    check_holds(options.nstep, options.hold)
+    if options.quick and options.budget_s is not None:
+        raise InputError("--quick is a budget of 5 s: give it, or --budget")
+    names, threads, chunk = options.paths or [], options.threads, options.chunk
+    plan = ComparisonPlan(
+        variants=(),
+        nstep=options.nstep,
+        hold=options.hold,
+        seed=options.seed,
+        starts=options.starts,
+        returns=Product(options.returns),
+        budget_s=options.budget_s or (QUICK_BUDGET_S if options.quick else BUDGET_S),
+        limit_s=options.time_limit_s,
+        import_from=import_from,
+        named=tuple(name for name in names if name != selection.USUAL_PATHS),
+        total_steps=options.total_steps,
+    )
+    if options.scaling:
+        names = names or list(selection.SCALING_PATHS)
+        threads = threads or selection.scaling_threads()
+        chunk = chunk or list(selection.SCALING_CHUNKS)
+    return selection.plans(plan, names, threads, chunk, options.options or (), options.nbatch)
 
 
 def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan]) -> Measurement:
