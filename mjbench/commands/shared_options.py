@@ -103,9 +103,12 @@ class LoopStartOptions:
     @property
     def starts(self) -> "StartPlan":
         """Return the plan of start states and controls; InputError if a file is not there."""
+        return self._start_plan(None)
+
+    def _start_plan(self, actions: Path | None) -> "StartPlan":
         from mjbench.simulation.starts import start_plan
 
-        return start_plan(self.settle_s, self.states, getattr(self, "actions", None))
+        return start_plan(self.settle_s, self.states, actions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +133,10 @@ class SeedOptions:
 @dataclass(frozen=True, kw_only=True)
 class StartOptions(SeedOptions, LoopStartOptions, _ActionOptions):
     """Where start states and controls come from."""
+
+    @property
+    def starts(self) -> "StartPlan":
+        return self._start_plan(self.actions)
 
 
 @dataclass(frozen=True, kw_only=True)
