@@ -6,9 +6,9 @@ Times are of one thing, such as a step, and not of a call that does many of them
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.results import formats
+from mjbench import formats
+from mjbench.formats import duration, listed
 from mjbench.results.content import Column, DataTable
-from mjbench.units import duration, listed
 
 WIDTH = 100
 # Names in a closing line, at most; of more it says how many.

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import Failure
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired import verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import PlacementControl

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import LaunchRow, TargetRow, VerdictRecord
 from mjbench.status import Status

@@ -13,13 +13,13 @@ from benchmarks.history.change_points import (
 )
 from benchmarks.history.speed_history import SpeedHistory, listed_changes
 from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
+from mjbench import formats
+from mjbench.formats import count_of
 from mjbench.host.machine import Machine
-from mjbench.measuring.interval import LogEstimate
+from mjbench.interval import LogEstimate
 from mjbench.releases.release import NO_CHANGE_PAIRS
-from mjbench.results import formats
 from mjbench.results.content import Conclusion, Section
 from mjbench.simulation import models
-from mjbench.units import count_of
 
 # As many of the largest changes are named in the conclusion.
 _LARGEST_CHANGES = 3

@@ -12,8 +12,9 @@ from benchmarks.history import release_ratios
 from benchmarks.history.change_points import MIN_DEVIATIONS
 from benchmarks.history.speed_history import SpeedHistory
 from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
+from mjbench import formats
 from mjbench.errors import writing
-from mjbench.results import charts, formats
+from mjbench.results import charts
 from mjbench.results.charts import BLUE, GREEN, GREY, ORANGE, Spec
 from mjbench.results.content import Column, DataTable, Figure
 

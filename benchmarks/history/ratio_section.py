@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from benchmarks.history import release_ratios, speed_series
 from benchmarks.history.release_ratios import RatioRecord, StepRatioRecord
-from mjbench.results import formats
+from mjbench import formats
 from mjbench.results.content import Column, DataTable, Section
 from mjbench.simulation import changed_work
 

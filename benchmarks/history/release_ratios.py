@@ -20,8 +20,8 @@ from mjbench.bounds import (
     PositiveInt,
     Version,
 )
+from mjbench.interval import LogEstimate
 from mjbench.measuring import launch_stats
-from mjbench.measuring.interval import LogEstimate
 from mjbench.releases.placement import Placement
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts

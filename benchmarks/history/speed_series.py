@@ -9,7 +9,7 @@ from packaging.version import InvalidVersion, Version
 from benchmarks.history import change_points, release_ratios
 from benchmarks.history.change_points import Changes
 from benchmarks.history.release_ratios import RatioRecord, StepRatioRecord
-from mjbench.measuring.interval import LogEstimate
+from mjbench.interval import LogEstimate
 from mjbench.releases.release import version_key
 from mjbench.simulation import changed_work
 from mjbench.simulation.reference_run import Work

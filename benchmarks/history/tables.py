@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterator, Sequence
 
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
+from mjbench import formats
 from mjbench.counts.function_differences import largest_differences
 from mjbench.counts.records import ExplainRecord
-from mjbench.measuring.interval import LogEstimate
-from mjbench.results import formats
+from mjbench.interval import LogEstimate
 from mjbench.results.content import Column, DataTable
 
 # The smallest change that has a row: a run beside other work had changes that differ by as much

@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from mjbench import formats
 from mjbench.commands.checkup.item import CheckupItem, ResultChange
 from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.tune.c_search import LEAST_GAIN
 from mjbench.commands.tune.result import Effect, TuneRecord
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.race_record import RaceRecord
-from mjbench.results import formats
 from mjbench.verification.plan import Variant
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ import numpy as np
 
 from benchmarks.studies import tally_command, tally_file
 from benchmarks.studies.page_part import PagePart
-from mjbench import units
+from mjbench import formats
 from mjbench.errors import InputError, MachineError
 from mjbench.measuring.stats import CONFIDENCE
 from mjbench.simulation import models
@@ -232,7 +232,7 @@ def _percent(share: float, digits: int = 0) -> str:
 def _listed(shares: Mapping[str, float], digits: int = 0) -> str:
     """Return models with their shares, the smallest first, such as `cloth (0 %) and pile (7 %)`."""
     ordered = sorted(shares.items(), key=lambda item: item[1])
-    return units.listed([f"{name} ({_percent(n, digits)})" for name, n in ordered] or ["none"])
+    return formats.listed([f"{name} ({_percent(n, digits)})" for name, n in ordered] or ["none"])
 
 
 def _line(row: ModelTally) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.studies.page_part import DOCS, PagePart
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Cause
 from mjbench.paired.race_record import Loop
 from mjbench.results import markdown

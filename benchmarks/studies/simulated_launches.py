@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mjbench.interval import Interval
 from mjbench.measuring import launch_stats
-from mjbench.measuring.interval import Interval
 from mjbench.measuring.launch_stats import Evidence
 from mjbench.paired.memory_layout import FIXED_LAUNCHES
 from mjbench.paired.outcomes import Verdict

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from mjbench.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from mjbench.host.disturbance import Disturbance
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect
 

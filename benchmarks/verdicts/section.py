@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import assert_never
 
 from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary
+from mjbench import formats
 from mjbench.paired.outcomes import MIN_EFFECT
-from mjbench.results import formats
 from mjbench.results.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
 # From this share of trials on, undecided ones are too many.

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mjbench.errors import InputError, wrong_argument
-from mjbench.units import duration, plain
+from mjbench.formats import duration, plain
 
 if TYPE_CHECKING:
     import mujoco

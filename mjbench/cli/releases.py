@@ -11,10 +11,10 @@ from mjbench.cli.group import cli
 from mjbench.cli.shared import FILE, Text, takes
 from mjbench.commands.shared_options import JsonOptions
 from mjbench.errors import InputError, MachineError
+from mjbench.formats import mebibytes
 from mjbench.limits import DAYS
 from mjbench.options import count
 from mjbench.status import ExitCode
-from mjbench.units import mebibytes
 
 
 def _bundle() -> Path:

@@ -102,8 +102,8 @@ def _store(file: Path, content: bytes) -> None:
 
 def _section(rows: "Sequence[SweepRow]") -> "Section":
     """Return a table with a row for each cell: what its run file comes to, or why there is none."""
+    from mjbench.formats import count_of
     from mjbench.results.content import Column, Conclusion, DataTable, Section
-    from mjbench.units import count_of
 
     table = DataTable.of(
         "Results",

@@ -8,7 +8,7 @@ from mjbench.counts.function_differences import function_differences
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import Failure
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow, WorkDifference
 from mjbench.paired.verdict import judge_exactly

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from mjbench import formats
 from mjbench.counts import explain
 from mjbench.counts.function_differences import NetDifference, largest_differences, moved_groups
 from mjbench.counts.instructions import ModelCount
@@ -10,14 +11,14 @@ from mjbench.counts.records import (
     FunctionDifference,
     InstructionsRecord,
 )
-from mjbench.measuring.interval import Interval
+from mjbench.formats import count_of
+from mjbench.interval import Interval
 from mjbench.paired.records import VerdictRow
-from mjbench.results import charts, formats
+from mjbench.results import charts
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.results.starts import starts_lines
 from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.status import Status
-from mjbench.units import count_of
 
 # Functions of a count that are listed, and functions of a change that are drawn.
 _MOST_LISTED, _MOST_DRAWN = 10, 12

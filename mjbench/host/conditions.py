@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from mjbench import units
+from mjbench import formats
 from mjbench.host import machine, neighbours, topology
 from mjbench.host.disturbance import NOTABLE_STOLEN
 from mjbench.host.machine import ProcessorTime
@@ -77,9 +77,9 @@ def all_conditions(others: Sequence[Neighbour]) -> Iterator[Condition]:
 
 def cores() -> Condition:
     usable = topology.read()
-    detail = units.count_of(usable.hardware_threads, "hardware thread")
+    detail = formats.count_of(usable.hardware_threads, "hardware thread")
     if usable.cores is not None:
-        detail += f" of {units.count_of(usable.cores, 'core')}"
+        detail += f" of {formats.count_of(usable.cores, 'core')}"
     if len(usable.node_sizes) > 1:
         detail += f" on {len(usable.node_sizes)} NUMA nodes"
     if usable.quota_cores is not None and usable.quota_cores < usable.hardware_threads:
@@ -145,7 +145,7 @@ def load() -> Condition:
 
     usable, average = machine.usable_cores(), psutil.getloadavg()[0]
     total = max(usable, os.cpu_count() or 1)
-    detail = f"load average {average:.1f} on {units.count_of(total, 'core')}"
+    detail = f"load average {average:.1f} on {formats.count_of(total, 'core')}"
     if usable < total:
         detail += f", of which {usable} are usable here"
     if average <= total - (1 - _MAX_LOAD) * usable:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 
 # Variance of the prior on the ratio of mean to deviation. The interval is narrowest where the
 # effect is about as large as the deviation between launches; 0.5 and 2 cost 1 to 3 % more launches.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjbench.errors import InputError
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 
 CONFIDENCE = 0.95
 # Shorter than any clock resolves, in seconds and in nanoseconds.

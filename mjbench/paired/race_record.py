@@ -16,8 +16,8 @@ import numpy as np
 
 from mjbench.bounds import NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.host.disturbance import Disturbance
+from mjbench.interval import Interval
 from mjbench.measuring import launch_stats, stats
-from mjbench.measuring.interval import Interval
 from mjbench.paths.base import nthread
 from mjbench.simulation import engine_clock
 from mjbench.status import Status

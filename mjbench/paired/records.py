@@ -21,9 +21,9 @@ from mjbench.bounds import (
     TwoOf,
 )
 from mjbench.errors import Failure
+from mjbench.interval import Interval
 from mjbench.measuring import stats
 from mjbench.measuring.calls import Compilation
-from mjbench.measuring.interval import Interval
 from mjbench.paired.call_results import ResultsDifference
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict

@@ -10,12 +10,12 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.errors import InputError, describe
+from mjbench.formats import listed
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.records import TargetRow
 from mjbench.paths import base
 from mjbench.releases import release_names
 from mjbench.simulation import model_options, models
-from mjbench.units import listed
 
 _TIMER = ("on", "off")
 _DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": release_names.INSTALLED}

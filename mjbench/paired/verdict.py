@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.errors import Failure
+from mjbench.interval import Interval
 from mjbench.measuring import launch_stats
-from mjbench.measuring.interval import Interval
 from mjbench.measuring.launch_stats import Evidence
 from mjbench.paired import outcomes
 from mjbench.paired.launches import launch

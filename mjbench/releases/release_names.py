@@ -14,9 +14,9 @@ from pathlib import Path
 from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import InputError, MachineError, one_line, suggestion
+from mjbench.formats import count_of
 from mjbench.releases import install_check, package_index, packages, wheels
 from mjbench.releases.release import OLDEST, version_key
-from mjbench.units import count_of
 
 # Names the release of the environment that mjbench runs in.
 INSTALLED = "installed"

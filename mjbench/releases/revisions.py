@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line, shown, suggestion, writing
-from mjbench.units import short_commit
+from mjbench.formats import short_commit
 
 # Names what lies in the user's checkout now: changes that are not committed and files that are not
 # tracked included, ignored files not.

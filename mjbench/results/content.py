@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from mjbench import formats
+from mjbench.formats import Form
 from mjbench.host import disturbance
 from mjbench.host.disturbance import Disturbance
-from mjbench.measuring.interval import Interval, LogEstimate
-from mjbench.results import formats
-from mjbench.results.formats import Form
+from mjbench.interval import Interval, LogEstimate
 
 if TYPE_CHECKING:
     from mjbench.results.runs import Run

@@ -4,9 +4,9 @@ import re
 import urllib.parse
 
 import mjbench
-from mjbench import extras
+from mjbench import extras, formats
 from mjbench.errors import MachineError
-from mjbench.results import charts, formats
+from mjbench.results import charts
 from mjbench.results.content import Column, DataTable, Figure, Report, Tone
 
 # What stands before a conclusion, beside its colour.

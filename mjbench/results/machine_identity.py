@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench import units
+from mjbench import formats
 from mjbench.host.machine import Machine
 
 # What names of processors say besides which one it is.
@@ -85,7 +85,7 @@ def _letters(number: int) -> str:
 _DETAILS: tuple[Callable[[MachineIdentity], str], ...] = (
     lambda machine: short_cpu_name(machine.cpu),
     lambda machine: machine.cpu,
-    lambda machine: units.count_of(machine.usable_cores, "core"),
+    lambda machine: formats.count_of(machine.usable_cores, "core"),
     lambda machine: machine.architecture,
     lambda machine: "virtual" if machine.hypervisor else "not virtual",
 )

@@ -2,10 +2,9 @@
 
 from collections.abc import Iterator
 
-from mjbench.results.formats import short_percent
+from mjbench.formats import count_of, plain, short_percent
 from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.simulation.starts import SettleLimit, Starts, Window
-from mjbench.units import count_of, plain
 
 # A window shows sleeping if its share of sleeping trees is that of the model's run, within this.
 _SAME_SLEEP = 0.05

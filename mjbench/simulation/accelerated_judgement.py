@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt
-from mjbench.units import count_of, plain
+from mjbench.formats import count_of, plain
 
 # Tangents that are turned by less, in degrees, are not worth a word.
 _TURNED_DEGREES = 1.0

@@ -5,7 +5,7 @@ Warnings have the names of mjtWarning, without its prefix.
 
 from collections.abc import Mapping
 
-from mjbench.units import count_of
+from mjbench.formats import count_of
 
 _DIVERGED = "the simulation diverged, and MuJoCo reset it, unless autoreset is disabled"
 # What a warning in a program means, by name.

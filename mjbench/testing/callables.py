@@ -23,11 +23,11 @@ from statistics import NormalDist
 
 import numpy as np
 
+from mjbench.formats import duration
+from mjbench.interval import Interval
 from mjbench.measuring import calls, launch_stats, stats, timing
 from mjbench.measuring.calls import Function, nothing
-from mjbench.measuring.interval import Interval
 from mjbench.measuring.timing import Clock
-from mjbench.units import duration
 
 # Seconds of a round, at least.
 ROUND_S = 0.1

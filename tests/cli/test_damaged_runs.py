@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from mjbench.cli import cli
 from mjbench.host import machine
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
 from mjbench.releases.placement import Placement, PlacementPair

@@ -19,7 +19,7 @@ from mjbench.counts.records import (
     FunctionCount,
     FunctionDifference,
 )
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow

@@ -13,7 +13,7 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.commands.versions import show as verdicts
 from mjbench.errors import Failure, MachineError
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired import pair_launches, target_pair, verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import PlacementControl

@@ -14,12 +14,13 @@ import pytest
 from commands import PYTHONPATH, ROOT, mjbench
 from rich.console import Console, Group
 
+from mjbench import formats
 from mjbench.cli.progress import progress
 from mjbench.errors import one_line, printable
-from mjbench.results import formats, terminal
+from mjbench.formats import plain
+from mjbench.results import terminal
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.simulation import engine_warnings
-from mjbench.units import plain
 
 # It writes the clipboard of many terminals.
 CLIPBOARD = "\x1b]52;c;cm0=\x07"

@@ -17,7 +17,7 @@ from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.versions import bisect_show as bisect
 from mjbench.commands.versions import show as verdicts
 from mjbench.commands.versions.bisect import BisectComparison, BisectRecord, VersionRow
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.records import PackageVersions
 from mjbench.results import runs, terminal

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.testing import callables
 from mjbench.testing.callables import Answer, FunctionPair, SpeedCheck, SpeedQuestion
 

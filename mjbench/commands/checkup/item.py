@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from mjbench import formats
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune.settings import Setting
-from mjbench.measuring.interval import Interval
-from mjbench.results import formats
+from mjbench.interval import Interval
 from mjbench.verification.plan import Variant
 
 

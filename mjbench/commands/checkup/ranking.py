@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+from mjbench import formats
 from mjbench.commands.checkup.item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.commands.checkup.result import CheckedPart, Combination
 from mjbench.commands.compare import advice
@@ -27,10 +28,10 @@ from mjbench.commands.tune import show as tuning
 from mjbench.commands.tune.result import Effect, Recommendation, TuneRecord
 from mjbench.commands.tune.settings import NO_CHANGE, Setting, label
 from mjbench.errors import file_argument
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
-from mjbench.results import formats, starts
+from mjbench.results import starts
 from mjbench.results.runs import Run
 from mjbench.simulation import engine_clock, engine_warnings
 from mjbench.simulation.starts import Starts

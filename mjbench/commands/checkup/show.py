@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench import paths
+from mjbench import formats, paths
 from mjbench.commands.checkup import ranking
 from mjbench.commands.checkup.item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.commands.checkup.ranking import combination_gain
@@ -24,15 +24,14 @@ from mjbench.commands.tune import show as tuning
 from mjbench.commands.tune.result import MIN_EFFECT, Attempt, Effect, TuneRecord
 from mjbench.commands.tune.settings import label
 from mjbench.errors import file_argument
+from mjbench.formats import count_of, listed
 from mjbench.host.machine import Machine
-from mjbench.measuring.interval import Interval
-from mjbench.results import formats
+from mjbench.interval import Interval
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.results.runs import SCHEMA, Run
 from mjbench.results.starts import starts_lines
 from mjbench.simulation import engine_clock
 from mjbench.status import Status
-from mjbench.units import count_of, listed
 
 # Stages of a step, and items, that are named at most.
 _MOST_STAGES, _MOST_ITEMS = 3, 12

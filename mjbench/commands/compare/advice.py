@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from mjbench import paths
-from mjbench.measuring.interval import Interval
+from mjbench import formats, paths
+from mjbench.formats import count_of
+from mjbench.interval import Interval
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
 from mjbench.paths.base import nthread
-from mjbench.results import formats
 from mjbench.results.json_form import in_json
 from mjbench.simulation import engine_clock
-from mjbench.units import count_of
 from mjbench.verification.plan import Variant, describe_options
 
 if TYPE_CHECKING:  # results have their advice

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench.commands.compare.results import PathResult
-from mjbench.units import plain
+from mjbench.formats import plain
 from mjbench.verification.plan import Variant
 
 

@@ -3,9 +3,10 @@
 import itertools
 from collections.abc import Iterator, Sequence
 
+from mjbench import formats
 from mjbench.commands.compare.results import ModelResults
 from mjbench.paired.race_record import Loop
-from mjbench.results import charts, formats
+from mjbench.results import charts
 from mjbench.results.content import Column, DataTable, Figure
 
 # Colours of paths by whether a policy can choose each control.

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 
-from mjbench import paths
+from mjbench import formats, paths
 from mjbench.commands.compare.results import PathResult
+from mjbench.formats import listed, plain
 from mjbench.releases.release import version_key
-from mjbench.results import formats
 from mjbench.results.content import Column, DataTable
 from mjbench.simulation.accelerated_judgement import EngineAnswer, JudgedPart, Measure
-from mjbench.units import listed, plain
 
 
 def judgement_tables(results: Sequence[PathResult]) -> list[DataTable]:

@@ -19,7 +19,7 @@ from mjbench.commands.compare.advice import (
     advise_threads,
 )
 from mjbench.host import conditions, disturbance
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.results.json_form import in_json

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
+from mjbench import formats
 from mjbench.commands.compare import figures as comparison_figures
 from mjbench.commands.compare.advice import Advice, clock_conclusion, conclusion, thread_conclusion
 from mjbench.commands.compare.crossovers import crossovers, describe_crossover
@@ -12,9 +13,9 @@ from mjbench.commands.compare.judgement_notes import (
     version_lines,
 )
 from mjbench.commands.compare.results import ModelResults, PathResult, derive_all
+from mjbench.formats import count_of, plain
 from mjbench.paired.race_record import MAX_LAUNCHES, MIN_LAUNCHES
 from mjbench.paths.accelerated import keyword_arguments
-from mjbench.results import formats
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.results.json_form import json_form
 from mjbench.results.runs import Run
@@ -23,7 +24,6 @@ from mjbench.simulation import engine_clock
 from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
-from mjbench.units import count_of, plain
 from mjbench.verification.records import ModelRecord
 
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.commands.doctor.detectable_change import Noise
+from mjbench.formats import plain
 from mjbench.host.conditions import Condition, Grade
 from mjbench.results.content import Conclusion, Section, Tone
-from mjbench.units import plain
 
 _LABELS = {Grade.GOOD: "ok", Grade.NOTE: "note", Grade.BAD: "bad"}
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.timer import LayerSamples, TimerCost
+from mjbench.interval import Interval
 from mjbench.measuring import stats
-from mjbench.measuring.interval import Interval
 
 # Smallest divisor; no clock shows a shorter time.
 _LEAST_NS = 1e-3

@@ -20,6 +20,7 @@ import numpy as np
 from mjbench import paths
 from mjbench.commands.env.recording import Recording, StepTrace
 from mjbench.errors import MachineError
+from mjbench.formats import listed
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.simulation import agreement, compat, reference_run
@@ -27,7 +28,6 @@ from mjbench.simulation.agreement import Difference
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.units import listed
 from mjbench.verification.path_verification import AgreementReport, FurtherCases, verify
 from mjbench.verification.plan import Variant
 from mjbench.verification.reference_case import ReferenceCase

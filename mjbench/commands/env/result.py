@@ -28,8 +28,8 @@ from mjbench.commands.env.recording import ModelChange
 from mjbench.commands.env.repetition import FieldDifference
 from mjbench.commands.env.timer import LayerSamples, TimerCost
 from mjbench.errors import Failure
+from mjbench.interval import Interval
 from mjbench.measuring import stats
-from mjbench.measuring.interval import Interval
 from mjbench.results.json_form import in_json
 from mjbench.simulation.reference_run import ModelFacts
 from mjbench.status import Status

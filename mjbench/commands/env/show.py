@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
+from mjbench import formats
 from mjbench.commands.env.layer_shares import LayerShare
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.recording import Moment
@@ -13,15 +14,14 @@ from mjbench.commands.env.result import (
     VectorForm,
     VectorSamples,
 )
+from mjbench.formats import Form, count_of, duration, listed, plain
 from mjbench.host import conditions
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paths import BASE
 from mjbench.paths.base import nthread
-from mjbench.results import charts, content, formats
+from mjbench.results import charts, content
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.results.formats import Form
 from mjbench.status import Status
-from mjbench.units import count_of, duration, listed, plain
 from mjbench.verification.plan import Variant, describe_options
 
 # The least share of a layer that the first sentence names beside physics; and the most layers, or

@@ -5,11 +5,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from mjbench import formats
 from mjbench.commands.latency.measure import LatencyRow, Pace, SlowFeature, histogram_quantiles
-from mjbench.results import charts, content, formats
+from mjbench.formats import duration, plain
+from mjbench.results import charts, content
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.results.starts import starts_lines
-from mjbench.units import duration, plain
 
 # Slow steps have a feature in common if they have so many times as much of it as all steps, and at
 # least this much in every tenth of them.

@@ -32,7 +32,7 @@ from mjbench.commands.lint.stepping_script import (
     SteppingScript,
 )
 from mjbench.commands.lint.stored_views import Store, StoredViews, store_of, stored_views
-from mjbench.units import listed
+from mjbench.formats import listed
 
 # What a step integrates, and what is neither that nor computed from a state.
 _INTEGRATED = ("qpos", "qvel", "act", "time")

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 
+from mjbench import formats
 from mjbench.commands.profile import habits
 from mjbench.commands.profile.habit_timing import HabitCost, OverheadRow
-from mjbench.measuring.interval import Interval
-from mjbench.results import charts, content, formats
+from mjbench.interval import Interval
+from mjbench.results import charts, content
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.results.starts import starts_lines
 

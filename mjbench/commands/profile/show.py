@@ -2,15 +2,16 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from mjbench import formats
 from mjbench.commands.profile.measure import FRAMES_PER_S, ProfiledSteps, ProfileRow
 from mjbench.commands.profile.rendering import FrameTime
 from mjbench.commands.profile.step_parts import OTHER
-from mjbench.results import charts, content, formats
+from mjbench.formats import duration, plain
+from mjbench.results import charts, content
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.results.starts import starts_lines
 from mjbench.simulation import engine_clock
 from mjbench.simulation.engine_warnings import warning_lines
-from mjbench.units import duration, plain
 
 # From this share of a step on, what is left is explained.
 _NOTABLE_OTHER = 0.05

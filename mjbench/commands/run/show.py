@@ -4,6 +4,7 @@ import signal
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
+from mjbench import formats
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
@@ -13,8 +14,9 @@ from mjbench.commands.run.remedies import listing
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.step_times import StepTimes
-from mjbench.measuring.interval import Interval
-from mjbench.results import charts, formats
+from mjbench.formats import duration, plain, whole_percent
+from mjbench.interval import Interval
+from mjbench.results import charts
 from mjbench.results.content import (
     Cell,
     Column,
@@ -25,9 +27,7 @@ from mjbench.results.content import (
     Tone,
     filled,
 )
-from mjbench.results.formats import whole_percent
 from mjbench.status import Status
-from mjbench.units import duration, plain
 
 # Smaller shares of a loop, of a package in it, and of stages are left out; the JSON document has
 # all.

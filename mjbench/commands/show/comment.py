@@ -9,19 +9,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from mjbench import formats
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.commands.versions.family import Family
 from mjbench.errors import InputError
-from mjbench.measuring.interval import Interval
+from mjbench.formats import duration, short_commit
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
-from mjbench.results import formats
 from mjbench.results.content import Column, DataTable
 from mjbench.results.markdown import code, data_table, escaped, folded
 from mjbench.results.runs import Run
 from mjbench.status import Status
-from mjbench.units import duration, short_commit
 
 # Characters of a comment, at most: GitHub refuses longer ones.
 _MOST_CHARACTERS = 60_000

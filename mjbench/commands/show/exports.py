@@ -10,10 +10,10 @@ from mjbench.commands.show import rows
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.errors import InputError
+from mjbench.formats import csv_text
 from mjbench.host import disturbance
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
-from mjbench.results.formats import csv_text
 from mjbench.results.runs import Run
 from mjbench.status import Status
 from mjbench.verification.records import ModelRecord

@@ -4,12 +4,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mjbench.formats import count_of, mebibytes, yes_no
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.installs import InstallSize
 from mjbench.results.content import Column, DataTable
-from mjbench.results.formats import yes_no
 from mjbench.results.runs import SCHEMA
-from mjbench.units import count_of, mebibytes
 
 if TYPE_CHECKING:  # both import MuJoCo
     from mjbench.commands.show.model_facts import ListedModel

@@ -9,19 +9,19 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from mjbench import formats
 from mjbench.commands.compare.advice import Advice
 from mjbench.commands.compare.results import derive_all
 from mjbench.commands.compare.show import mark
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.host import disturbance
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.releases import release_names
-from mjbench.results import formats
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.results.machine_identity import MachineIdentity, identify
 from mjbench.results.runs import Run

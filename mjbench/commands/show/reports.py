@@ -7,14 +7,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjbench import command_names
+from mjbench import command_names, formats
 from mjbench.commands.show import kinds, machines
 from mjbench.errors import one_line, printable
-from mjbench.results import formats, runs
+from mjbench.formats import count_of
+from mjbench.results import runs
 from mjbench.results.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.results.machine_identity import MachineIdentity
 from mjbench.results.runs import Run
-from mjbench.units import count_of
 
 # Sections of single runs, at most, where there are several runs: a page of more is of no use.
 _MOST_SECTIONS = 100

@@ -5,20 +5,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench import formats
 from mjbench.commands.compare.results import PathResult, derive_all
 from mjbench.errors import InputError
+from mjbench.formats import count_of
 from mjbench.host.machine import Machine
+from mjbench.interval import Interval
 from mjbench.measuring import stats
-from mjbench.measuring.interval import Interval
 from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.outcomes import Verdict
 from mjbench.paths.accelerated import CPU
-from mjbench.results import formats
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.results.runs import Run
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
-from mjbench.units import count_of
 from mjbench.verification.plan import Variant, describe_options
 from mjbench.verification.records import VariantRecord
 

@@ -35,9 +35,9 @@ from mjbench.commands.tune.setting_launch import SettingLaunchRequest
 from mjbench.commands.tune.settings import Settings, label
 from mjbench.commands.tune.usual_regime import MAX_COMPUTING_S
 from mjbench.errors import InputError, MachineError, MjbenchError, failure_of
+from mjbench.formats import plain
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.units import plain
 
 # A setting that saves less than this, by its first launches, is not looked at again.
 LEAST_GAIN = 0.01

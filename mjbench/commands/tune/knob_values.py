@@ -15,11 +15,11 @@ import numpy as np
 from mjbench.commands.tune import model_features as features
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting, option
 from mjbench.commands.tune.usual_regime import ObservedModel, Usage
+from mjbench.formats import count_of
 from mjbench.host import topology
 from mjbench.simulation import compat, model_options
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.workload import start_data
-from mjbench.units import count_of
 
 Values = Callable[[ObservedModel], list[Setting]]
 Condition = Callable[[ObservedModel], bool]

@@ -6,10 +6,9 @@ from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.reference import REFINEMENT, CurrentSettings
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.commands.tune.settings import label
-from mjbench.results.formats import short_percent
+from mjbench.formats import count_of, plain, short_percent
 from mjbench.results.starts import starts_lines
 from mjbench.status import Status
-from mjbench.units import count_of, plain
 
 # Settings that failed that are named.
 _MOST_FAILED = 12

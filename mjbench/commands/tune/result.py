@@ -18,8 +18,8 @@ from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.mesh_notes import MeshNote
 from mjbench.commands.tune.reference import CurrentSettings
 from mjbench.commands.tune.settings import Setting
+from mjbench.interval import Interval
 from mjbench.measuring import launch_stats, stats
-from mjbench.measuring.interval import Interval
 from mjbench.paired.records import LaunchRow
 from mjbench.status import Status
 

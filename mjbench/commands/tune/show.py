@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
+from mjbench import formats
 from mjbench.commands.tune import knobs
 from mjbench.commands.tune.notes import in_units, notes, percent
 from mjbench.commands.tune.reference import SAME_SHARE, CurrentSettings
@@ -17,13 +18,12 @@ from mjbench.commands.tune.result import (
     saves_time,
 )
 from mjbench.commands.tune.settings import Edit, Part, Setting, edits_of, label, loop_change
-from mjbench.measuring.interval import Interval
-from mjbench.results import charts, formats
+from mjbench.formats import count_of, short_percent
+from mjbench.interval import Interval
+from mjbench.results import charts
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
-from mjbench.results.formats import short_percent
 from mjbench.simulation import engine_clock
 from mjbench.status import Status
-from mjbench.units import count_of
 
 # Settings alone that are named.
 _MOST_ALONE = 12

@@ -18,6 +18,7 @@ from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.commands.versions import function_sides, function_verdict
 from mjbench.commands.versions.function_sides import RevisionComparison
 from mjbench.errors import InputError, MachineError
+from mjbench.formats import listed, short_commit
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
@@ -30,7 +31,6 @@ from mjbench.releases.release_names import INSTALLED
 from mjbench.results.runs import Record
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
-from mjbench.units import listed, short_commit
 
 # How often the first version that differs is searched for, where it is not confirmed.
 _SEARCHES = 2

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Iterator, Sequence
 
+from mjbench import formats
 from mjbench.commands.versions import show as verdicts
 from mjbench.commands.versions.bisect import (
     BisectChange,
@@ -12,13 +13,12 @@ from mjbench.commands.versions.bisect import (
     short_name,
 )
 from mjbench.errors import file_argument
+from mjbench.formats import count_of
 from mjbench.paired.outcomes import Verdict
 from mjbench.releases.release_names import wheel_digest
-from mjbench.results import formats
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.results.runs import Record
 from mjbench.status import Status
-from mjbench.units import count_of
 
 
 def sections(records: Sequence[Record]) -> list[Section]:

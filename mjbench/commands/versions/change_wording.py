@@ -1,10 +1,10 @@
 """What the ratio of two targets comes to, in the words of its metric."""
 
-from mjbench.measuring.interval import Interval
+from mjbench import formats
+from mjbench.formats import plain
+from mjbench.interval import Interval
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import Verdict
-from mjbench.results import formats
-from mjbench.units import plain
 
 # From this factor on, a change is a factor and not a percentage.
 _LARGE = 2.0

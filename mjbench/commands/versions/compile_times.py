@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from mjbench.measuring.interval import Interval
+from mjbench import formats
+from mjbench.formats import duration
+from mjbench.interval import Interval
 from mjbench.paired.records import CompilationFigures, VerdictRow
-from mjbench.results import formats
 from mjbench.results.content import Column, DataTable, filled
-from mjbench.units import duration
 
 
 def tables(rows: Sequence[VerdictRow]) -> list[DataTable]:

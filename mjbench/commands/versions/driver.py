@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from mjbench import formats
 from mjbench.commands.versions import accelerated_environments, function_sides, function_verdict
 from mjbench.commands.versions.accelerated_environments import AcceleratedComparison
 from mjbench.commands.versions.function_sides import (
@@ -22,6 +23,7 @@ from mjbench.counts import explain
 from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
+from mjbench.formats import listed
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.paired import targets, verdict
@@ -34,12 +36,10 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE, find
 from mjbench.releases import packages
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.results import formats
 from mjbench.results.runs import Record
 from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
-from mjbench.units import listed
 
 # Seconds without an answer after which a process that compiles is killed.
 _COMPILER_PATIENCE_S = 600.0

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, shown
+from mjbench.formats import count_of, listed
 from mjbench.paired.records import TargetRow
 from mjbench.paired.timed_function import MEASURING, CodeOrigin, FunctionFacts, FunctionSource
 from mjbench.paired.worker_pool import WorkerPool
@@ -19,7 +20,6 @@ from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Repository, Revision
 from mjbench.simulation.starts import Starts
 from mjbench.status import ExitCode
-from mjbench.units import count_of, listed
 
 # What a function of the user's code can be, for messages.
 FORMS = "FILE.py::FUNCTION or MODULE:FUNCTION"

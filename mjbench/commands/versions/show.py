@@ -5,16 +5,18 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from mjbench import formats
 from mjbench.commands.versions import compile_times, family
 from mjbench.commands.versions.change_wording import describe_ratio
 from mjbench.commands.versions.family import Family
-from mjbench.measuring.interval import Interval
+from mjbench.formats import count_of, duration
+from mjbench.interval import Interval
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paths import BASE
 from mjbench.releases import packages
-from mjbench.results import charts, formats
+from mjbench.results import charts
 from mjbench.results.content import (
     Column,
     Conclusion,
@@ -29,7 +31,6 @@ from mjbench.results.starts import starts_lines
 from mjbench.simulation import changed_work
 from mjbench.simulation.engine_warnings import warning_lines
 from mjbench.status import Status
-from mjbench.units import count_of, duration
 
 # Calls whose time changes by more than this factor within a process are noted. Without state it was
 # 0.99 to 1.03, in six comparisons on a busy machine; with it, 4.0 and 4.6.

@@ -15,7 +15,7 @@ from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.lint.check import Finding
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, Recommendation, TuneRecord
 from mjbench.commands.tune.settings import Edit, Part, Setting
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
 from mjbench.status import Status
 

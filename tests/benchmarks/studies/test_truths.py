@@ -8,7 +8,7 @@ from benchmarks.studies import tally_file, truths
 from benchmarks.studies.page_part import of_lines
 from benchmarks.studies.truth_tally import Answer, Truth, TruthResult, TruthTally
 from benchmarks.studies.truths import FOLDER, PART, TALLY, TRUTHS
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.simulation import models
 

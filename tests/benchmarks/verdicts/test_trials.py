@@ -14,7 +14,7 @@ from benchmarks.verdicts import trials
 from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
 from benchmarks.verdicts.trials import Case
 from mjbench.errors import Failure, InputError, MachineError
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired import verdict
 from mjbench.paired.metrics import Metric
 from mjbench.paired.moved_check import PlacementControl

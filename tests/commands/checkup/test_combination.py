@@ -6,7 +6,7 @@ from tuning_values import apart
 from mjbench.commands.checkup import combination
 from mjbench.commands.tune.result import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.verification.plan import WITHOUT_TIMER, Variant
 
 CLOCK = Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))

@@ -34,7 +34,7 @@ from mjbench.commands.tune.result import (
     Withdrawal,
 )
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.results import terminal
 from mjbench.results.content import Tone
 from mjbench.results.runs import SCHEMA, Record, Run, RunHeader

@@ -31,7 +31,7 @@ from mjbench.commands.compare.advice import (
 from mjbench.commands.compare.results import ModelResults, PathResult, derive
 from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import CoreChange
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status

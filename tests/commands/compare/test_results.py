@@ -8,10 +8,11 @@ import pytest
 from example_races import BATCH_STEP, ROLLOUT, THREADS, compared, derived, raced
 from example_records import FACTS, measurement, model_record
 
+from mjbench import formats
 from mjbench.commands.compare import results as path_speedups
 from mjbench.commands.compare import show as comparison
 from mjbench.commands.compare.results import Cores, ModelResults
-from mjbench.results import formats, terminal
+from mjbench.results import terminal
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status

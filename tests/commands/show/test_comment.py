@@ -10,7 +10,7 @@ from verdict_records import FAILED, OPEN, SAME, SLOWER, of_model
 
 from mjbench.commands.show import comment
 from mjbench.errors import InputError
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import ResultsOutcome
 from mjbench.paired.records import ControlRow, Pair, VerdictRecord
 from mjbench.results.runs import Run, RunHeader

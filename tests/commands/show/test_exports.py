@@ -15,7 +15,7 @@ from mjbench.cli import cli
 from mjbench.commands.show import exports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import InputError
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.results import runs

@@ -14,6 +14,7 @@ from example_races import BATCH_STEP, CLEAR, ROLLOUT, compared, raced
 from set_files import labelled, run_file
 
 import mjbench
+from mjbench import formats
 from mjbench.api.compare import Comparison
 from mjbench.cli import cli
 from mjbench.commands.compare.results import PathResult, derive_all
@@ -21,7 +22,7 @@ from mjbench.commands.show import exports, machines, reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.show.reports import NamedRun
 from mjbench.host.disturbance import Disturbance
-from mjbench.results import formats, html, markdown, runs, terminal
+from mjbench.results import html, markdown, runs, terminal
 from mjbench.results.content import Report, Tone
 from mjbench.results.runs import Run
 from mjbench.verification.plan import WITHOUT_TIMER

@@ -17,15 +17,16 @@ from example_records import measurement, model_record
 from set_files import labelled, run_file
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
+from mjbench import formats
 from mjbench.cli import cli
 from mjbench.commands.show import reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.show.reports import NamedRun
 from mjbench.host import machine
-from mjbench.measuring.interval import Interval, LogEstimate
-from mjbench.results import formats, runs
+from mjbench.interval import Interval, LogEstimate
 from mjbench.results import html as as_html
 from mjbench.results import markdown as as_markdown
+from mjbench.results import runs
 from mjbench.results.content import Column, DataTable, Report, Section, Tone
 from mjbench.results.run_writer import RunFile
 from mjbench.results.runs import Record, RunHeader

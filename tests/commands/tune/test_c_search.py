@@ -21,7 +21,7 @@ from mjbench.commands.tune.knobs import KNOBS
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, TuneRecord, log_ratio
 from mjbench.commands.tune.settings import LoopChange, Setting
 from mjbench.errors import MachineError
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.status import Status
 
 

@@ -16,7 +16,7 @@ from mjbench.commands.tune.result import (
     fresh_ratio,
 )
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.results import terminal
 from mjbench.status import Status
 

@@ -28,7 +28,7 @@ from mjbench.commands.versions.function_sides import (
     parse_function,
 )
 from mjbench.errors import InputError, MachineError
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord

@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.commands.versions.change_wording import describe_ratio
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 

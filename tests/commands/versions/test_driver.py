@@ -13,7 +13,7 @@ from mjbench.commands.versions import driver as verdict_measurements
 from mjbench.commands.versions.driver import between_releases, completed_share
 from mjbench.commands.versions.function_sides import FunctionName, FunctionTarget, FunctionTargets
 from mjbench.errors import InputError
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord

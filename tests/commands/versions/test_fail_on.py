@@ -6,7 +6,7 @@ import pytest
 
 from mjbench.commands.versions.fail_on import FailOnOptions as FailOn
 from mjbench.commands.versions.fail_on import GateFinding
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
 from mjbench.status import Status

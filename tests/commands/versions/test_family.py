@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from mjbench.commands.versions import family
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import (
     ControlRow,

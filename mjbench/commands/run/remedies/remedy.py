@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from mjbench.bounds import AnyFloat
 from mjbench.commands.run.activities import Activity, Place
-from mjbench.measuring.interval import Interval
+from mjbench.interval import Interval
 
 # Smaller gains are not worth a line.
 LEAST_GAIN = 0.03

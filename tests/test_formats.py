@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from mjbench.measuring.interval import Interval, LogEstimate
-from mjbench.results import formats
+from mjbench import formats
+from mjbench.interval import Interval, LogEstimate
 
 
 @pytest.mark.parametrize(
