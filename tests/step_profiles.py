@@ -1,6 +1,5 @@
 """A step's profile with round numbers."""
 
-from mjbench.commands.profile import measure as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
 from mjbench.commands.profile.rendering import FrameTime
 from mjbench.simulation.reference_run import Work
@@ -18,4 +17,4 @@ def step_profile(clock_ns: float | None = 500.0) -> ProfileRow:
         warnings={},
     )
     frames = [FrameTime("egl", 0.01), FrameTime("osmesa", None, "it needs libosmesa6")]
-    return profile.row("pole", steps, frames)
+    return ProfileRow("pole", steps=steps, frames=frames)

@@ -200,7 +200,7 @@ def _model_items(source: ModelSource, parts: _Parts) -> Items:
         steps = isolate.call(
             profile.step, source, plan.starts, profile.BUDGET_S, limit_s=plan.limit_s
         )
-        return part, [profile.row(source.name, steps, [])]
+        return part, [profile.ProfileRow(source.name, steps=steps, frames=[])]
 
     first = parts.measured(CheckupPart.STEP, "where a step's time goes", profiled)
     yield first

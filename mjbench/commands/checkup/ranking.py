@@ -96,7 +96,9 @@ def _items(run: Run) -> Iterator[CheckupItem]:
 
 def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
     """Yield what makes the results of a model wrong, or depend on a limit."""
-    started: list[Starts] = [r.starts for r in run.of_type(ProfileRow) if r.starts]
+    started: list[Starts] = [
+        row.steps.starts for row in run.of_type(ProfileRow) if row.steps and row.steps.starts
+    ]
     lines: list[str] = []
     for each in derive_all(run.records):
         model = each.model

@@ -11,7 +11,7 @@ runs without them.
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -28,6 +28,7 @@ from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import stats, timing
+from mjbench.results.json_form import in_json
 from mjbench.simulation import compat, engine_clock, models, reference_run
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource
@@ -47,6 +48,20 @@ BRIEF_S = 0.05
 FRAMES_PER_S = 60
 
 
+@in_json(
+    "timestep",
+    "loop_ns",
+    "engine_ns",
+    "python_ns",
+    "clock_ns",
+    "work",
+    "stages",
+    "warnings",
+    "starts",
+    "run_nstep",
+    "sensors",
+    "is_python_resolved",
+)
 @dataclass(frozen=True)
 class ProfiledSteps:
     """Where a step's time goes, without rendering; from the child that steps.
@@ -63,15 +78,15 @@ class ProfiledSteps:
       run_nstep: steps from each start, which hold its controls.
     """
 
-    timestep: float
-    loop_ns: float
-    engine_ns: float
-    clock_ns: float | None
+    timestep: Timestep
+    loop_ns: Nanoseconds
+    engine_ns: Nanoseconds
+    clock_ns: AnyFloat | None
     work: Work
-    stages: Mapping[str, float]
-    warnings: Mapping[str, int]
+    stages: Mapping[str, Share]
+    warnings: Mapping[str, NonNegativeInt]
     starts: Starts | None = None
-    run_nstep: int | None = None
+    run_nstep: NonNegativeInt | None = None
     sensors: Sequence[SensorCost] = ()
     is_python_resolved: bool = True
 
@@ -86,72 +101,47 @@ class ProfiledSteps:
         return not self.is_python_resolved or self.python_ns <= 0
 
 
+@in_json("model", "status", "detail", "steps", "frames", "simulated_second")
 @dataclass(frozen=True)
 class ProfileRow:
     """What the run file and `mjbench profile --json` hold for one model.
-
-    The attributes from `timestep` on are None where the measurement failed; `ProfiledSteps`
-    explains most of them.
 
     Attributes:
       model: its name.
       status: `ok`, `input` or `failed`.
       detail: why it failed, in one line; empty when ok.
-      frames: what rendering a frame costs, by backend.
-      python_ns: what the Python loop adds to a step; negative where that is within the noise.
-      simulated_second: seconds for each second of simulated time, by what takes them; 0 for Python
-        where that is within the noise.
+      steps: where a step's time goes; None where the measurement failed.
+      frames: what rendering a frame costs, by backend; None where the measurement failed.
     """
 
     record_type: ClassVar[str] = "profile"
     model: str
     status: Status = Status.OK
     detail: str = ""
-    timestep: Timestep | None = None
-    loop_ns: Nanoseconds | None = None
-    engine_ns: Nanoseconds | None = None
-    python_ns: AnyFloat | None = None
-    clock_ns: AnyFloat | None = None
-    work: Work | None = None
-    stages: Mapping[str, Share] | None = None
-    warnings: Mapping[str, NonNegativeInt] | None = None
-    starts: Starts | None = None
-    run_nstep: NonNegativeInt | None = None
-    sensors: Sequence[SensorCost] = ()
-    is_python_resolved: bool = True
+    steps: ProfiledSteps | None = None
     frames: Sequence[FrameTime] | None = None
-    simulated_second: Mapping[str, AnyFloat] | None = None
 
     def __post_init__(self) -> None:
-        names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
-        check_measured(self, *names)
+        check_measured(self, "steps", "frames")
 
     @property
-    def steps(self) -> ProfiledSteps | None:
-        """Where a step's time goes; None where that could not be measured."""
-        if self.status != Status.OK:
-            return None
-        return ProfiledSteps(
-            **{field.name: getattr(self, field.name) for field in fields(ProfiledSteps)}
-        )
+    def simulated_second(self) -> dict[str, float]:
+        """Seconds for each second of simulated time, by what takes them; empty where it failed.
 
-
-def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> ProfileRow:
-    nstep = 1 / steps.timestep
-    simulated_second = {
-        "physics": steps.engine_ns * 1e-9 * nstep,
-        "Python": 0.0 if steps.is_all_engine else steps.python_ns * 1e-9 * nstep,
-    }
-    for frame in frames:
-        if frame.seconds is not None:
-            simulated_second[f"rendering ({frame.backend})"] = frame.seconds * FRAMES_PER_S
-    return ProfileRow(
-        model,
-        python_ns=steps.python_ns,
-        frames=frames,
-        simulated_second=simulated_second,
-        **vars(steps),
-    )
+        Python takes 0 where its time is within the noise.
+        """
+        if self.steps is None:
+            return {}
+        nstep = 1 / self.steps.timestep
+        python_ns = 0.0 if self.steps.is_all_engine else self.steps.python_ns
+        taken_s = {
+            "physics": self.steps.engine_ns * 1e-9 * nstep,
+            "Python": python_ns * 1e-9 * nstep,
+        }
+        for frame in self.frames or ():
+            if frame.seconds is not None:
+                taken_s[f"rendering ({frame.backend})"] = frame.seconds * FRAMES_PER_S
+        return taken_s
 
 
 def measure(
@@ -170,7 +160,7 @@ def measure(
     frames = [
         rendering.measure(source, backend, limit_s, frame_s) for backend in rendering.BACKENDS
     ]
-    return row(source.name, steps, frames)
+    return ProfileRow(source.name, steps=steps, frames=frames)
 
 
 @dataclass(frozen=True)

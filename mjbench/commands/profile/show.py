@@ -42,7 +42,7 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
             tables=[
                 stages,
                 _sensors(steps),
-                _simulated_second(row.simulated_second or {}),
+                _simulated_second(row.simulated_second),
             ],
             notes=[
                 *_other_line(steps),

@@ -4,6 +4,7 @@ import pytest
 from step_profiles import step_profile
 
 from mjbench.commands.profile import measure as profile
+from mjbench.results.json_form import json_form
 from mjbench.simulation import engine_clock, models, workload
 
 
@@ -13,11 +14,10 @@ def test_a_second_of_simulated_time_is_physics_python_and_frames() -> None:
     )
 
 
-def test_a_row_holds_what_was_measured_and_what_follows_from_it() -> None:
-    row = step_profile()
-    assert (row.status, row.loop_ns, row.python_ns, row.clock_ns) == ("ok", 3000.0, 1000.0, 500.0)
-    assert row.steps is not None
-    assert row == profile.row("pole", row.steps, row.frames or ())
+def test_json_has_what_was_measured_and_what_follows_from_it() -> None:
+    document = json_form(step_profile())
+    assert (document["status"], document["steps"]["python_ns"]) == ("ok", 1000.0)
+    assert document["simulated_second"]["physics"] == pytest.approx(0.001)
 
 
 def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,6 @@ from drawn_charts import drawn
 from example_records import WORK
 from step_profiles import step_profile
 
-from mjbench.commands.profile import measure as loop_profile
 from mjbench.commands.profile import show as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
 from mjbench.results import terminal
@@ -35,7 +34,7 @@ def test_where_python_is_within_the_noise_all_of_a_step_is_the_engine() -> None:
     stages = {"collision": 1.0}
     slower = ProfiledSteps(0.002, 2000.0, 2030.0, None, WORK, stages, {})
     for steps in (slower, replace(slower, engine_ns=1900.0, is_python_resolved=False)):
-        printed = text(loop_profile.row("m", steps, ()))
+        printed = text(ProfileRow("m", steps=steps, frames=()))
         assert (
             "takes 2 µs: all of it the engine; Python's part is below what was resolved" in printed
         )
@@ -48,7 +47,7 @@ def test_controls_are_held_where_the_model_has_some() -> None:
     def facts(actuators: float | None) -> str:
         work = replace(WORK, actuators=actuators)
         steps = ProfiledSteps(0.002, 2000.0, 1500.0, None, work, {"collision": 1.0}, {})
-        return text(loop_profile.row("m", replace(steps, run_nstep=5), ()))
+        return text(ProfileRow("m", steps=replace(steps, run_nstep=5), frames=()))
 
     held = "Each run holds the controls of its start"
     assert held in facts(2.0) and held in facts(None)
@@ -58,7 +57,7 @@ def test_controls_are_held_where_the_model_has_some() -> None:
 def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
     steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
-    (section,) = profile.sections([loop_profile.row("m", steps, ())])
+    (section,) = profile.sections([ProfileRow("m", steps=steps, frames=())])
     (figure,) = section.figures
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
     assert figure.alternative == "Bars of 2 stages; the longest is collision, 60.0 %."
@@ -70,8 +69,7 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     assert "collision" in drawn(section)[0]
 
 
-def test_a_simulated_second_of_nothing_has_no_bars() -> None:
-    steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, {"collision": 1.0}, {})
-    row = replace(loop_profile.row("m", steps, ()), simulated_second={"engine": 0.0})
-    (section,) = profile.sections([row])
-    assert section.tables
+def test_a_simulated_second_has_a_row_for_each_part() -> None:
+    (section,) = profile.sections([step_profile()])
+    (table,) = [table for table in section.tables if "simulated time" in table.title]
+    assert [row[0] for row in table.rows] == ["physics", "Python", "rendering (egl)"]
