@@ -17,19 +17,20 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjbench.bounds import AnyFloat, Nanoseconds, NonNegativeInt, Share, Timestep, check_measured
+from mjbench.bounds import Nanoseconds, NonNegativeInt, Share, Timestep, check_measured
 from mjbench.commands.profile import habits, rendering, step_parts
 from mjbench.commands.profile.habits import Habit, compile_loop
 from mjbench.commands.profile.loop_starts import LoopStarts
 from mjbench.commands.profile.options import ProfileOptions
 from mjbench.commands.profile.rendering import FrameTime
-from mjbench.commands.profile.step_parts import SensorCost, StepPart
+from mjbench.commands.profile.step_parts import SensorCost
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
+from mjbench.interval import Interval
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import stats, timing
 from mjbench.results.json_form import in_json
-from mjbench.simulation import compat, engine_clock, models, reference_run
+from mjbench.simulation import compat, models, reference_run
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.reference_run import Work
@@ -53,7 +54,7 @@ FRAMES_PER_S = 60
     "loop_ns",
     "engine_ns",
     "python_ns",
-    "clock_ns",
+    "speedup_without_timer",
     "work",
     "stages",
     "warnings",
@@ -69,8 +70,8 @@ class ProfiledSteps:
     Attributes:
       loop_ns: a step of the plain Python loop.
       engine_ns: a step in one call for many steps.
-      clock_ns: what the timer of MuJoCo's Python package adds to a step; None in releases that
-        install none.
+      speedup_without_timer: of a step of the loop, without the timer of MuJoCo's Python package;
+        None in releases that install none.
       stages: share of a step by stage; they sum up to 1.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
@@ -81,7 +82,7 @@ class ProfiledSteps:
     timestep: Timestep
     loop_ns: Nanoseconds
     engine_ns: Nanoseconds
-    clock_ns: AnyFloat | None
+    speedup_without_timer: Interval | None
     work: Work
     stages: Mapping[str, Share]
     warnings: Mapping[str, NonNegativeInt]
@@ -204,16 +205,12 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
         model, block, LOOP_SHARE * budget_s, [habits.BARE, habits.ONE_CALL, *clock_off]
     )
     loop_ns, engine_ns = statistics.median(of_loop), statistics.median(of_one_call)
-    clock_ns = loop_ns - statistics.median(of_others[0]) if of_others else None
     least_ratio = stats.speedup(of_loop, of_one_call).low
-    if clock_ns is not None:
-        share = max(0.0, clock_ns) / engine_ns
-        parts.append(StepPart(engine_clock.TIMER_NAME, step_parts.OTHER, share))
     return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
         engine_ns=engine_ns,
-        clock_ns=clock_ns,
+        speedup_without_timer=stats.speedup(of_loop, of_others[0]) if of_others else None,
         work=observation.work,
         stages=step_parts.with_parts(timers, parts),
         warnings=observation.other_warnings(),

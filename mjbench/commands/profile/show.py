@@ -61,17 +61,16 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         f" Python {duration(steps.python_ns)}"
     )
     yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
-    not_stages = (OTHER, engine_clock.TIMER_NAME)
-    stages = {stage: share for stage, share in steps.stages.items() if stage not in not_stages}
+    stages = {stage: share for stage, share in steps.stages.items() if stage != OTHER}
     if any(stages.values()):
         longest = max(stages, key=lambda stage: stages[stage])
         share = formats.short_percent(stages[longest])
         yield Conclusion(f"{model}: the longest stage is {longest}, {share} of the engine's time")
-    if steps.clock_ns and steps.clock_ns >= engine_clock.MIN_GAIN * steps.loop_ns:
+    gain = steps.speedup_without_timer
+    if gain is not None and gain.is_above(1.0) and gain.estimate >= 1 + engine_clock.MIN_GAIN:
         yield Conclusion(
-            f"{model}: {engine_clock.TIMER_NAME} takes"
-            f" {100 * steps.clock_ns / steps.loop_ns:.0f} % of it ({duration(steps.clock_ns)});"
-            f" {engine_clock.OFF_CODE} turns it off. {engine_clock.OFF_NOTE}",
+            f"{model}: without {engine_clock.TIMER_NAME}, a step of the loop is"
+            f" {formats.with_interval(gain)} times as fast. {engine_clock.OFF_NOTE}",
             Tone.UNSURE,
         )
 
@@ -113,8 +112,9 @@ def _other_line(steps: ProfiledSteps) -> Iterator[str]:
     if share >= _NOTABLE_OTHER:
         yield (
             f"Other ({formats.short_percent(share)}) is what neither the engine's timers nor calls"
-            " of its functions explain, such as what lies between stages, callbacks, and what"
-            " caches lose; `mjbench profile --instructions` names the functions"
+            " of its functions explain, such as what lies between stages, callbacks with the"
+            " timer of MuJoCo's Python package, and what caches lose; `mjbench profile"
+            " --instructions` names the functions"
         )
 
 

@@ -8,6 +8,7 @@ from step_profiles import step_profile
 
 from mjbench.commands.profile import show as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
+from mjbench.interval import Interval
 from mjbench.results import terminal
 
 
@@ -19,7 +20,7 @@ def test_step_stages_and_rendering_are_printed() -> None:
     printed = text(step_profile())
     assert "takes 3 µs: engine 2 µs (67 %), Python 1 µs" in printed
     assert "4 contacts, 0 constraints, 2.5 solver iterations" in printed
-    assert "the timer of MuJoCo's Python package takes 17 %" in printed
+    assert "Python package, a step of the loop is 1.20 (1.19 to 1.21) times as fast" in printed
     assert "kinematics" in printed
     assert "actuation" not in printed  # takes no time
     assert "by egl: 10 ms, as long as 3,333 steps" in printed
@@ -27,7 +28,14 @@ def test_step_stages_and_rendering_are_printed() -> None:
 
 
 def test_a_release_that_installs_no_timer_prints_nothing_about_it() -> None:
-    assert "Python package" not in text(step_profile(clock_ns=None))
+    assert "Python package" not in text(step_profile(has_timer=False))
+
+
+def test_a_gain_without_the_timer_that_is_not_certain_is_not_shown() -> None:
+    row = step_profile()
+    assert row.steps is not None
+    steps = replace(row.steps, speedup_without_timer=Interval(1.2, 0.99, 1.4))
+    assert "Python package" not in text(replace(row, steps=steps))
 
 
 def test_where_python_is_within_the_noise_all_of_a_step_is_the_engine() -> None:
@@ -56,7 +64,7 @@ def test_controls_are_held_where_the_model_has_some() -> None:
 
 def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
-    steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
+    steps = ProfiledSteps(0.002, 2000.0, 1500.0, Interval(1.2, 1.1, 1.3), WORK, stages, {})
     (section,) = profile.sections([ProfileRow("m", steps=steps, frames=())])
     (figure,) = section.figures
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
@@ -65,7 +73,7 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     assert (
         "the longest stage is collision, 60 % of the engine's time" in section.conclusions[1].text
     )
-    assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[2].text
+    assert "1.20 (1.10 to 1.30) times as fast" in section.conclusions[2].text
     assert "collision" in drawn(section)[0]
 
 
