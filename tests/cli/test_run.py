@@ -217,5 +217,5 @@ def test_a_stored_run_is_shown_and_reported(planted, tmp_path):
     shown = mjbench("show", str(file), "--json", "-")
     assert json.loads(shown.stdout)["results"][0]["program"] == "collector.py"
     page = tmp_path / "report.html"
-    assert mjbench("show", str(file), "--html", "-o", str(page)).returncode == 0
+    assert mjbench("show", str(file), "--html", str(page)).returncode == 0
     assert "garbage collection" in page.read_text()
