@@ -35,7 +35,7 @@ BOXES = """
 <mujoco>
   <option integrator="{integrator}"/>
   <worldbody>
-    <geom type="plane" size="5 5 0.1"/>
+    <geom name="plane" type="plane" size="5 5 0.1"/>
     <body name="box" pos="0 0 0.3">
       <freejoint/>
       <geom type="box" size="0.1 0.1 0.1"/>
@@ -381,6 +381,57 @@ def steps_in_a_row() -> str:
     return f"ns for 10 steps: {calls:.0f} in ten calls, {one_call:.0f} in one"
 
 
+def growing_array() -> str:
+    """MJB018: an array is copied with each row that it gets; one may have all rows beforehand."""
+    qpos, steps = np.arange(30.0), 2000
+
+    def joined() -> np.ndarray:
+        log = np.empty((0, 30))
+        for _ in range(steps):
+            log = np.vstack([log, qpos])
+        return log
+
+    def allocated() -> np.ndarray:
+        log = np.empty((steps, 30))
+        for step in range(steps):
+            log[step] = qpos
+        return log
+
+    assert np.array_equal(joined(), allocated())
+    copies, rows = _ns(joined, 1) / steps, _ns(allocated, 1) / steps
+    return f"ns a step of {steps}: {copies:.0f} by vstack, {rows:.0f} into allocated rows"
+
+
+def contact_scan() -> str:
+    """MJB019: contacts are taken one by one, by name; arrays hold the ids and forces of all."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    data, force, plane = mujoco.MjData(model), np.zeros(6), model.geom("plane").id
+    mujoco.mj_step(model, data, 500)
+
+    def one_by_one() -> float:
+        total = 0.0
+        for i in range(data.ncon):
+            contact = data.contact[i]
+            if "plane" in (model.geom(contact.geom1).name, model.geom(contact.geom2).name):
+                mujoco.mj_contactForce(model, data, i, force)
+                total += force[0]
+        return total
+
+    def by_arrays() -> float:
+        contact = data.contact
+        of_plane = (contact.geom == plane).any(axis=1) & (contact.efc_address >= 0)
+        return float(data.efc_force[contact.efc_address[of_plane]].sum())
+
+    assert data.ncon and np.isclose(one_by_one(), by_arrays())
+    each, arrays = _ns(one_by_one, 500), _ns(by_arrays, 500)
+    iterated = _ns(lambda: [contact.dist for contact in data.contact], 500)
+    return (
+        f"ns for {data.ncon} contacts: {each:.0f} by name, {iterated:.0f} to iterate over them,"
+        f" {arrays:.0f} as arrays"
+    )
+
+
 FAULTS = {
     "MJB001": stored_view,
     "MJB002": named_access,
@@ -398,6 +449,8 @@ FAULTS = {
     "MJB015": row_of_two_moments,
     "MJB016": written_view,
     "MJB017": steps_in_a_row,
+    "MJB018": growing_array,
+    "MJB019": contact_scan,
 }
 
 

@@ -63,7 +63,7 @@ class RunContext:
         self.files = output_file.of_options(options, inputs)
         on_stdout = [flag for flag, file in self.files.items() if file.is_stdout]
         if on_stdout and to_stderr:
-            raise InputError(f"{on_stdout[0]} -: standard output is the program's; name a file")
+            raise InputError(f"{on_stdout[0]} -: standard output is the program's own; name a file")
         self.out: Console = terminal.console(stderr=to_stderr or bool(on_stdout))
         self.interrupted = self.is_stopped = False
         self._session = session

@@ -32,6 +32,7 @@ class Finding:
       instead: functions of the engine, called with the model and the MjData, that do enough in the
         place of the callee; none where the call moves out of the loop or is deleted.
       is_wrong_result: whether the program computes or records something else than it says.
+      last_line: of a finding about several lines, such as a loop over contacts; None for one line.
     """
 
     file: str
@@ -43,6 +44,7 @@ class Finding:
     callee: str = ""
     instead: tuple[str, ...] = ()
     is_wrong_result: bool = False
+    last_line: NonNegativeInt | None = None
 
 
 def check_all(
@@ -85,6 +87,7 @@ def _finding(file: str, program: PythonProgram, rule: Rule, match: Match) -> Fin
         callee=match.callee,
         instead=match.instead,
         is_wrong_result=rule.is_wrong_result,
+        last_line=match.node.end_lineno if match.node.end_lineno != match.node.lineno else None,
     )
 
 

@@ -5,9 +5,11 @@ line of `RULES`.
 """
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
+from mjbench.commands.lint.contact_scans import contact_scans, names_contact
 from mjbench.commands.lint.forward import forward_after_step
+from mjbench.commands.lint.growing_arrays import growing_arrays
 from mjbench.commands.lint.moments import rows_of_two_moments
 from mjbench.commands.lint.new_objects import (
     compiled_models,
@@ -17,7 +19,7 @@ from mjbench.commands.lint.new_objects import (
     new_renderers,
     new_rollout_pools,
 )
-from mjbench.commands.lint.repeats import Repetition, step_loop_of_helper
+from mjbench.commands.lint.repeats import in_steps
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
     dotted_name,
@@ -28,7 +30,7 @@ from mjbench.commands.lint.script_syntax import (
     names_in,
     nodes_inside,
 )
-from mjbench.commands.lint.stepping_script import Loop, SteppingScript
+from mjbench.commands.lint.stepping_script import SteppingScript
 from mjbench.commands.lint.stored_views import stored_views
 from mjbench.commands.lint.wrong_results import halves_of_runge_kutta, shared_data, written_views
 from mjbench.errors import InputError
@@ -98,12 +100,16 @@ def named_access(script: SteppingScript) -> Iterator[Match]:
             mujoco.mj_step(model, data)
             angle = hip.qpos[0]
 
+    There is no finding for names of contacts, which are others in each step.
+
     Results: none change. A wrong name raises before the loop.
     """
     calls = [c for c in script.calls if script.is_named_access(c) or is_call(c, "mj_name2id")]
     loops = [*script.loops, *script.environment_loops]
-    for call, loop in _in_steps(script, calls, loops):
-        yield Match(call, COSTS_NS["named access by name"], loop=loop)
+    for call, each in in_steps(script, calls, loops):
+        scope = each.functions[-1] if each.functions else each.loop
+        if not names_contact(script, call, scope):
+            yield Match(call, COSTS_NS["named access by name"], loop=each.calling_loop)
 
 
 @rule(
@@ -124,29 +130,19 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
 
     Results: none change, unless the program keeps the arrays: then it needs one for each step.
     """
+    growing = {match.node for match in growing_arrays.matches(script)}
     arrays = [
         call
         for call in script.calls
         if is_call(call, *ALLOCATIONS)
         and is_numpy_call(call)
         and not any(keyword.arg == "out" for keyword in call.keywords)
+        and growing.isdisjoint(script.above(call))  # they go with it
     ]
-    for call, loop in _in_steps(script, arrays, script.loops):
+    for call, each in in_steps(script, arrays, script.loops):
         if not script.is_conditional(call):
-            yield Match(call, COSTS_NS[ALLOCATIONS[last_name(call.func)]], loop=loop)
-
-
-def _in_steps(
-    script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[Loop]
-) -> Iterator[tuple[ast.Call, Repetition | None]]:
-    """Yield calls that run in every step of a loop; with one in a function, its caller's loop."""
-    inside = {loop: {*nodes_inside(loop)} for loop in loops}
-    for call in calls:
-        loop = script.step_loop_around(call)
-        if loop in inside and call in inside[loop]:
-            yield call, None
-        elif (each := step_loop_of_helper(script, call)) is not None and each.loop in inside:
-            yield call, each.loop
+            cost = COSTS_NS[ALLOCATIONS[last_name(call.func)]]
+            yield Match(call, cost, loop=each.calling_loop)
 
 
 @rule(
@@ -229,6 +225,8 @@ RULES = (
     rows_of_two_moments,
     written_views,
     steps_in_a_row,
+    growing_arrays,
+    contact_scans,
 )
 
 

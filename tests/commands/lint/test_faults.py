@@ -36,7 +36,10 @@ def test_stored_views_are_one_state(faults: ModuleType) -> None:
     assert faults.stored_view() == "different states in 100 steps: 1 views, 100 copies"
 
 
-TIMED = ["MJB002", "MJB003", "MJB005", "MJB006", "MJB007", "MJB010", "MJB011", "MJB014", "MJB017"]
+TIMED = [
+    *("MJB002", "MJB003", "MJB005", "MJB006", "MJB007", "MJB010", "MJB011", "MJB014", "MJB017"),
+    *("MJB018", "MJB019"),
+]
 
 
 @pytest.mark.parametrize("code", TIMED)
