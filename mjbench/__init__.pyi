@@ -125,11 +125,11 @@ def compare(
 def latency(
     model: Model,
     *,
+    tick: int = 1,
     deadline_s: float | None = None,
     rate_hz: float | None = None,
     nstep: int | None = None,
     budget_s: float = 10.0,
-    hold: int = 1,
     seed: int = 0,
     settle_s: float | None = None,
     states: States | None = None,
@@ -137,18 +137,19 @@ def latency(
     time_limit_s: float = 60.0,
     wait: bool = False,
 ) -> Latency:
-    """Return how long single steps take, which miss their deadline, and what slow ones share.
+    """Return how long ticks take, which miss their deadline, and what slow ones share.
 
-    The same as `mjbench latency`. Steps run in a child process.
+    The same as `mjbench latency`. They run in a child process.
 
     Args:
       model: a name as on the command line, a path, an MjModel or an MjSpec.
-      deadline_s: Time by which a step should end. In seconds. Default: the time between two paced
-        steps; free-running, the model's timestep.
-      rate_hz: Paced steps per second. Default: real time.
-      nstep: Steps at each pace. Default: 10,000, or what the budget allows.
-      budget_s: Time for the steps of each pace, if there are more than 1,000. In seconds.
-      hold: Steps for which each control is held: an environment's frame_skip.
+      tick: Steps of a tick: a controller sets controls once, then takes so many steps. Rate,
+        deadline and latency are of ticks.
+      deadline_s: Time by which a tick should end. In seconds. Default: the time between two paced
+        ticks; free-running, the simulated time of a tick.
+      rate_hz: Paced ticks per second. Default: real time.
+      nstep: Steps at each pace. Default: 10,000 ticks, or what the budget allows.
+      budget_s: Time for the ticks of each pace, if there are more than 1,000. In seconds.
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.

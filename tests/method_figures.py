@@ -144,8 +144,8 @@ def work() -> Iterator[str]:
 def loop() -> Iterator[str]:
     yield f"Student's {percent(habit_timing.CONFIDENCE)} interval"
     median, high, higher = (f"{100 * quantile:g} %" for quantile in latency.QUANTILES)
-    yield f"which latency {median}, {high} and {higher} of the steps do not exceed"
-    yield f"sleeps until {latency.SPIN_NS / 1e6:g} ms before a paced step"
+    yield f"which latency {median}, {high} and {higher} of the ticks do not exceed"
+    yield f"sleeps until {latency.SPIN_NS / 1e6:g} ms before a paced tick"
     yield f"For the slowest {percent(1 - latency.SLOW)}"
     yield f"({latency_section._FACTOR} times as much"
     yield f"differ by less than {percent(explain.REPEATABILITY, 1)}"

@@ -153,7 +153,7 @@ def test_a_function_knows_no_option_of_the_command_line_alone() -> None:
 
 def test_own_options_come_before_those_of_base_classes() -> None:
     names = [option.name for option in options_of(LatencyOptions)]
-    assert names[:6] == ["deadline_s", "rate_hz", "nstep", "budget_s", "hold", "seed"]
+    assert names[:6] == ["tick", "deadline_s", "rate_hz", "nstep", "budget_s", "findings"]
 
 
 @pytest.mark.parametrize(
@@ -225,8 +225,8 @@ def test_other_values_are_refused_in_a_line_that_names_the_option(kind: Kind, va
 def test_none_stands_for_a_default_that_is_none() -> None:
     by_name = {option.name: option for option in options_of(LatencyOptions)}
     assert by_name["nstep"].checked(None) is None
-    with pytest.raises(InputError, match="hold must be a whole number"):
-        by_name["hold"].checked(None)
+    with pytest.raises(InputError, match="tick must be a whole number"):
+        by_name["tick"].checked(None)
 
 
 # What people type, and what they mistype: numbers of any size, units, commas, anything else.

@@ -1,6 +1,7 @@
 """Options that several commands have, in groups; `mjbench.options` says what becomes of them."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from mjbench.options import (
     Kind,
     file,
     option,
+    parsed,
     text,
 )
 from mjbench.paired.metrics import Metric
@@ -166,10 +168,26 @@ class SizeOptions(WorkOptions):
         return Sizes(self.nbatch, self.nstep, self.hold, self.seed, self.starts, metric=metric)
 
 
-def check_holds(nstep: int | None, hold: int) -> None:
-    """Refuse a number of steps that is not a multiple of `hold`."""
+def check_holds(nstep: int | None, hold: int, flag: str = "--hold") -> None:
+    """Refuse a number of steps that is not a multiple of `hold`, the value of an option."""
     if nstep and nstep % hold:
-        raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
+        raise InputError(f"--nstep {nstep} is not a multiple of {flag} {hold}")
+
+
+def fail_on_option(finding: type[StrEnum], help_text: str) -> Any:
+    """Return the option `--fail-on`, whose value is a list of findings."""
+
+    def read(text: str) -> list[StrEnum]:
+        words = [word for word in text.split(",") if word.strip()]
+        if not words:
+            raise ValueError
+        return parsed(",".join(words), lambda word: finding(word.strip()))
+
+    names = ", ".join(finding)
+    expected = f"one of {names}, or several with commas"
+    kind = Kind("FINDING,…", "str", read, expected=expected)
+    help_text = f"Exit 1 for one of these: {names}. {help_text}"
+    return option(None, kind, help_text, "--fail-on", of_functions=False)
 
 
 def budget_option(default_s: float, help_text: str, kind: Kind = SECONDS) -> Any:
