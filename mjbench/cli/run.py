@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import click
 
+from mjbench.cli.command_help import Command
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
@@ -11,7 +12,7 @@ from mjbench.commands.run.options import RunOptions
 from mjbench.status import ExitCode
 
 
-class _ProgramCommand(click.Command):
+class _ProgramCommand(Command):
     """A command whose arguments end with those of a program, as of `python`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

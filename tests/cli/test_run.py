@@ -168,8 +168,9 @@ def test_bad_usage_is_one_line(tmp_path, arguments, message):
     assert message in done.stderr
 
 
-def test_json_on_standard_output_is_refused():
-    done = mjbench("run", "--json", "-", "x.py")
+def test_json_on_standard_output_is_refused(tmp_path):
+    (tmp_path / "x.py").touch()
+    done = mjbench("run", "--json", "-", "x.py", cwd=tmp_path)
     assert done.returncode == 2
     assert "standard output is the program's own" in done.stderr
 

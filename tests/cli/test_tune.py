@@ -19,7 +19,7 @@ CARTPOLE = ROOT / "models" / "cartpole.xml"
 def tuned(tmp_path_factory):
     """Return a folder in which a cart-pole was tuned, with a brief budget, and the process."""
     folder = tmp_path_factory.mktemp("tuned")
-    arguments = ["tune", str(CARTPOLE), "--only", "free", "--budget", "5s"]
+    arguments = ["tune", str(CARTPOLE), "--allow", "free", "--budget", "5s"]
     arguments += ["--json", "tune.json", "--results", "runs"]
     return folder, mjbench(*arguments, cwd=folder)
 
@@ -58,7 +58,7 @@ def test_a_stored_search_is_shown_and_reported(tuned):
         (["nosuch"], "no model 'nosuch'"),
         (["empty.xml"], "is empty"),
         (["cartpole", "--max-error", "0"], "above 0% and below"),
-        (["cartpole", "--only", "cheap"], "cheap"),
+        (["cartpole", "--allow", "cheap"], "cheap"),
         (["cartpole", "--skip", "timestp"], "did you mean timestep"),
         (["cartpole", "--states", "missing.npz"], "no such file"),
     ],
