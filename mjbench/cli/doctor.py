@@ -1,5 +1,7 @@
 """`mjbench doctor`: what on this machine spoils measurements."""
 
+import time
+
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
@@ -27,10 +29,11 @@ def doctor(options: DoctorOptions) -> None:
     from mjbench.host.conditions import Grade
     from mjbench.results.terminal import print_lines
 
+    end_s = time.monotonic() + options.budget.whole_s
     with RunContext(options.json_file) as run:
         rows = all_conditions(neighbours.measuring_now())
         print_lines(run.out, [*condition_lines(rows)])
-        noise = compare_with_itself(options.budget_s)
+        noise = compare_with_itself(end_s - time.monotonic())
         run.show([noise_section(noise, rows)])
         run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
     if noise.decidable is None:

@@ -3,18 +3,19 @@
 from dataclasses import dataclass
 
 from mjbench.commands.shared_options import (
+    BudgetOptions,
     OutputOptions,
     StartOptions,
     TimeLimitOptions,
-    budget_option,
 )
 from mjbench.options import COUNT, NAMES, choice, option, share
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneOptions(StartOptions, TimeLimitOptions, OutputOptions):
+class TuneOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOptions):
     """What a search for faster settings may cost, and what may come out of it."""
 
+    EACH_S, QUICK_S = 300.0, 60.0
     only: str | None = option(
         None,
         choice("free", "equivalent", "approximate"),
@@ -35,7 +36,6 @@ class TuneOptions(StartOptions, TimeLimitOptions, OutputOptions):
         " 1% of a motion of 1 m is 1 cm",
         unset="the error that your present settings have",
     )
-    budget_s: float = budget_option(300.0, "About how long to search, for each model.")
     hold: int = option(
         8, COUNT, "Steps for which each control is held; timesteps must divide that time"
     )
