@@ -8,6 +8,7 @@ import ast
 from collections.abc import Iterator
 
 from mjbench.commands.lint.contact_scans import contact_scans, names_contact
+from mjbench.commands.lint.finite_differences import finite_differences
 from mjbench.commands.lint.forward import forward_after_step
 from mjbench.commands.lint.growing_arrays import growing_arrays
 from mjbench.commands.lint.moments import rows_of_two_moments
@@ -227,6 +228,7 @@ RULES = (
     steps_in_a_row,
     growing_arrays,
     contact_scans,
+    finite_differences,
 )
 
 
