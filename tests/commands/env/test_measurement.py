@@ -31,12 +31,10 @@ def measured(factory: str, **plan: Any) -> EnvironmentRecord:
 def test_an_environment_is_measured_and_compared() -> None:
     record = measured("wrapped")
     assert (record.status, record.detail) == (Status.OK, "")
-    assert record.facts is not None
     assert record.facts.wrappers == ["Outer", "Wrapper"]
     assert (record.facts.nstep, record.facts.nepisode) == (40, 3)
     assert record.facts.episode_nstep == 15.0
     assert record.facts.calls == ["mj_step(nstep=4)"]
-    assert record.check is not None
     assert (record.check.status, record.check.checked, record.check.covered) == (
         Status.OK,
         40,
@@ -78,7 +76,6 @@ def test_what_cannot_be_compared_has_its_reason(
     factory: str, status: Status, detail: str, inline: None
 ) -> None:
     record = measured(factory)
-    assert record.check is not None
     assert record.check.status == status
     assert detail in record.check.detail
     assert not record.paths
@@ -86,10 +83,8 @@ def test_what_cannot_be_compared_has_its_reason(
 
 def test_physics_is_compared_where_only_what_steps_return_does_not_repeat(inline: None) -> None:
     record = measured("remembering")
-    assert record.facts is not None
     assert [each.field for each in record.facts.unrepeated] == ["observation"]
     assert not record.facts.repeats
-    assert record.check is not None
     assert record.check.status == Status.OK
     assert record.paths[0].ns
 
