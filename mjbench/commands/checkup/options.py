@@ -9,7 +9,6 @@ from mjbench.commands.shared_options import (
     WholeBudgetOptions,
     code_option,
 )
-from mjbench.options import option, text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,11 +16,5 @@ class CheckupOptions(WholeBudgetOptions, LoopStartOptions, TimeLimitOptions, Out
     """What a check-up may cost, and where it is written."""
 
     EACH_S, QUICK_S = 60.0, 15.0
-    html: str | None = option(
-        None, text("FILE"), "Also write the report as an HTML page.", of_functions=False
-    )
-    markdown: str | None = option(
-        None, text("FILE|-"), "Also write the report as Markdown.", of_functions=False
-    )
     code: bool = code_option()
     resume: None = None

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from mjbench.commands.shared_options import JsonOptions, WholeBudgetOptions
+from mjbench.commands.shared_options import FormOptions, WholeBudgetOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class DoctorOptions(WholeBudgetOptions, JsonOptions):
+class DoctorOptions(WholeBudgetOptions, FormOptions):
     """How the machine is examined."""
 
     EACH_S, QUICK_S = 18.0, 12.0
