@@ -300,7 +300,7 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
     def ran(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         program = launch.Program((source.name, *source.arguments), sys.executable)
         launch.check(program)
-        seen = launch.run(program, times.steps, most_s=times.program, ends_on_signal=True)
+        seen = run_measure.observed(program, times.steps, most_s=times.program, ends_on_signal=True)
         if not seen.was_interrupted:
             with contextlib.suppress(KeyboardInterrupt):
                 return part, [run_measure.record(program.name, seen)]
