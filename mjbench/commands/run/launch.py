@@ -106,6 +106,7 @@ class ProgramObservation:
     exception: UncaughtException | None = None
     gil_waits: Sequence[GilWait] = ()
     pools: ThreadPools | None = None
+    queued_s: float | None = None
     untimed_pids: Collection[int] = ()
 
 
@@ -207,6 +208,7 @@ def _observation(
         exception=_exception(folder / f"{pid}.exception"),
         gil_waits=waits,
         pools=pools,
+        queued_s=None if profiling is None else profiling.thread_times.queued_s(pid),
         untimed_pids=step_times.untimed_pids(folder),
     )
 

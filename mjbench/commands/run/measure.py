@@ -71,7 +71,7 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
     asked = listing.pairs(times, findings, incidents)
     measured = remedy_pairs.measure(observation.models, asked)
     physics = None
-    if times and times[0].is_mostly_physics:
+    if times and times[0].is_half_physics:
         most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
         stages = next((each.stages for each in most if each.stages), {})
         physics = physics_cost.measure(observation.models, stages)
@@ -103,6 +103,7 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
             observation.threads, observation.pid, times, observation.wall_s, calls
         ),
         physics=physics,
+        queued_s=observation.queued_s,
         untimed_processes=len(stepping.intersection(observation.untimed_pids)),
     )
 
