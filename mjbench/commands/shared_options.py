@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
+from mjbench.measuring.budget import Budget
 from mjbench.options import (
     COUNT,
     FLAG,
@@ -30,17 +31,31 @@ if TYPE_CHECKING:
 RESULTS_FOLDER = Path("results/runs")
 
 
+# The name of a file that a command writes.
+OUTPUT_FILE = text("FILE|-")
+
+
+def output_option(flag: str, form: str) -> Any:
+    """Return the option that names the file for a form of the results."""
+    return option(
+        None, OUTPUT_FILE, f"Write {form} to FILE, or - for stdout.", flag, of_functions=False
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class JsonOptions:
     """Where the JSON document goes."""
 
-    json_file: str | None = option(
-        None,
-        text("FILE|-"),
-        "Write results as JSON to FILE, or - for stdout.",
-        "--json",
-        of_functions=False,
-    )
+    json_file: str | None = output_option("--json", "results as JSON")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormOptions(JsonOptions):
+    """Where results go in each form."""
+
+    html_file: str | None = output_option("--html", "results as an HTML page")
+    markdown_file: str | None = output_option("--markdown", "results as Markdown")
+    csv_file: str | None = output_option("--csv", "results as CSV")
 
 
 def results_option(folder: Path, help_text: str = "Folder for the run file.") -> Any:
@@ -49,8 +64,8 @@ def results_option(folder: Path, help_text: str = "Folder for the run file.") ->
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutputOptions(JsonOptions):
-    """Where results go.
+class RunFileOptions:
+    """Where the run file lies.
 
     Attributes:
       wait: whether to wait for others that measure here; None for a command that measures no time.
@@ -67,6 +82,11 @@ class OutputOptions(JsonOptions):
     wait: bool | None = option(
         False, FLAG, "Wait until no other mjbench measures on this machine.", is_stored=False
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions(RunFileOptions, FormOptions):
+    """Where results go."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,9 +225,44 @@ def fail_on_option(finding: type[StrEnum], help_text: str) -> Any:
     return option(None, kind, help_text, "--fail-on", of_functions=False)
 
 
-def budget_option(default_s: float, help_text: str, kind: Kind = SECONDS) -> Any:
-    """Return the option `--budget`."""
-    return option(default_s, kind, help_text)
+_WHOLE = "Time of the whole command"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetOptions:
+    """How long a command takes.
+
+    Attributes:
+      EACH_S: seconds for each THING that it measures, unless the user says; QUICK_S: with --quick.
+    """
+
+    EACH_S: ClassVar[float]
+    QUICK_S: ClassVar[float]
+    THING: ClassVar[str] = "model"
+    budget_s: float | None = option(
+        None,
+        SECONDS,
+        f"{_WHOLE}, divided among its {{0.THING}}s",
+        unset="{0.EACH_S:g}s for each {0.THING}",
+    )
+    quick: bool = option(
+        False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s for each {0.THING}."
+    )
+
+    @property
+    def budget(self) -> Budget:
+        """Return the time of the command; InputError where it is given twice."""
+        if self.quick and self.budget_s is not None:
+            raise InputError("--quick is a short --budget: give one of the two")
+        return Budget(self.QUICK_S if self.quick else self.EACH_S, self.budget_s, self.THING)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeBudgetOptions(BudgetOptions):
+    """How long a command takes that measures one thing."""
+
+    budget_s: float | None = option(None, SECONDS, _WHOLE, unset="{0.EACH_S:g}s")
+    quick: bool = option(False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s.")
 
 
 def top_option() -> Any:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from mjbench.commands.shared_options import (
+    BudgetOptions,
     OutputOptions,
     StartOptions,
     TimeLimitOptions,
@@ -15,7 +16,6 @@ from mjbench.options import (
     FLAG,
     LARGE_COUNT,
     NAMES,
-    SECONDS,
     SETTINGS,
     choice,
     numbers,
@@ -28,9 +28,10 @@ _FEWER = "fewer where the plain loop would take more than 20 ms"
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(StartOptions, TimeLimitOptions, OutputOptions):
+class CompareOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOptions):
     """Which ways of stepping are compared, and how."""
 
+    EACH_S, QUICK_S = 23.0, 5.0
     paths: list[str] | None = option(
         None,
         NAMES,
@@ -61,18 +62,6 @@ class CompareOptions(StartOptions, TimeLimitOptions, OutputOptions):
     )
     nstep: int | None = nstep_option(f"100; {_FEWER}; --hold with --rl")
     hold: int | None = hold_option(None, unset=f"1; {RL_HOLD} with --rl")
-    budget_s: float | None = option(
-        None,
-        SECONDS,
-        "Time for each model, agreement included; what compiles comes on top",
-        unset="23s",
-    )
-    quick: bool = option(
-        False,
-        FLAG,
-        "The same as --budget 5s: a first impression, mostly not certain.",
-        of_functions=False,
-    )
     total_steps: int | None = option(
         None,
         LARGE_COUNT,

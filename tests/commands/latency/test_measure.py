@@ -129,7 +129,7 @@ def test_a_rate_is_of_ticks_and_steps_are_whole_ticks(inline: None) -> None:
     given = LatencyOptions(tick=4, nstep=400)
     (row, paced) = (
         latency.row("cartpole", each, None)
-        for each in latency.measure(models.resolve("cartpole"), given.starts, given)
+        for each in latency.measure(models.resolve("cartpole"), given.starts, given, 1.0)
     )
     assert (row.tick, row.ntick, row.deadline_s) == (4, 100, pytest.approx(0.008))
     assert paced.rate_hz == pytest.approx(125)
@@ -171,7 +171,7 @@ def test_latency_prints_both_paces_and_what_slow_ticks_share(tmp_path: Path, inl
     assert done.stdout.count("Slow ticks") == 2
     again = mjbench("show", "--json", "-", cwd=tmp_path)
     assert json.loads(again.stdout) == json.loads((tmp_path / "out.json").read_text())
-    assert "free-running" in again.stderr
+    assert "free-running" in mjbench("show", cwd=tmp_path).stdout
 
 
 def test_quantiles_are_read_back_from_the_histogram() -> None:
