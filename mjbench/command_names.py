@@ -33,7 +33,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
 
 # Modes, and commands of groups, by what their results are named after.
 _OF_RESULTS: Mapping[str, str] = {
-    "diff": "show --against",
     "explain": "versions --explain",
     "installs": "releases installs",
     "instructions": "profile --instructions",
