@@ -166,7 +166,9 @@ def _exit_code(stored: "Sequence[Run]", options: ShowOptions) -> int:
 
     judged = [run for run in stored if run.of_type(VerdictRecord)]
     if not judged:
-        raise InputError("--fail-on is about verdicts of `versions` and `ab`, or two of `compare`")
+        raise InputError(
+            "--fail-on is about verdicts of `versions` and `ab`, or two runs of `compare`"
+        )
 
     def code(run: "Run") -> int:
         return options.exit_code_of_run(run, family.confidence_of(run.header))
