@@ -23,10 +23,10 @@ COMMANDS = dict(commands(cli))
 
 def examples(command: click.Command) -> list[str]:
     """Return the example lines of a command, without what a shell adds to them."""
-    _, _, after = (command.help or "").partition("Example")
+    _, _, after = f"{command.help}{command.epilog}".partition("Example")
     lines = [line.strip() for line in after.splitlines()]
     shown = [line for line in lines if line.startswith("mjbench ")]
-    return [re.split(r"\s(?:>>|&&|\|)\s|\s{3,}", line)[0] for line in shown]
+    return [re.split(r"\s(?:>>|&&|\||#)\s|\s{3,}", line)[0] for line in shown]
 
 
 @pytest.mark.parametrize("name", COMMANDS)

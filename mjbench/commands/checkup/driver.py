@@ -118,7 +118,8 @@ def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
     is_model = isinstance(source, ModelSource)
     if not is_model and plan.starts != DEFAULT_STARTS:
         raise InputError(f"start states are of a model, and {source.name} is none")
-    files = [source.path] if isinstance(source, ModelSource | ProgramFile) else []
+    path = source.path if isinstance(source, ModelSource | ProgramFile) else None
+    files = [] if path is None else [path]
     kind = targets.kind_of(source)
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
@@ -287,10 +288,10 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
     times = parts.plan.times
 
     def read(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
-        return replace(part, findings=lint.check(source.name)), []
+        return replace(part, findings=lint.check(str(source.path))), []
 
     def ran(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
-        program = launch.Program((source.name, *source.arguments), sys.executable)
+        program = launch.Program(source.words, parts.plan.python)
         launch.check(program)
         seen = launch.run(program, times.steps, most_s=times.program, ends_on_signal=True)
         if not seen.was_interrupted:
@@ -299,8 +300,8 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
         ended = replace(part, status=Status.INTERRUPTED)
         return ended, [run_measure.record(program.name, replace(seen, models=()))]
 
-    first = parts.measured(CheckupPart.SOURCE, "reading it", read)
-    yield first
+    if source.path is not None:
+        yield parts.measured(CheckupPart.SOURCE, "reading it", read)
     if not any(part.status == Status.INPUT for part in parts.parts):
         doing = f"running it, for {times.program:.0f} s at most"
         yield parts.measured(CheckupPart.PROGRAM, doing, ran)

@@ -309,7 +309,7 @@ def placed(remedy: Remedy) -> str:
 
 
 def _of_source(
-    findings: Sequence[Finding], rows: Sequence[ProgramRow], target: str
+    findings: Sequence[Finding], rows: Sequence[ProgramRow]
 ) -> Iterator[CheckupItem]:
     """Yield what `lint` finds, unless the program ran: `run` then says what it costs."""
     if any(row.loops or row.wrong for row in rows):
@@ -319,7 +319,7 @@ def _of_source(
         yield CheckupItem(
             action=f"{place}: {finding.message} ({finding.code})",
             change=ResultChange.CORRECTED if finding.is_wrong_result else ResultChange.NONE,
-            command=f"mjbench lint {target}",
+            command=f"mjbench lint {finding.file}",
         )
 
 
