@@ -6,7 +6,6 @@ from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import ProgramCommand, takes
 from mjbench.commands.run.options import RunOptions
-from mjbench.errors import InputError
 from mjbench.status import ExitCode
 
 
@@ -30,8 +29,6 @@ def run(program: tuple[str, ...], options: RunOptions) -> None:
     """
     from mjbench.commands.run.driver import exit_code_of, measurement
 
-    if options.json_file == "-":
-        raise InputError("--json -: standard output is the program's own; name a file")
     context = measure_and_print(measurement(program, options), options, to_stderr=True)
     code = exit_code_of(context.session.run())
     context.exit_with(ExitCode.INTERRUPTED if code is None else code)
