@@ -26,7 +26,8 @@ def checkup(
     target: Model,
     *arguments: str,
     quick: bool = False,
-    budget_s: float = 60.0,
+    budget_s: float | None = None,
+    seconds: float | None = 40.0,
     settle_s: float | None = None,
     states: States | None = None,
     time_limit_s: float = 60.0,
@@ -44,7 +45,9 @@ def checkup(
       *arguments: of a program.
       on_progress: called with what is measured now, and the share of all work that is done.
       quick: Take 15 seconds, whatever --budget is, and try no settings.
-      budget_s: Time in all; a program runs for two thirds of it. In seconds.
+      budget_s: Time in all; a program runs for two thirds of it. In seconds. Default: 60s.
+      seconds: End the program, as Ctrl-C would, when it has stepped for this long, with MJX alone
+        from its first compiled function on; `none` runs it to its end. In seconds.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
       states: Draw start states, and their controls if there are any, from this file, which

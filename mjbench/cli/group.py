@@ -84,14 +84,17 @@ class Cli(CommandGroup):
         return context
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read `help COMMAND` as the option of the command, and options before a TARGET as such."""
-        names = {name for parameter in self.get_params(ctx) for name in parameter.opts}
-        match args:
-            case ["help", *words]:
-                args = self._help(words)
-            case [first, _, *_] if first.startswith("-") and first not in {*names, "--"}:
-                args = ["checkup", *args]
-        return super().parse_args(ctx, args)
+        return super().parse_args(ctx, self.with_command(args))
+
+    def with_command(self, words: list[str]) -> list[str]:
+        """Return a command line with the command that `help`, or an option first, stands for."""
+        names = {name for parameter in self.params for name in parameter.opts}
+        match words:
+            case ["help", *named]:
+                return self._help(named)
+            case [first, _, *_] if first.startswith("-") and first not in {*names, *_HELP_NAMES}:
+                return ["checkup", *words]
+        return words
 
     def _help(self, words: Sequence[str]) -> list[str]:
         """Return the command line that prints the help of what the words name."""

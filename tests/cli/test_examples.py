@@ -41,7 +41,7 @@ def test_a_command_that_takes_arguments_shows_an_example(name: str) -> None:
     "line", sorted({line for c in (cli, *COMMANDS.values()) for line in examples(c)})
 )
 def test_an_example_is_parsed_by_its_command(line: str) -> None:
-    words = shlex.split(line)[1:]
+    words = cli.with_command(shlex.split(line)[1:])
     command: click.Command = cli
     context = click.Context(cli, **cli.context_settings)
     while isinstance(command, click.Group):

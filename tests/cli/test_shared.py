@@ -46,7 +46,7 @@ def options_of_commands(flag: str) -> dict[str, click.Parameter]:
 
 def test_every_command_that_measures_times_has_a_budget() -> None:
     options = options_of_commands("--budget")
-    everyday = {"checkup", "run", "env", "compare", "tune", "versions", "ab", "bisect", "doctor"}
+    everyday = {"checkup", "env", "compare", "tune", "versions", "ab", "bisect", "doctor"}
     closer = {"profile", "profile --habits", "latency"}
     assert everyday | closer <= set(options)
     assert {name for name, o in options.items() if o.type.name != "SECONDS"} == set()

@@ -86,7 +86,7 @@ def _items(run: Run) -> Iterator[CheckupItem]:
     for row in rows:
         yield from _of_program(row, target)
     for part in parts:
-        yield from _of_source(part.findings, rows, target)
+        yield from _of_source(part.findings, rows)
     for environment_record in run.of_type(EnvironmentRecord):
         yield from _of_environment(environment_record, target)
 
@@ -308,9 +308,7 @@ def placed(remedy: Remedy) -> str:
     return f"{place}{subject}{remedy.text}{code}"
 
 
-def _of_source(
-    findings: Sequence[Finding], rows: Sequence[ProgramRow]
-) -> Iterator[CheckupItem]:
+def _of_source(findings: Sequence[Finding], rows: Sequence[ProgramRow]) -> Iterator[CheckupItem]:
     """Yield what `lint` finds, unless the program ran: `run` then says what it costs."""
     if any(row.loops or row.wrong for row in rows):
         return

@@ -6,7 +6,6 @@ from mjbench.commands.shared_options import OutputOptions
 from mjbench.limits import SAMPLES_PER_S
 from mjbench.options import SECONDS, count, option, or_none, text
 
-
 # Seconds for which a program steps before it is ended.
 PROGRAM_S = 40.0
 

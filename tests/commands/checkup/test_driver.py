@@ -134,7 +134,7 @@ def program_parts(
     monkeypatch.setattr(checkup.lint, "check", lint)
     monkeypatch.setattr(checkup.launch, "check", lambda program: None)
     monkeypatch.setattr(checkup.launch, "run", lambda *arguments, **options: seen)
-    source = ProgramFile("train.py", Path("train.py"))
+    source = ProgramFile(("train.py",), Path("train.py"))
     parts = checkup._Parts(source, CheckupPlan(), Observer())
     return [record for item in checkup._program_items(source, parts) for record in item.records]
 
@@ -180,7 +180,7 @@ def test_a_model_that_cannot_be_stepped_ends_it(monkeypatch: pytest.MonkeyPatch)
 def test_start_states_are_of_a_model() -> None:
     plan = CheckupPlan(starts=StartPlan(settle_s=1.0))
     with pytest.raises(InputError, match=r"of a model, and train\.py is none"):
-        checkup.measurement(ProgramFile("train.py", Path("train.py")), plan)
+        checkup.measurement(ProgramFile(("train.py",), Path("train.py")), plan)
 
 
 def test_a_model_has_no_arguments() -> None:
