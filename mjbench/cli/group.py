@@ -54,7 +54,12 @@ class CommandGroup(click.Group):
     command_class = Command
 
     def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add a command, whose help has both names also where it runs without this group."""
+        """Add a command, whose help ends with how its times and percentages are written.
+
+        It has both names of help also where it runs without this group.
+        """
+        sentences = dict.fromkeys(getattr(each.type, "syntax", "") for each in cmd.params)
+        cmd.epilog = " ".join(filter(None, sentences))
         cmd.context_settings.setdefault("help_option_names", _HELP_NAMES)
         super().add_command(cmd, name)
 

@@ -12,7 +12,7 @@ import click
 
 from mjbench.cli.command_help import Command
 from mjbench.errors import one_line
-from mjbench.options import Kind, Option, WordError, options_of
+from mjbench.options import Kind, Option, TextError, options_of
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 
@@ -21,7 +21,7 @@ class Text(click.ParamType[Any]):
     """A text that stands for a value of a kind."""
 
     def __init__(self, kind: Kind):
-        self.name, self._kind = kind.metavar, kind
+        self.name, self.syntax, self._kind = kind.metavar, kind.syntax, kind
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return the value; a default may be one already."""
@@ -30,10 +30,9 @@ class Text(click.ParamType[Any]):
         try:
             return self._kind.parse(value)
         except ValueError as error:
-            is_part = isinstance(error, WordError) and error.word != value
-            word = f": {one_line(repr(error.args[0]), 60)}" if is_part else ""
+            more = f": {error}" if isinstance(error, TextError) and str(error) else ""
             expected = self._kind.expected
-            self.fail(f"{one_line(repr(value), 60)} is not {expected}{word}", param, ctx)
+            self.fail(f"{one_line(repr(value), 60)} is not {expected}{more}", param, ctx)
 
 
 class FileName(click.Path):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from mjbench.commands.checkup import combination, targets
-from mjbench.commands.checkup.options import QUICK_S, TOTAL_S, CheckupOptions
+from mjbench.commands.checkup.options import CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import CheckedSource, ProgramFile
 from mjbench.commands.compare import driver as model_comparison
@@ -47,6 +47,8 @@ from mjbench.verification import selection
 from mjbench.verification.plan import ComparisonPlan
 from mjbench.verification.records import ModelRecord
 
+TOTAL_S, QUICK_S = CheckupOptions.EACH_S, CheckupOptions.QUICK_S
+
 
 @dataclass(frozen=True)
 class _Times:
@@ -57,22 +59,22 @@ class _Times:
       paths: of the race.
       together: of what is measured as a whole, once the models are loaded.
       program: of a program in all, unless --seconds alone says it.
-      rounds: of an environment, and again of its vectorised forms.
+      environment: in all.
     """
 
     end: float
     paths: float
     together: float
     program: float
-    rounds: float
+    environment: float
 
     def scaled(self, factor: float) -> "_Times":
         """Return these times for a longer or shorter check-up."""
         return _Times(**{name: factor * seconds for name, seconds in vars(self).items()})
 
 
-_FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, program=40.0, rounds=8.0)
-_QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, program=9.0, rounds=3.0)
+_FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, program=40.0, environment=20.0)
+_QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, program=9.0, environment=8.0)
 # Seconds that a race, and measuring something as a whole, take beside their time limit: processes
 # start, and end.
 _STARTING_S = 4.0
@@ -94,7 +96,7 @@ class CheckupPlan:
 
     Attributes:
       limit_s: a child process that is silent for longer is killed.
-      budget_s: for all parts of one that is not quick; None for the usual time.
+      budget_s: for all parts; None for the usual time.
       program_s: for which a program steps before it is ended; None to let it run.
       python: runs the program.
     """
@@ -113,14 +115,15 @@ class CheckupPlan:
             options.quick,
             options.starts,
             options.time_limit_s,
-            options.budget_s,
+            options.budget.whole_s,
             options.seconds,
             options.python or sys.executable,
         )
 
     @property
     def times(self) -> _Times:
-        return _QUICK if self.is_quick else _FULL.scaled((self.budget_s or TOTAL_S) / TOTAL_S)
+        times = _QUICK if self.is_quick else _FULL
+        return times if self.budget_s is None else times.scaled(self.budget_s / times.end)
 
     @property
     def most_program_s(self) -> float:
@@ -220,7 +223,11 @@ def _model_items(source: ModelSource, parts: _Parts) -> Items:
     def profiled(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         parts.progress("where a step's time goes")
         steps = isolate.call(
-            profile.step, source, plan.starts, profile.BUDGET_S, limit_s=plan.limit_s
+            profile.step,
+            source,
+            plan.starts,
+            profile.STEP_SHARE * profile.BUDGET_S,
+            limit_s=plan.limit_s,
         )
         return part, [profile.ProfileRow(source.name, steps=steps, frames=[])]
 
@@ -340,7 +347,7 @@ def _environment_items(source: EnvironmentSource, parts: _Parts) -> Items:
         threads = tuple(sorted({1, cores}))
         counts = () if plan.is_quick else tuple(sorted({2, cores}))
         record = environments.measure(
-            source, EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s)
+            source, EnvironmentPlan(None, 0, threads, counts, plan.times.environment, plan.limit_s)
         )
         is_stored = record.facts is not None or record.status == Status.INTERRUPTED
         records: list[Record] = [record] if is_stored else []
