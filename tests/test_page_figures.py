@@ -74,6 +74,7 @@ def durations() -> Iterator[str]:
         yield f"| {takes} |"
         if kind is CompareOptions:
             yield f"| {takes} and compiling |"
+    yield f"| {PROGRAM_S:.0f} s |"
     yield f"| {checkup.TOTAL_S / 60:.0f} min |"
 
 

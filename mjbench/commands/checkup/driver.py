@@ -97,6 +97,7 @@ class CheckupPlan:
     Attributes:
       limit_s: a child process that is silent for longer is killed.
       budget_s: for all parts; None for the usual time.
+      is_timed: whether a program is ended within that time, too.
       program_s: for which a program steps before it is ended; None to let it run.
       python: runs the program.
     """
@@ -105,6 +106,7 @@ class CheckupPlan:
     starts: StartPlan = DEFAULT_STARTS
     limit_s: float = TIME_LIMIT_S
     budget_s: float | None = None
+    is_timed: bool = False
     program_s: float | None = PROGRAM_S
     python: str = sys.executable
 
@@ -116,6 +118,7 @@ class CheckupPlan:
             options.starts,
             options.time_limit_s,
             options.budget.whole_s,
+            options.quick or options.budget_s is not None,
             options.seconds,
             options.python or sys.executable,
         )
@@ -128,7 +131,7 @@ class CheckupPlan:
     @property
     def most_program_s(self) -> float:
         """Seconds after which a program is ended, whether it has stepped for `program_s` or not."""
-        if self.is_quick or self.budget_s is not None:
+        if self.is_timed:
             return self.times.program
         return math.inf if self.program_s is None else _WITH_START * self.program_s
 

@@ -1,5 +1,6 @@
 """Which parts a check-up has, what time they get, and how it ends where one fails."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from verdict_records import FASTER
 import mjbench
 from mjbench.commands.checkup import driver as checkup
 from mjbench.commands.checkup.driver import CheckupPlan
+from mjbench.commands.checkup.options import CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import ProgramFile
 from mjbench.commands.run.launch import ProgramObservation
@@ -175,6 +177,20 @@ def test_a_model_that_cannot_be_stepped_ends_it(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(checkup.isolate, "call", refuse)
     (part,) = planted.parts(CheckupPlan())
     assert (part.status, part.detail) == (Status.INPUT, "every simulation diverges")
+
+
+@pytest.mark.parametrize(
+    ("options", "most_s"),
+    [
+        (CheckupOptions(), 60.0),
+        (CheckupOptions(seconds=100.0), 150.0),
+        (CheckupOptions(seconds=None), math.inf),
+        (CheckupOptions(seconds=None, budget_s=31.0), 20.0),
+        (CheckupOptions(seconds=100.0, quick=True), 8.4),
+    ],
+)
+def test_a_program_is_ended_in_time(options: CheckupOptions, most_s: float) -> None:
+    assert CheckupPlan.of(options).most_program_s == pytest.approx(most_s)
 
 
 def test_start_states_are_of_a_model() -> None:
