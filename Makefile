@@ -40,7 +40,7 @@ help:
 	@echo "All but clean set up .venv first, if it is missing or out of date."
 
 bench: $(BASE)
-	$(BIN)/mjbench compare --budget 22s
+	$(BIN)/mjbench compare
 
 # Style and types beside each other; then the tests, in three processes, since some wait. CI checks the types of macOS, too.
 test: $(STAMP)
@@ -76,8 +76,8 @@ upgrade: $(STAMP)
 	  || status=$$?; \
 	$(BIN)/mjbench versions previous newest --results $(UPGRADE) --metric instructions --min-effect 0.5% \
 	  || status=$$?; \
-	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --html -o $(UPGRADE)/report.html || status=$$?; \
-	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --markdown -o $(UPGRADE)/report.md || status=$$?; \
+	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --html $(UPGRADE)/report.html \
+	  --markdown $(UPGRADE)/report.md || status=$$?; \
 	exit $$status
 
 site: $(STAMP)

@@ -23,7 +23,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
     },
     "A closer look": {
         "profile": "the stages of a step; habits of loops: --habits",
-        "latency": "the slowest steps, and which miss a deadline",
+        "latency": "the slowest ticks, and which miss a deadline",
         "models": "list the shipped models",
         "paths": "list the ways of stepping",
         "releases": "list, install and remove releases",

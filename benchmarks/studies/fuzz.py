@@ -64,9 +64,10 @@ _NAMES = (
 )  # fmt: skip
 _VALUES = (
     "0", "1", "2", "-1", "nan", "inf", "1e300", "1e-300", "9" * 40, "", " ", "abc", "1,2", ",",
-    "1,,2", "1%", "99.9%", "200%", "1s", "soon", "python_loop", "rollout", "rolout", "c", "mjx9",
-    "slower", "tea", "pool=new", "pool=", "=", "solver=99", "timestep=0", "path=rollout,threads=0",
-    "path=rollout", "model=bad.xml", "loop:Path", "broken:Path", "time", "instructions", "\x1b[1m",
+    "1,,2", "1%", "0.5", "200%", "1s", "2min", "soon", "python_loop", "rollout", "rolout", "c",
+    "mjx9", "slower", "tea", "pool=new", "pool=", "=", "solver=99", "timestep=0",
+    "path=rollout,threads=0", "path=rollout", "model=bad.xml", "loop:Path", "broken:Path", "time",
+    "instructions", "\x1b[1m",
 )  # fmt: skip
 _OUTPUTS = ("-", "out.json", "good.xml", "run.jsonl", "loop.py", "folder", "no/such/file", "", "/")
 # What keeps a command line that is good by chance short, by option.
@@ -74,8 +75,13 @@ SHORT = {
     "--budget": "1s", "--time-limit": "1s", "--nbatch": "2", "--nstep": "4", "--hold": "2",
     "--seconds": "1",
 }  # fmt: skip
-# Options that would wait for another command, or take long.
-NEVER = ("--wait", "--clock")
+# Options that name a file to write.
+OUTPUT_FLAGS = (
+    *("--json", "--html", "--markdown", "--csv", "--junit", "--comment", "--github-benchmark"),
+    *("--github", "--sarif"),
+)
+# Options that would wait for another command, take long, or contradict --budget.
+NEVER = ("--wait", "--clock", "--quick")
 # Commands and subcommands that reach the network, write into the project or take long.
 _LEFT_OUT = {"update", "verify", "install", "remove"}
 
@@ -138,7 +144,7 @@ def _options(
 
 
 def _value(choices: random.Random, flag: str) -> str:
-    if flag == "--json":
+    if flag in OUTPUT_FLAGS:
         return choices.choice(_OUTPUTS)
     return choices.choice(_NAMES if choices.random() < 0.2 else _VALUES)
 
@@ -225,11 +231,9 @@ def run(arguments: tuple[str, ...]) -> tuple[int, Problem | None]:
 
 
 def _outputs(arguments: tuple[str, ...]) -> set[str]:
-    """Return the file that a command line may replace: its JSON document, unless it reads it."""
-    if "--json" not in arguments:
-        return set()
-    target = arguments[arguments.index("--json") + 1]
-    return {target} if arguments.count(target) == 1 else set()
+    """Return the files that a command line may replace: its outputs, unless it reads them."""
+    targets = [word for flag, word in itertools.pairwise(arguments) if flag in OUTPUT_FLAGS]
+    return {target for target in targets if arguments.count(target) == 1}
 
 
 def main() -> int:

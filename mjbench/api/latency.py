@@ -1,4 +1,4 @@
-"""`mjbench.latency`: how long single steps take, and which are late."""
+"""`mjbench.latency`: how long ticks of a controller take, and which are late."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Latency(Result):
-    """How long single steps of a model take, free-running and paced."""
+    """How long ticks take, free-running and paced."""
 
     @property
     def paces(self) -> tuple[LatencyRow, ...]:
@@ -25,20 +25,20 @@ class Latency(Result):
 
     @property
     def free_running(self) -> LatencyRow:
-        """Steps that begin when the one before has ended."""
+        """Ticks that begin when the one before has ended."""
         return next(row for row in self.paces if row.pace == Pace.FREE)
 
     @property
     def paced(self) -> LatencyRow:
-        """Steps that are due at a fixed rate."""
+        """Ticks that are due at a fixed rate."""
         return next(row for row in self.paces if row.pace == Pace.PACED)
 
 
 @with_options(LatencyOptions)
 def latency(model: "Model", *, options: LatencyOptions) -> Latency:
-    """Return how long single steps take, which miss their deadline, and what slow ones share.
+    """Return how long ticks take, which miss their deadline, and what slow ones share.
 
-    The same as `mjbench latency`. Steps run in a child process.
+    The same as `mjbench latency`. They run in a child process.
 
     Args:
       model: a name as on the command line, a path, an MjModel or an MjSpec.

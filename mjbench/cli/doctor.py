@@ -1,5 +1,7 @@
 """`mjbench doctor`: what on this machine spoils measurements."""
 
+import time
+
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
@@ -22,17 +24,23 @@ def doctor(options: DoctorOptions) -> None:
     """
     from mjbench.commands.doctor.driver import all_conditions, compare_with_itself
     from mjbench.commands.doctor.show import condition_lines, noise_section
+    from mjbench.commands.show import forms
     from mjbench.commands.show.documents import DoctorDocument
     from mjbench.host import machine, neighbours
     from mjbench.host.conditions import Grade
+    from mjbench.results.content import Section
     from mjbench.results.terminal import print_lines
 
-    with RunContext(options.json_file) as run:
+    end_s = time.monotonic() + options.budget.whole_s
+    with RunContext(options) as run:
         rows = all_conditions(neighbours.measuring_now())
-        print_lines(run.out, [*condition_lines(rows)])
-        noise = compare_with_itself(options.budget_s)
-        run.show([noise_section(noise, rows)])
-        run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
+        conditions = Section("This machine", facts=[*condition_lines(rows)])
+        print_lines(run.out, conditions.facts)
+        noise = compare_with_itself(end_s - time.monotonic())
+        sections = [noise_section(noise, rows), conditions]
+        run.show(sections[:1])
+        document = DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise)
+        run.write_forms(forms.of_sections(sections, document, [*rows, noise]))
     if noise.decidable is None:
         run.exit_with(ExitCode.ENVIRONMENT)
     is_fit = noise.trusted and all(row.grade != Grade.BAD for row in rows)

@@ -10,6 +10,7 @@ import click
 
 import mjbench
 from mjbench.cli import standard_streams
+from mjbench.cli.command_help import Command
 from mjbench.command_names import LISTED, with_mode
 from mjbench.commands.checkup.targets import may_be_target
 from mjbench.errors import (
@@ -30,8 +31,15 @@ _COMMAND_LINE = "mjbench.command_line"
 class CommandGroup(click.Group):
     """A group of commands."""
 
+    command_class = Command
+
     def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add a command, whose help has both names also where it runs without this group."""
+        """Add a command, whose help ends with how its times and percentages are written.
+
+        It has both names of help also where it runs without this group.
+        """
+        sentences = dict.fromkeys(getattr(each.type, "syntax", "") for each in cmd.params)
+        cmd.epilog = " ".join(filter(None, sentences))
         cmd.context_settings.setdefault("help_option_names", _HELP_NAMES)
         super().add_command(cmd, name)
 

@@ -1,4 +1,4 @@
-"""`mjbench latency`: how long single steps take, and which are late."""
+"""`mjbench latency`: how long ticks of a controller take, and which are late."""
 
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
@@ -11,16 +11,20 @@ from mjbench.simulation.models import ModelSource
 @models_argument("cartpole")
 @takes(LatencyOptions)
 def latency(sources: list[ModelSource], options: LatencyOptions) -> None:
-    """How long do single steps take, which miss their deadline, and what do slow ones share?
+    """How long does each tick of a controller take, and which ticks miss their deadline?
 
-    Steps are measured free-running, each after the other, and paced: due at a fixed rate, as in a
-    controller. Without a MODEL: cartpole.
+    A tick is a step, or --tick steps with the same controls. Ticks are measured free-running, each
+    after the other, and paced: due at a fixed rate, as in a controller. You learn what slow ones
+    have in common. Without a MODEL: cartpole.
 
     \b
     Examples:
       mjbench latency humanoid
       mjbench latency robot.xml --rate 1000 --deadline 500us
+      mjbench latency robot.xml --rate 500 --tick 2   # 500 Hz, with a timestep of 1 ms
+      mjbench latency robot.xml --fail-on missed      # for CI
     """
-    from mjbench.commands.latency.measure import measurement
+    from mjbench.commands.latency.measure import LatencyRow, measurement
 
-    measure_and_print(measurement(sources, options), options).exit()
+    run = measure_and_print(measurement(sources, options), options)
+    run.exit_with(options.exit_code(run.session.run().of_type(LatencyRow)))

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from mjbench.errors import one_line
-from mjbench.options import Kind, Option, WordError, options_of
+from mjbench.options import Kind, Option, TextError, options_of
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 
@@ -20,7 +20,7 @@ class Text(click.ParamType[Any]):
     """A text that stands for a value of a kind."""
 
     def __init__(self, kind: Kind):
-        self.name, self._kind = kind.metavar, kind
+        self.name, self.syntax, self._kind = kind.metavar, kind.syntax, kind
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return the value; a default may be one already."""
@@ -29,10 +29,9 @@ class Text(click.ParamType[Any]):
         try:
             return self._kind.parse(value)
         except ValueError as error:
-            is_part = isinstance(error, WordError) and error.word != value
-            word = f": {one_line(repr(error.args[0]), 60)}" if is_part else ""
+            more = f": {error}" if isinstance(error, TextError) and str(error) else ""
             expected = self._kind.expected
-            self.fail(f"{one_line(repr(value), 60)} is not {expected}{word}", param, ctx)
+            self.fail(f"{one_line(repr(value), 60)} is not {expected}{more}", param, ctx)
 
 
 class FileName(click.Path):
@@ -99,6 +98,7 @@ def takes(kind: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None
 def _click_option(option: Option) -> Callable[..., Any]:
     kind, default = option.kind, option.default
     unset = f"  [default: {option.unset}]" if option.unset else ""
+    sentence = option.text.removesuffix(".") + "."
     settings: dict[str, Any] = {}
     if kind.is_flag:
         settings = {"is_flag": True, "default": default, "show_default": default}
@@ -108,7 +108,7 @@ def _click_option(option: Option) -> Callable[..., Any]:
         settings = {"default": kind.written(default), "show_default": True}
     if not kind.is_flag:
         settings |= {"type": _click_type(kind), "metavar": kind.metavar or None}
-    return click.option(*option.flags, option.name, help=f"{option.text}{unset}", **settings)
+    return click.option(*option.flags, option.name, help=f"{sentence}{unset}", **settings)
 
 
 def _click_type(kind: Kind) -> click.ParamType[Any] | None:

@@ -1,11 +1,13 @@
 """Options that several commands have, in groups; `mjbench.options` says what becomes of them."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
+from mjbench.measuring.budget import Budget
 from mjbench.options import (
     COUNT,
     FLAG,
@@ -16,6 +18,7 @@ from mjbench.options import (
     Kind,
     file,
     option,
+    parsed,
     text,
 )
 from mjbench.paired.metrics import Metric
@@ -28,17 +31,31 @@ if TYPE_CHECKING:
 RESULTS_FOLDER = Path("results/runs")
 
 
+# The name of a file that a command writes.
+OUTPUT_FILE = text("FILE|-")
+
+
+def output_option(flag: str, form: str) -> Any:
+    """Return the option that names the file for a form of the results."""
+    return option(
+        None, OUTPUT_FILE, f"Write {form} to FILE, or - for stdout.", flag, of_functions=False
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class JsonOptions:
     """Where the JSON document goes."""
 
-    json_file: str | None = option(
-        None,
-        text("FILE|-"),
-        "Write results as JSON to FILE, or - for stdout.",
-        "--json",
-        of_functions=False,
-    )
+    json_file: str | None = output_option("--json", "results as JSON")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormOptions(JsonOptions):
+    """Where results go in each form."""
+
+    html_file: str | None = output_option("--html", "results as an HTML page")
+    markdown_file: str | None = output_option("--markdown", "results as Markdown")
+    csv_file: str | None = output_option("--csv", "results as CSV")
 
 
 def results_option(folder: Path, help_text: str = "Folder for the run file.") -> Any:
@@ -47,8 +64,8 @@ def results_option(folder: Path, help_text: str = "Folder for the run file.") ->
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutputOptions(JsonOptions):
-    """Where results go.
+class RunFileOptions:
+    """Where the run file lies.
 
     Attributes:
       wait: whether to wait for others that measure here; None for a command that measures no time.
@@ -65,6 +82,11 @@ class OutputOptions(JsonOptions):
     wait: bool | None = option(
         False, FLAG, "Wait until no other mjbench measures on this machine.", is_stored=False
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions(RunFileOptions, FormOptions):
+    """Where results go."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,15 +188,66 @@ class SizeOptions(WorkOptions):
         return Sizes(self.nbatch, self.nstep, self.hold, self.seed, self.starts, metric=metric)
 
 
-def check_holds(nstep: int | None, hold: int) -> None:
-    """Refuse a number of steps that is not a multiple of `hold`."""
+def check_holds(nstep: int | None, hold: int, flag: str = "--hold") -> None:
+    """Refuse a number of steps that is not a multiple of `hold`, the value of an option."""
     if nstep and nstep % hold:
-        raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
+        raise InputError(f"--nstep {nstep} is not a multiple of {flag} {hold}")
 
 
-def budget_option(default_s: float, help_text: str, kind: Kind = SECONDS) -> Any:
-    """Return the option `--budget`."""
-    return option(default_s, kind, help_text)
+def fail_on_option(finding: type[StrEnum], help_text: str) -> Any:
+    """Return the option `--fail-on`, whose value is a list of findings."""
+
+    def read(text: str) -> list[StrEnum]:
+        words = [word for word in text.split(",") if word.strip()]
+        if not words:
+            raise ValueError
+        return parsed(",".join(words), lambda word: finding(word.strip()))
+
+    names = ", ".join(finding)
+    expected = f"one of {names}, or several with commas"
+    kind = Kind("FINDING,…", "str", read, expected=expected)
+    help_text = f"Exit 1 for one of these: {names}. {help_text}"
+    return option(None, kind, help_text, "--fail-on", of_functions=False)
+
+
+_WHOLE = "Time of the whole command"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetOptions:
+    """How long a command takes.
+
+    Attributes:
+      EACH_S: seconds for each THING that it measures, unless the user says; QUICK_S: with --quick.
+    """
+
+    EACH_S: ClassVar[float]
+    QUICK_S: ClassVar[float]
+    THING: ClassVar[str] = "model"
+    budget_s: float | None = option(
+        None,
+        SECONDS,
+        f"{_WHOLE}, divided among its {{0.THING}}s",
+        unset="{0.EACH_S:g}s for each {0.THING}",
+    )
+    quick: bool = option(
+        False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s for each {0.THING}."
+    )
+
+    @property
+    def budget(self) -> Budget:
+        """Return the time of the command; InputError where it is given twice."""
+        if self.quick and self.budget_s is not None:
+            raise InputError("--quick is a short --budget: give one of the two")
+        return Budget(self.QUICK_S if self.quick else self.EACH_S, self.budget_s, self.THING)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeBudgetOptions(BudgetOptions):
+    """How long a command takes that measures one thing."""
+
+    budget_s: float | None = option(None, SECONDS, _WHOLE, unset="{0.EACH_S:g}s")
+    quick: bool = option(False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s.")
 
 
 def top_option() -> Any:

@@ -80,9 +80,9 @@ def test_a_step_is_profiled(model: Any, monkeypatch: pytest.MonkeyPatch, inline:
     assert profiled.machine.usable_cores >= 1
 
 
-def test_single_steps_are_timed() -> None:
+def test_ticks_are_timed() -> None:
     timed = mjbench.latency("cartpole", nstep=300, rate_hz=2000, deadline_s=0.5)
-    assert [row.nstep for row in timed.paces] == [300, 300]
+    assert [row.ntick for row in timed.paces] == [300, 300]
     assert timed.paced.rate_hz == 2000
     assert timed.free_running.missed == 0
     assert "p99" in str(timed)
@@ -92,7 +92,7 @@ def test_states_of_the_program_are_the_starts(inline: None) -> None:
     cartpole = mujoco.MjModel.from_xml_path(str(models.resolve("cartpole").path))
     log = mjbench.record(cartpole, mujoco.MjData(cartpole), 50, ["time", "qpos", "qvel"])
     timed = mjbench.latency(cartpole, nstep=100, states=log)
-    assert timed.free_running.nstep == 100
+    assert timed.free_running.ntick == 100
 
 
 @pytest.mark.parametrize(

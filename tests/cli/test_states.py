@@ -101,7 +101,7 @@ def test_states_of_another_model_cost_one_line(folder: Path, inline: None) -> No
 
 
 def test_latency_of_captured_states_says_so(folder: Path, inline: None) -> None:
-    arguments = ("latency", "cartpole", "--nstep", "200", "--rate", "10000", "--hold", "2")
+    arguments = ("latency", "cartpole", "--nstep", "200", "--rate", "10000", "--tick", "2")
     free, _ = results(folder, *arguments, "--states", "states.npz")
     assert free["starts"]["file"] == "states.npz"
 

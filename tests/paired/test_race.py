@@ -103,7 +103,6 @@ def test_the_figures_of_winners_and_the_plain_loop_are_of_launches_after_the_rac
     assert record.launch_count(record.variants[2]) == FINAL_LAUNCHES
     assert record.launch_count(record.variants[1]) < len(record.launches)
     speedup = record.speedup(record.variants[2])
-    assert speedup is not None
     assert speedup.covers(2.0)
     assert speedup.estimate == pytest.approx(2.0, rel=0.02)
 
@@ -139,7 +138,6 @@ def test_one_launch_is_made_whatever_the_budget() -> None:
     assert len(record.launches) == 1
     assert record.is_cut_short
     speedup = record.speedup(record.variants[1])
-    assert speedup is not None
     assert (speedup.low, speedup.high) == (None, None)
 
 
@@ -164,7 +162,6 @@ def test_a_slow_variant_is_timed_last_beside_the_plain_loop() -> None:
     assert last == [[0, 2]] * MIN_FINAL_LAUNCHES
     assert all(each.is_final for each in record.launches[-MIN_FINAL_LAUNCHES:])
     speedup = record.speedup(record.variants[2])
-    assert speedup is not None
     assert speedup.estimate == pytest.approx(1.5, rel=0.05)
 
 
@@ -241,7 +238,6 @@ def test_a_path_that_is_fast_in_its_first_launch_alone_is_not_advised(seed: int)
     record = track.run(entered(3))[-1]
     assert ended(record).chosen == 2
     speedup = record.speedup(record.variants[1])
-    assert speedup is not None
     assert speedup.low is None or speedup.low <= 0.9
 
 
@@ -262,7 +258,6 @@ def test_a_path_that_is_slower_by_3_percent_in_every_third_launch_is_not_the_fas
     record = track.run(entered(4))[-1]
     assert ended(record).chosen == honest
     speedup = record.speedup(record.variants[saboteur])
-    assert speedup is not None
     assert speedup.covers(2.0 / 1.01)
 
 
@@ -286,7 +281,6 @@ def test_a_path_that_computes_something_else_in_any_launch_is_never_advised(laun
     assert not record.is_cut_short
     assert record.has_final_figures(record.variants[2])
     speedup = record.speedup(record.variants[2])
-    assert speedup is not None
     assert speedup.covers(1.8)
 
 
@@ -311,7 +305,6 @@ def test_a_path_that_is_entered_twice_is_never_faster_than_itself() -> None:
         track = Track([1.0, 2.0, 2.0, 1.2], rng=np.random.default_rng(seed))
         record = track.run(entered(4), budget_s=25.0)[-1]
         ratio = record.ratio(record.variants[1], record.variants[2])
-        assert ratio is not None
         assert ratio.covers(1.0)
         standing = ended(record)
         assert {1, 2} <= set(standing.contenders)
@@ -336,7 +329,6 @@ def test_intervals_hold_for_paths_that_left_and_for_winners() -> None:
         record = Track(speeds, spread=0.02, rng=rng).run(entered(6), budget_s=25.0)[-1]
         for variant, speed in zip(record.variants[1:], speeds[1:], strict=True):
             speedup = record.speedup(variant)
-            assert speedup is not None
             covered.append(speedup.covers(speed))
     assert np.mean(covered) >= 0.93
 
@@ -350,7 +342,6 @@ def test_a_disturbed_launch_of_the_race_does_not_move_a_speed_up() -> None:
     track.before = before
     record = track.run(entered(2))[-1]
     speedup = record.speedup(record.variants[1])
-    assert speedup is not None
     assert speedup.estimate == pytest.approx(2.0, rel=0.01)
 
 

@@ -131,7 +131,6 @@ def test_a_path_returns_every_step_to_the_last_bit_in_any_order_of_simulations(
     case = cases[product]
     case.skip_unless_possible(path, options)
     prepared = path.prepare(case.workload, options, case.resources)
-    assert prepared.step_outputs is not None
     for order in (np.arange(7), np.array([3, 0, 6, 1, 2, 5, 4])):
         case.reorder(order)
         prepared.clear()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from mjbench.commands.checkup import combination, targets
-from mjbench.commands.checkup.options import QUICK_S, TOTAL_S, CheckupOptions
+from mjbench.commands.checkup.options import CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import CheckedSource, ProgramFile
 from mjbench.commands.compare import driver as model_comparison
@@ -45,6 +45,8 @@ from mjbench.verification import selection
 from mjbench.verification.plan import ComparisonPlan
 from mjbench.verification.records import ModelRecord
 
+TOTAL_S, QUICK_S = CheckupOptions.EACH_S, CheckupOptions.QUICK_S
+
 
 @dataclass(frozen=True)
 class _Times:
@@ -55,7 +57,7 @@ class _Times:
       paths: of the race.
       together: of what is measured as a whole, once the models are loaded.
       steps: for which a program steps; program: in all.
-      rounds: of an environment, and again of its vectorised forms.
+      environment: in all.
     """
 
     end: float
@@ -63,15 +65,15 @@ class _Times:
     together: float
     steps: float
     program: float
-    rounds: float
+    environment: float
 
     def scaled(self, factor: float) -> "_Times":
         """Return these times for a longer or shorter check-up."""
         return _Times(**{name: factor * seconds for name, seconds in vars(self).items()})
 
 
-_FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, steps=25.0, program=40.0, rounds=8.0)
-_QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, steps=6.0, program=9.0, rounds=3.0)
+_FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, steps=25.0, program=40.0, environment=20.0)
+_QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, steps=6.0, program=9.0, environment=8.0)
 # Seconds that a race, and measuring something as a whole, take beside their time limit: processes
 # start, and end.
 _STARTING_S = 4.0
@@ -91,22 +93,24 @@ class CheckupPlan:
 
     Attributes:
       limit_s: a child process that is silent for longer is killed.
-      budget_s: for all parts of one that is not quick.
+      budget_s: for all parts; None for the usual time.
     """
 
     is_quick: bool = False
     starts: StartPlan = DEFAULT_STARTS
     limit_s: float = TIME_LIMIT_S
-    budget_s: float = TOTAL_S
+    budget_s: float | None = None
 
     @classmethod
     def of(cls, options: CheckupOptions) -> "CheckupPlan":
         """Return the plan; InputError if a file of start states is not there."""
-        return cls(options.quick, options.starts, options.time_limit_s, options.budget_s)
+        budget_s = options.budget.whole_s
+        return cls(options.quick, options.starts, options.time_limit_s, budget_s)
 
     @property
     def times(self) -> _Times:
-        return _QUICK if self.is_quick else _FULL.scaled(self.budget_s / TOTAL_S)
+        times = _QUICK if self.is_quick else _FULL
+        return times if self.budget_s is None else times.scaled(self.budget_s / times.end)
 
 
 def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
@@ -198,7 +202,11 @@ def _model_items(source: ModelSource, parts: _Parts) -> Items:
     def profiled(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         parts.progress("where a step's time goes")
         steps = isolate.call(
-            profile.step, source, plan.starts, profile.BUDGET_S, limit_s=plan.limit_s
+            profile.step,
+            source,
+            plan.starts,
+            profile.STEP_SHARE * profile.BUDGET_S,
+            limit_s=plan.limit_s,
         )
         return part, [profile.ProfileRow(source.name, steps=steps, frames=[])]
 
@@ -317,7 +325,7 @@ def _environment_items(source: EnvironmentSource, parts: _Parts) -> Items:
         threads = tuple(sorted({1, cores}))
         counts = () if plan.is_quick else tuple(sorted({2, cores}))
         record = environments.measure(
-            source, EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s)
+            source, EnvironmentPlan(None, 0, threads, counts, plan.times.environment, plan.limit_s)
         )
         is_stored = record.facts is not None or record.status == Status.INTERRUPTED
         records: list[Record] = [record] if is_stored else []

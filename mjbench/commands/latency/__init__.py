@@ -1,1 +1,1 @@
-"""How long single steps take, and which are late."""
+"""How long ticks of a controller take, and which are late."""

@@ -1,9 +1,10 @@
-"""How long single steps take, one by one: the distribution of their latency.
+"""How long ticks take, one by one: the distribution of their latency.
 
-*Free-running*, each step begins when the one before has ended; its latency is the time of the call
-of `mj_step`. *Paced*, steps are due at a fixed rate, as in a controller; latency counts from when a
-step was due, so that a step that waits for a late one is late as well (otherwise one long pause
-would count as one slow step; G. Tene calls that mistake coordinated omission).
+A tick of a controller sets the controls and calls `mj_step` for a fixed number of steps.
+*Free-running*, each tick begins when the one before has ended; its latency is the time of the call
+of `mj_step`. *Paced*, ticks are due at a fixed rate, as in a controller; latency counts from when a
+tick was due, so that one that waits for a late one is late as well (otherwise one long pause would
+count as one slow tick; G. Tene calls that mistake coordinated omission).
 """
 
 import enum
@@ -21,10 +22,12 @@ from mjbench.bounds import (
     CompressedText,
     NonNegativeFloat,
     NonNegativeInt,
+    PositiveInt,
     Share,
     check_measured,
 )
 from mjbench.commands.latency.options import LatencyOptions
+from mjbench.commands.shared_options import check_holds
 from mjbench.errors import InputError, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -39,15 +42,17 @@ from mjbench.simulation.workload import Workload, whole_holds
 from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
-# Steps to measure unless the user says, as far as the budget allows; no fewer than LEAST_NSTEP.
-NSTEP, LEAST_NSTEP = 10_000, 1_000
+# Ticks to measure unless the user says, as far as the budget allows; no fewer than LEAST_NTICK.
+NTICK, LEAST_NTICK = 10_000, 100
+# Share of the time for free-running ticks; drawing start states takes as long.
+FREE_SHARE = 0.25
 # Steps after which a simulation starts again, so that it stays where the model usually is.
 RUN_NSTEP = 100
-# Steps before the first that counts.
-WARM_UP_NSTEP = 200
-# A paced step is waited for asleep until this long before it is due, in nanoseconds, then awake.
+# Ticks before the first that counts.
+WARM_UP_NTICK = 200
+# A paced tick is waited for asleep until this long before it is due, in nanoseconds, then awake.
 SPIN_NS = 200_000
-# Slow steps are those above this quantile.
+# Slow ticks are those above this quantile.
 SLOW = 0.99
 # The child may be silent for this many times as long as its work should take.
 _PATIENCE = 100
@@ -56,7 +61,7 @@ DIGITS, LARGEST_NS = 3, 100_000_000_000
 
 
 class Pace(enum.StrEnum):
-    """When a step begins."""
+    """When a tick begins."""
 
     FREE = "free-running"
     """When the one before has ended."""
@@ -65,18 +70,20 @@ class Pace(enum.StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class StepSamples:
-    """The steps of one pace, one entry each.
+class TickSamples:
+    """The ticks of one pace, one entry each.
 
     Attributes:
-      rate_hz: of paced steps; None for free-running ones.
-      features: what happened in each step, by name: contacts, solver iterations, garbage
-        collections, page faults, preemptions, and by how much it began late.
+      rate_hz: of paced ticks; None for free-running ones.
+      tick: steps of a tick.
+      features: what happened in each tick, by name: contacts and solver iterations of its last
+        step, garbage collections, page faults, preemptions, and by how much it began late.
     """
 
     pace: Pace
     rate_hz: float | None
     timestep_s: float
+    tick: int
     work: Work
     latency_ns: np.ndarray
     features: Mapping[str, np.ndarray]
@@ -85,7 +92,7 @@ class StepSamples:
 
 @dataclass(frozen=True)
 class Quantile:
-    """A quantile of latency, in nanoseconds, with its 95 % interval; None without enough steps."""
+    """A quantile of latency, in nanoseconds, with its 95 % interval; None without enough ticks."""
 
     quantile: Share
     ns: NonNegativeFloat
@@ -95,12 +102,12 @@ class Quantile:
 
 @dataclass(frozen=True)
 class SlowFeature:
-    """How a feature of slow steps differs from that of all steps.
+    """How a feature of slow ticks differs from that of all ticks.
 
     Attributes:
       name: such as `page faults`.
-      slow: mean per slow step.
-      all: mean per step.
+      slow: mean per slow tick.
+      all: mean per tick.
     """
 
     name: str
@@ -110,20 +117,21 @@ class SlowFeature:
 
 @dataclass(frozen=True, kw_only=True)
 class LatencyRow:
-    """The latency of single steps of a model at one pace; None is what could not be measured.
+    """The latency of ticks of a model at one pace; None is what could not be measured.
 
     Attributes:
       model: its name.
-      pace: when steps begin; None where nothing was measured.
+      pace: when ticks begin; None where nothing was measured.
       status: `ok`, or how it failed.
       detail: one line; empty when ok.
-      nstep: steps.
-      rate_hz: of paced steps.
-      deadline_s: by which a step should end.
-      missed: steps that did not.
+      tick: steps of a tick.
+      ntick: ticks.
+      rate_hz: of paced ticks.
+      deadline_s: by which a tick should end.
+      missed: ticks that did not.
       quantiles: of latency.
       max_ns: the longest.
-      slow: what the steps above the 99 % quantile have in common.
+      slow: what the ticks above the 99 % quantile have in common.
       work: of a step, on average.
       histogram: all latencies in nanoseconds, as an HdrHistogram (V2, compressed, base64).
       starts: where start states came from.
@@ -134,7 +142,8 @@ class LatencyRow:
     pace: Pace | None = None
     status: Status = Status.OK
     detail: str = ""
-    nstep: NonNegativeInt | None = None
+    tick: PositiveInt = 1
+    ntick: NonNegativeInt | None = None
     rate_hz: NonNegativeFloat | None = None
     deadline_s: NonNegativeFloat | None = None
     missed: NonNegativeInt | None = None
@@ -146,43 +155,51 @@ class LatencyRow:
     starts: Starts | None = None
 
     def __post_init__(self) -> None:
-        check_measured(self, "pace", "nstep", "deadline_s", "missed", "max_ns", "work")
+        check_measured(self, "pace", "ntick", "deadline_s", "missed", "max_ns", "work")
 
 
 QUANTILES = (0.5, 0.99, 0.999)
 
 
 def measurement(sources: Sequence[ModelSource], options: LatencyOptions) -> Measurement:
-    """Return the measurement of single steps of each model, free-running and paced."""
+    """Return the measurement of ticks of each model, free-running and paced."""
+    check_holds(options.nstep, options.tick, "--tick")
     starts = options.starts
 
-    def measure_model(source: ModelSource) -> list[LatencyRow]:
-        samples = measure(source, starts, options)
+    def measure_model(source: ModelSource, budget_s: float) -> list[LatencyRow]:
+        samples = measure(source, starts, options, budget_s)
         return [row(source.name, of_pace, options.deadline_s) for of_pace in samples]
 
-    return of_each_model("latency", sources, starts, LatencyRow, measure_model, stored(options))
+    return of_each_model(
+        "latency", sources, starts, LatencyRow, measure_model, options.budget, stored(options)
+    )
 
 
-def measure(source: ModelSource, plan: StartPlan, options: LatencyOptions) -> list[StepSamples]:
-    """Return the steps of a model at each pace, measured in a child process."""
-    return isolate.call(measure_in_child, source, plan, options, limit_s=options.time_limit_s)
+def measure(
+    source: ModelSource, plan: StartPlan, options: LatencyOptions, budget_s: float
+) -> list[TickSamples]:
+    """Return the ticks of a model at each pace, measured in a child process."""
+    limit_s, end_s = options.time_limit_s, time.monotonic() + budget_s
+    return isolate.call(measure_in_child, source, plan, options, end_s, limit_s=limit_s)
 
 
-def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRow:
-    """Return what the steps of one pace say of latency.
+def row(model: str, samples: TickSamples, deadline_s: float | None) -> LatencyRow:
+    """Return what the ticks of one pace say of latency.
 
     Args:
-      deadline_s: by which a step should end; None for the time between two paced steps, or the
-        model's timestep.
+      deadline_s: by which a tick should end; None for the time between two paced ticks, or the
+        simulated time of a tick.
     """
     latency_ns = samples.latency_ns
     if deadline_s is None:
-        deadline_s = 1 / samples.rate_hz if samples.rate_hz else samples.timestep_s
+        tick_s = samples.tick * samples.timestep_s
+        deadline_s = 1 / samples.rate_hz if samples.rate_hz else tick_s
     slow = latency_ns > np.quantile(latency_ns, SLOW)
     return LatencyRow(
         model=model,
         pace=samples.pace,
-        nstep=len(latency_ns),
+        tick=samples.tick,
+        ntick=len(latency_ns),
         rate_hz=samples.rate_hz,
         deadline_s=deadline_s,
         missed=int((latency_ns > 1e9 * deadline_s).sum()),
@@ -226,66 +243,74 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
 
 
 def measure_in_child(
-    source: ModelSource, plan: StartPlan, options: LatencyOptions, channel: Channel
-) -> list[StepSamples]:
+    source: ModelSource,
+    plan: StartPlan,
+    options: LatencyOptions,
+    end_s: float,
+    channel: Channel,
+) -> list[TickSamples]:
+    """Draw a workload and time its ticks, until a time of the system's monotonic clock."""
     channel.doing("loading the model")
     model = models.load(source)
     channel.doing("drawing start states")
     step_s = reference_run.step_s(model)
-    affordable = max(LEAST_NSTEP, int(options.budget_s / step_s))
-    nstep = options.nstep or min(NSTEP, affordable)
-    nrun = -(-(nstep + WARM_UP_NSTEP) // RUN_NSTEP)
-    channel.allow_silence(_PATIENCE * step_s * (nrun + 1) * RUN_NSTEP)
-    run_nstep, max_nstep = whole_holds(RUN_NSTEP, options.hold), starts.max_settling_nstep(step_s)
+    tick_step_s = options.tick * step_s
+    free_s = FREE_SHARE * (end_s - time.monotonic())
+    affordable = max(LEAST_NTICK, int(free_s / tick_step_s))
+    ntick = (options.nstep or 0) // options.tick or min(NTICK, affordable)
+    run_nstep, max_nstep = whole_holds(RUN_NSTEP, options.tick), starts.max_settling_nstep(step_s)
+    nrun = -(-(ntick + WARM_UP_NTICK) * options.tick // run_nstep)
+    channel.allow_silence(_PATIENCE * step_s * (nrun + 1) * run_nstep)
     sample_request = SampleRequest(
-        nrun, run_nstep, options.hold, options.seed, plan, max_nstep, may_shorten=True
+        nrun, run_nstep, options.tick, options.seed, plan, max_nstep, may_shorten=True
     )
     sample = workload_sampling.draw(model, sample_request)
     timestep_s = float(model.opt.timestep)
-    rate_hz = options.rate_hz or 1 / timestep_s
-    samples: list[StepSamples] = []
+    rate_hz = options.rate_hz or 1 / (options.tick * timestep_s)
+    samples: list[TickSamples] = []
     for pace in Pace:
-        channel.doing(f"timing {pace} steps")
+        channel.doing(f"timing {pace} ticks")
         is_paced = pace == Pace.PACED
-        count = nstep
+        count = ntick
         if is_paced and options.nstep is None:
-            count = max(LEAST_NSTEP, min(nstep, int(options.budget_s * rate_hz)))
-        total = count + WARM_UP_NSTEP
-        channel.allow_silence(_PATIENCE * step_s * total + 2 * total / rate_hz)
-        measured = record_steps(sample.workload, count, 1e9 / rate_hz if is_paced else 0.0)
-        pace_hz, step_work = rate_hz if is_paced else None, sample.observation.work
+            affordable = int((end_s - time.monotonic()) * rate_hz) - WARM_UP_NTICK
+            count = max(LEAST_NTICK, min(ntick, affordable))
+        total = count + WARM_UP_NTICK
+        channel.allow_silence(_PATIENCE * tick_step_s * total + 2 * total / rate_hz)
+        measured = record_ticks(sample.workload, count, 1e9 / rate_hz if is_paced else 0.0)
+        of_pace = pace, rate_hz if is_paced else None, timestep_s, options.tick
         samples.append(
-            StepSamples(pace, pace_hz, timestep_s, step_work, *measured, starts=sample.starts)
+            TickSamples(*of_pace, sample.observation.work, *measured, starts=sample.starts)
         )
     return samples
 
 
-def record_steps(
+def record_ticks(
     workload: Workload,
-    nstep: int,
+    ntick: int,
     period_ns: float,
     clock: Callable[[], int] = time.perf_counter_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return (nstep,) latencies in ns, and features by name; a period of 0 ns is for no pace."""
+    """Return (ntick,) latencies in ns, and features by name; a period of 0 ns is for no pace."""
     model, data = workload.model, mujoco.MjData(workload.model)
-    total = nstep + WARM_UP_NSTEP
+    total = ntick + WARM_UP_NTICK
     latency_ns, counters = np.zeros(total), np.zeros((total, len(_FEATURES)))
     usage_now = _usage_function()
     with _Collections() as collections:
         k = 0
         while k < total:
-            run = (k // workload.nstep) % workload.nbatch
+            run = (k // workload.ncontrol) % workload.nbatch
             compat.restart(model, data, workload.initial_state[run])
             due = clock() + period_ns
-            for ctrl in workload.step_control[run][: total - k]:
+            for ctrl in workload.control[run][: total - k]:
                 data.ctrl[:] = ctrl
                 collected, usage = collections.count, usage_now()
                 while period_ns and (left_ns := due - clock()) > 0:
                     if left_ns > SPIN_NS:
                         sleep((left_ns - SPIN_NS) * 1e-9)
                 begin = clock()
-                mujoco.mj_step(model, data)
+                mujoco.mj_step(model, data, workload.hold)
                 end = clock()
                 late_ns = begin - due if period_ns else 0.0
                 latency_ns[k] = end - begin + late_ns
@@ -300,7 +325,7 @@ def record_steps(
                 )
                 due += period_ns
                 k += 1
-    counted = slice(WARM_UP_NSTEP, None)
+    counted = slice(WARM_UP_NTICK, None)
     features = {name: counters[counted, i] for i, name in enumerate(_FEATURES)}
     return latency_ns[counted], features
 

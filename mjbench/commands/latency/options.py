@@ -1,30 +1,57 @@
 """The options of `mjbench latency`."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from mjbench.commands.shared_options import (
+    BudgetOptions,
     OutputOptions,
+    StartOptions,
     TimeLimitOptions,
-    WorkOptions,
-    budget_option,
+    fail_on_option,
 )
 from mjbench.options import COUNT, HERTZ, SECONDS, option
+from mjbench.status import ExitCode, exit_code
+
+if TYPE_CHECKING:
+    from mjbench.commands.latency.measure import LatencyRow
+
+
+class LatencyFinding(StrEnum):
+    """What `--fail-on` can name."""
+
+    MISSED = "missed"
 
 
 @dataclass(frozen=True, kw_only=True)
-class LatencyOptions(WorkOptions, TimeLimitOptions, OutputOptions):
-    """How single steps are measured."""
+class LatencyOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOptions):
+    """How single ticks are measured."""
 
+    EACH_S, QUICK_S = 15.0, 5.0
+    tick: int = option(
+        1,
+        COUNT,
+        "Steps of a tick: a controller sets controls once, then takes so many steps. Rate, deadline"
+        " and latency are of ticks.",
+    )
     deadline_s: float | None = option(
         None,
         SECONDS,
-        "Time by which a step should end",
-        unset="the time between two paced steps; free-running, the model's timestep",
+        "Time by which a tick should end",
+        unset="the time between two paced ticks; free-running, the simulated time of a tick",
     )
-    rate_hz: float | None = option(None, HERTZ, "Paced steps per second", unset="real time")
+    rate_hz: float | None = option(None, HERTZ, "Paced ticks per second", unset="real time")
     nstep: int | None = option(
-        None, COUNT, "Steps at each pace", unset="10,000, or what the budget allows"
+        None, COUNT, "Steps at each pace", unset="10,000 ticks, or what the budget allows"
     )
-    budget_s: float = budget_option(
-        10.0, "Time for the steps of each pace, if there are more than 1,000."
+    findings: Sequence[LatencyFinding] | None = fail_on_option(
+        LatencyFinding, "`missed`: a tick missed its deadline, free-running or paced."
     )
+
+    def exit_code(self, rows: Sequence["LatencyRow"]) -> ExitCode:
+        """Return the exit code that rows stand for; a failure outweighs a finding."""
+        code = exit_code(row.status for row in rows)
+        is_missed = bool(self.findings) and any(row.missed for row in rows)
+        return ExitCode.FINDING if code == ExitCode.OK and is_missed else code

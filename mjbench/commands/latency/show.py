@@ -7,15 +7,15 @@ import numpy as np
 
 from mjbench import formats
 from mjbench.commands.latency.measure import LatencyRow, Pace, SlowFeature, histogram_quantiles
-from mjbench.formats import duration, plain
+from mjbench.formats import count_of, duration, plain
 from mjbench.results import charts, content
 from mjbench.results.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.results.starts import starts_lines
 
-# Slow steps have a feature in common if they have so many times as much of it as all steps, and at
+# Slow ticks have a feature in common if they have so many times as much of it as all ticks, and at
 # least this much in every tenth of them.
 _FACTOR, _LEAST = 1.2, 0.1
-# What helps where slow steps have much of a feature, by its name (see `measure.py`).
+# What helps where slow ticks have much of a feature, by its name (see `measure.py`).
 _SCHEDULER = (
     "other programs took the core, physics is not slow: end them, or give the program a core of its"
     " own and a real-time priority (taskset, chrt)"
@@ -30,7 +30,7 @@ _REMEDIES = {
     "contacts": _PHYSICS,
     "solver iterations": _PHYSICS,
 }
-# Latency is drawn at the shares of steps that are one in so many.
+# Latency is drawn at the shares of ticks that are one in so many.
 _ONE_IN = np.logspace(0, 4, 41)
 _PACES = {Pace.FREE.value: charts.BLUE, Pace.PACED.value: charts.ORANGE}
 
@@ -43,17 +43,18 @@ def sections(rows: Sequence[LatencyRow]) -> Iterator[Section]:
             yield content.failure(model, of_model[0].status, of_model[0].detail)
             continue
         yield Section(
-            heading=f"{model}: latency of single steps",
+            heading=f"{model}: latency of ticks",
             conclusions=[_missed(row) for row in of_model],
             facts=[
-                f"{work.contacts:.1f} contacts and {work.solver_iterations:.1f} solver iterations a"
-                " step",
+                f"A tick is {count_of(of_model[0].tick, 'step')}; {work.contacts:.1f} contacts and"
+                f" {work.solver_iterations:.1f} solver iterations a step",
                 *starts_lines(of_model[0].starts),
+                _resolution(of_model),
             ],
             figures=[_figure(model, of_model)],
             tables=[_table(of_model)],
             notes=[
-                *(f"Slow steps, {row.pace}: {_common(row.slow)}" for row in of_model),
+                *(f"Slow ticks, {row.pace}: {_common(row.slow)}" for row in of_model),
                 *_remedies(of_model),
             ],
         )
@@ -65,8 +66,8 @@ def _remedies(rows: Sequence[LatencyRow]) -> list[str]:
     for name in names:
         causes.setdefault(_REMEDIES.get(name, ""), []).append(name)
     remedies = [f"{', '.join(same)}: {remedy}" for remedy, same in causes.items() if remedy]
-    if not remedies and any((row.missed or 0) > (row.nstep or 0) / 2 for row in rows):
-        return [f"Most steps take longer than the deadline: {_FASTER_STEPS}"]
+    if not remedies and any((row.missed or 0) > (row.ntick or 0) / 2 for row in rows):
+        return [f"Most ticks take longer than the deadline: {_FASTER_STEPS}"]
     if not remedies and any(row.missed for row in rows):
         return ["`mjbench doctor` says what delays programs on this machine"]
     return remedies
@@ -75,8 +76,14 @@ def _remedies(rows: Sequence[LatencyRow]) -> list[str]:
 def _missed(row: LatencyRow) -> Conclusion:
     assert row.deadline_s is not None, "it was measured"
     missed = row.missed or 0
-    steps = f"{missed:,} of {row.nstep:,} steps missed {duration(1e9 * row.deadline_s)}"
-    return Conclusion(f"{row.model}, {row.pace}: {steps}", Tone.BAD if missed else Tone.GOOD)
+    ticks = f"{missed:,} of {row.ntick:,} ticks missed {duration(1e9 * row.deadline_s)}"
+    return Conclusion(f"{row.model}, {row.pace}: {ticks}", Tone.BAD if missed else Tone.GOOD)
+
+
+def _resolution(rows: Sequence[LatencyRow]) -> str:
+    """Return how rare the misses are that so many ticks show with 95 % probability."""
+    rarest = (f"1 in {max(1, (row.ntick or 0) // 3):,} ({row.pace})" for row in rows)
+    return f"Misses rarer than {', '.join(rarest)} may not show: --nstep measures more ticks"
 
 
 def _table(rows: Sequence[LatencyRow]) -> DataTable:
@@ -87,7 +94,7 @@ def _table(rows: Sequence[LatencyRow]) -> DataTable:
             Column("pace"),
             lambda row: f"{row.pace} at {plain(row.rate_hz, 3)} Hz" if row.rate_hz else row.pace,
         ),
-        (Column("steps", formats.count, leaves=1), lambda row: row.nstep),
+        (Column("ticks", formats.count, leaves=1), lambda row: row.ntick),
         *(
             (Column(f"p{100 * q.quantile:g}", duration), lambda row, i=i: row.quantiles[i].ns)
             for i, q in enumerate(rows[0].quantiles)
@@ -100,7 +107,7 @@ def _table(rows: Sequence[LatencyRow]) -> DataTable:
 
 def _common(features: Sequence[SlowFeature]) -> str:
     parts = [
-        f"{plain(feature.slow, 2)} {feature.name} a step instead of {plain(feature.all, 2)}"
+        f"{plain(feature.slow, 2)} {feature.name} a tick instead of {plain(feature.all, 2)}"
         for feature in _common_features(features)
     ]
     return ", ".join(parts) or "nothing in common that was recorded"
@@ -112,25 +119,25 @@ def _common_features(features: Sequence[SlowFeature]) -> list[SlowFeature]:
 
 def _figure(model: str, rows: Sequence[LatencyRow]) -> Figure:
     four = formats.digits(4)
-    columns = (Column("one step in", four), Column("latency, µs", four), Column("pace"))
+    columns = (Column("one tick in", four), Column("latency, µs", four), Column("pace"))
     cells = [
         (float(one_in), ns / 1e3, str(row.pace))
         for row in rows
         for one_in, ns in zip(
             _ONE_IN, histogram_quantiles(row.histogram, (1 - 1 / _ONE_IN).tolist()), strict=True
         )
-        if one_in <= (row.nstep or 0)
+        if one_in <= (row.ntick or 0)
     ]
-    data = DataTable("Latency by share of steps", columns, cells)
+    data = DataTable("Latency by share of ticks", columns, cells)
     lines = {
-        "x": charts.quantity("one step in", "one step in so many is slower", log=True),
+        "x": charts.quantity("one tick in", "one tick in so many is slower", log=True),
         "y": charts.quantity("latency, µs", "latency, µs", log=True),
         "color": charts.colour("pace", _PACES),
     }
     longest = max((row.max_ns or 0.0) / 1e3 for row in rows)
     return charts.figure(
-        f"{model}: latency of single steps",
-        f"Lines that rise from the usual step to the slowest, {longest:,.0f} µs.",
+        f"{model}: latency of ticks",
+        f"Lines that rise from the usual tick to the slowest, {longest:,.0f} µs.",
         data,
         [charts.layer("line", lines, interpolate="step-after")],
         height=240,

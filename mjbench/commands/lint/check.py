@@ -3,6 +3,7 @@
 The rules are in rules.py; stepping_script.py describes a script to them.
 """
 
+import ast
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ class Finding:
       instead: functions of the engine, called with the model and the MjData, that do enough in the
         place of the callee; none where the call moves out of the loop or is deleted.
       is_wrong_result: whether the program computes or records something else than it says.
+      last_line: of a finding about several lines, such as a loop over contacts; None for one line.
     """
 
     file: str
@@ -43,6 +45,7 @@ class Finding:
     callee: str = ""
     instead: tuple[str, ...] = ()
     is_wrong_result: bool = False
+    last_line: NonNegativeInt | None = None
 
 
 def check_all(
@@ -73,7 +76,9 @@ def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
 
 def _finding(file: str, program: PythonProgram, rule: Rule, match: Match) -> Finding:
     message = match.message or rule.message
-    if match.loop is not None:
+    if isinstance(match.loop, ast.FunctionDef):
+        message += f"; {match.loop.name}() in line {match.loop.lineno} calls this"
+    elif match.loop is not None:
         message += f"; the loop in line {match.loop.lineno} calls this in every iteration"
     return Finding(
         file=file,
@@ -85,6 +90,7 @@ def _finding(file: str, program: PythonProgram, rule: Rule, match: Match) -> Fin
         callee=match.callee,
         instead=match.instead,
         is_wrong_result=rule.is_wrong_result,
+        last_line=match.node.end_lineno if match.node.end_lineno != match.node.lineno else None,
     )
 
 

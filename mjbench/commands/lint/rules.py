@@ -5,19 +5,24 @@ line of `RULES`.
 """
 
 import ast
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator
 
+from mjbench.commands.lint.contact_scans import contact_scans, names_contact
+from mjbench.commands.lint.finite_differences import finite_differences
 from mjbench.commands.lint.forward import forward_after_step
+from mjbench.commands.lint.growing_arrays import growing_arrays
 from mjbench.commands.lint.moments import rows_of_two_moments
 from mjbench.commands.lint.new_objects import (
     compiled_models,
     copied_data,
     new_data_per_episode,
+    new_device_copies,
     new_jitted_functions,
     new_renderers,
     new_rollout_pools,
 )
-from mjbench.commands.lint.repeats import Repetition, step_loop_of_helper
+from mjbench.commands.lint.repeats import in_steps
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
     dotted_name,
@@ -28,7 +33,7 @@ from mjbench.commands.lint.script_syntax import (
     names_in,
     nodes_inside,
 )
-from mjbench.commands.lint.stepping_script import Loop, SteppingScript
+from mjbench.commands.lint.stepping_script import SteppingScript
 from mjbench.commands.lint.stored_views import stored_views
 from mjbench.commands.lint.wrong_results import halves_of_runge_kutta, shared_data, written_views
 from mjbench.errors import InputError
@@ -53,6 +58,8 @@ ALLOCATIONS = {
     **dict.fromkeys(("concatenate", "append", "tile"), "concatenate"),
     **dict.fromkeys(("hstack", "vstack", "stack"), "hstack"),
 }
+# Calls that wait, or read a clock.
+_KEEPS_RATE = re.compile(r"sleep|wait|tick|time|clock|pause|perf_counter|monotonic|rate|input")
 # Calls that begin an episode.
 _EPISODE_STARTS = ("mj_resetData", "mj_resetDataKeyframe", "mj_setState", "MjData")
 
@@ -98,12 +105,16 @@ def named_access(script: SteppingScript) -> Iterator[Match]:
             mujoco.mj_step(model, data)
             angle = hip.qpos[0]
 
+    There is no finding for names of contacts, which are others in each step.
+
     Results: none change. A wrong name raises before the loop.
     """
     calls = [c for c in script.calls if script.is_named_access(c) or is_call(c, "mj_name2id")]
     loops = [*script.loops, *script.environment_loops]
-    for call, loop in _in_steps(script, calls, loops):
-        yield Match(call, COSTS_NS["named access by name"], loop=loop)
+    for call, each in in_steps(script, calls, loops):
+        scope = each.functions[-1] if each.functions else each.loop
+        if not names_contact(script, call, scope):
+            yield Match(call, COSTS_NS["named access by name"], loop=each.calling_loop)
 
 
 @rule(
@@ -124,29 +135,19 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
 
     Results: none change, unless the program keeps the arrays: then it needs one for each step.
     """
+    growing = {match.node for match in growing_arrays.matches(script)}
     arrays = [
         call
         for call in script.calls
         if is_call(call, *ALLOCATIONS)
         and is_numpy_call(call)
         and not any(keyword.arg == "out" for keyword in call.keywords)
+        and growing.isdisjoint(script.above(call))  # they go with it
     ]
-    for call, loop in _in_steps(script, arrays, script.loops):
+    for call, each in in_steps(script, arrays, script.loops):
         if not script.is_conditional(call):
-            yield Match(call, COSTS_NS[ALLOCATIONS[last_name(call.func)]], loop=loop)
-
-
-def _in_steps(
-    script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[Loop]
-) -> Iterator[tuple[ast.Call, Repetition | None]]:
-    """Yield calls that run in every step of a loop; with one in a function, its caller's loop."""
-    inside = {loop: {*nodes_inside(loop)} for loop in loops}
-    for call in calls:
-        loop = script.step_loop_around(call)
-        if loop in inside and call in inside[loop]:
-            yield call, None
-        elif (each := step_loop_of_helper(script, call)) is not None and each.loop in inside:
-            yield call, each.loop
+            cost = COSTS_NS[ALLOCATIONS[last_name(call.func)]]
+            yield Match(call, cost, loop=each.calling_loop)
 
 
 @rule(
@@ -212,6 +213,53 @@ def steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
             yield Match(call, callee="mj_step")
 
 
+@rule(
+    "MJB021",
+    "the viewer gets every step, which no screen can show; sync about 60 times a second",
+)
+def synced_viewers(script: SteppingScript) -> Iterator[Match]:
+    """Yield viewer.sync() in every step of a loop that keeps no rate.
+
+    `sync` waits for the thread that draws, and copies the state for it. With a timestep of 2 ms, a
+    simulated second has 500 steps, and a screen shows 60 frames.
+
+        while viewer.is_running():
+            mujoco.mj_step(model, data)
+            viewer.sync()
+
+        while viewer.is_running():      # instead
+            mujoco.mj_step(model, data)
+            if time.perf_counter() - synced > 1 / 60:
+                synced = time.perf_counter()
+                viewer.sync()
+
+    There is no finding where the loop sleeps, waits or reads a clock, takes several steps in an
+    iteration, or syncs under a condition.
+
+    Results: none change; what the user drags in the viewer takes effect at each `sync`.
+    """
+    viewers = {dotted_name(t) for t, v in script.values.items() if is_call(v, "launch_passive")}
+    syncs = [call for call in script.calls if is_call(call, "sync")]
+    of_viewers = [c for c in syncs if dotted_name(c.func).removesuffix(".sync") in viewers - {""}]
+    for call, each in in_steps(script, of_viewers, script.loops):
+        if not script.is_conditional(call) and _takes_single_steps(script, each.loop):
+            yield Match(call, callee="sync", loop=each.calling_loop)
+
+
+def _takes_single_steps(script: SteppingScript, loop: ast.AST) -> bool:
+    """Return whether a loop takes one step in each iteration, and keeps no rate."""
+    body = [node for statement in getattr(loop, "body", []) for node in ast.walk(statement)]
+    calls = [node for node in body if isinstance(node, ast.Call)]
+    called = [n for call in calls for f in script.functions.called(call) for n in nodes_inside(f)]
+    calls += [node for node in called if isinstance(node, ast.Call)]
+    steps = [call for call in calls if is_step(call)]
+    is_single = len(steps) == 1 and len(steps[0].args) == 2 and not steps[0].keywords
+    is_inner = any(isinstance(node, ast.For | ast.While) for node in (*body, *called))
+    return (
+        is_single and not is_inner and not any(_KEEPS_RATE.search(last_name(c.func)) for c in calls)
+    )
+
+
 RULES = (
     logged_views,
     named_access,
@@ -229,6 +277,11 @@ RULES = (
     rows_of_two_moments,
     written_views,
     steps_in_a_row,
+    growing_arrays,
+    contact_scans,
+    finite_differences,
+    synced_viewers,
+    new_device_copies,
 )
 
 

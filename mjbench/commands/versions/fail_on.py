@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from mjbench.options import FLAG, Kind, option, parsed
+from mjbench.commands.shared_options import fail_on_option
+from mjbench.options import FLAG, option
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
 
@@ -23,21 +24,6 @@ class GateFinding(StrEnum):
     INCONCLUSIVE = Verdict.INCONCLUSIVE
 
 
-def _findings(text: str) -> list[GateFinding]:
-    words = [word for word in text.split(",") if word.strip()]
-    if not words:
-        raise ValueError
-    return parsed(",".join(words), lambda word: GateFinding(word.strip()))
-
-
-_FINDINGS = Kind(
-    "FINDING,…",
-    "str",
-    _findings,
-    expected=f"one of {', '.join(GateFinding)}, or several with commas",
-)
-
-
 @dataclass(frozen=True)
 class FailOnOptions:
     """What the exit code of a command depends on, beside failures.
@@ -46,14 +32,10 @@ class FailOnOptions:
       allow_inconclusive: whether a verdict on speed may be inconclusive.
     """
 
-    findings: Sequence[GateFinding] | None = option(
-        None,
-        _FINDINGS,
-        f"Exit 1 for one of these: {', '.join(GateFinding)}. Exit 3 when it cannot be decided:"
-        " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
-        " work was not compared.",
-        "--fail-on",
-        of_functions=False,
+    findings: Sequence[GateFinding] | None = fail_on_option(
+        GateFinding,
+        "Exit 3 when it cannot be decided: the verdict is inconclusive, it may be due to where a"
+        " build's code lies in memory, or the work was not compared.",
     )
     allow_inconclusive: bool = option(
         False,

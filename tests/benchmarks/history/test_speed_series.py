@@ -4,18 +4,11 @@ import math
 from dataclasses import replace
 
 import pytest
-from speed_histories import history, record
+from speed_histories import record
 
 from benchmarks.history import speed_series
 from benchmarks.history.release_ratios import OperationRatioRecord, StepRatioRecord
 from mjbench.status import Status
-
-
-def test_a_change_point_is_named_by_the_releases_around_it() -> None:
-    result = history([0.8] * 6 + [1.0] * 6)
-    (point,) = result.changes.change_points
-    before, after = result.pair(point.index)
-    assert (before.release, after.release) == ("1.5", "1.6")
 
 
 def test_releases_are_in_the_order_of_their_versions_and_no_failures() -> None:

@@ -1,28 +1,32 @@
-"""What is computed from single steps, with a clock that the test turns."""
+"""What is computed from ticks, with a clock that the test turns."""
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from commands import mjbench
 from hdrh.histogram import HdrHistogram
 
 from mjbench.commands.latency import measure as latency
-from mjbench.commands.latency.measure import RUN_NSTEP, WARM_UP_NSTEP, Pace, StepSamples
+from mjbench.commands.latency.measure import RUN_NSTEP, WARM_UP_NTICK, Pace, TickSamples
+from mjbench.commands.latency.options import LatencyFinding, LatencyOptions
 from mjbench.errors import InputError
 from mjbench.simulation import models, workload
 from mjbench.simulation.reference_run import Work
+from mjbench.status import Status
 
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 
 
 def samples(
     latency_ns: np.ndarray, rate_hz: float | None = None, **features: np.ndarray
-) -> StepSamples:
+) -> TickSamples:
     pace = Pace.PACED if rate_hz else Pace.FREE
-    return StepSamples(pace, rate_hz, 0.002, WORK, latency_ns, features)
+    return TickSamples(pace, rate_hz, 0.002, 1, WORK, latency_ns, features)
 
 
 class Clock:
@@ -44,7 +48,7 @@ class Clock:
         self.now += round(1e9 * seconds)
 
 
-def test_quantiles_missed_deadlines_and_the_longest_step() -> None:
+def test_quantiles_missed_deadlines_and_the_longest_tick() -> None:
     latency_ns = np.arange(1, 10_001) * 1e3
     row = latency.row("m", samples(latency_ns), deadline_s=0.009)
     assert [quantile.quantile for quantile in row.quantiles] == [0.5, 0.99, 0.999]
@@ -56,16 +60,19 @@ def test_quantiles_missed_deadlines_and_the_longest_step() -> None:
     assert (row.missed, row.max_ns) == (1_000, 1e7)
 
 
-@pytest.mark.parametrize(("rate_hz", "deadline_s"), [(None, 0.002), (250.0, 0.004)])
-def test_the_deadline_is_the_time_to_the_next_step(
-    rate_hz: float | None, deadline_s: float
+@pytest.mark.parametrize(
+    ("rate_hz", "tick", "deadline_s"), [(None, 1, 0.002), (None, 3, 0.006), (250.0, 3, 0.004)]
+)
+def test_the_deadline_is_the_time_to_the_next_tick(
+    rate_hz: float | None, tick: int, deadline_s: float
 ) -> None:
-    row = latency.row("m", samples(np.full(2_000, 1e6), rate_hz), deadline_s=None)
+    of_ticks = replace(samples(np.full(2_000, 1e6), rate_hz), tick=tick)
+    row = latency.row("m", of_ticks, deadline_s=None)
     assert row.deadline_s == pytest.approx(deadline_s)
     assert row.missed == 0
 
 
-def test_what_slow_steps_have_in_common_is_found() -> None:
+def test_what_slow_ticks_have_in_common_is_found() -> None:
     latency_ns, faults = np.full(1_000, 1e4), np.zeros(1_000)
     latency_ns[::200], faults[::200] = 1e6, 2.0
     row = latency.row("m", samples(latency_ns, faults=faults, calm=np.ones(1_000)), None)
@@ -81,45 +88,90 @@ def test_the_histogram_is_one_that_others_can_read() -> None:
 
 
 def recorded(
-    clock: Clock, nstep: int, period_ns: float
+    clock: Clock, ntick: int, period_ns: float, tick: int = 1
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     model = models.load(models.resolve("cartpole"))
-    work = workload.make(model, nbatch=2, nstep=RUN_NSTEP)
-    return latency.record_steps(work, nstep, period_ns, clock, clock.sleep)
+    work = workload.make(model, nbatch=2, nstep=RUN_NSTEP, hold=tick)
+    return latency.record_ticks(work, ntick, period_ns, clock, clock.sleep)
 
 
-def test_every_free_running_step_is_recorded_and_the_warm_up_is_not() -> None:
+def test_every_free_running_tick_is_recorded_and_the_warm_up_is_not() -> None:
     latency_ns, features = recorded(Clock(10), 30, 0.0)
     np.testing.assert_array_equal(latency_ns, 10)
     assert {values.shape for values in features.values()} == {(30,)}
     assert set(features) >= {"contacts", "page faults"}
 
 
-def test_a_paced_step_is_waited_for_and_its_latency_counts_from_when_it_was_due() -> None:
+def test_a_paced_tick_is_waited_for_and_its_latency_counts_from_when_it_was_due() -> None:
     clock = Clock(1_000)
     latency_ns, _ = recorded(clock, 20, 1e6)
-    assert clock.slept_s > 0.5 * 1e-3 * (20 + WARM_UP_NSTEP)
+    assert clock.slept_s > 0.5 * 1e-3 * (20 + WARM_UP_NTICK)
     assert latency_ns.max() <= 4_000  # three readings of the clock, each of which takes 1 µs
 
 
-def test_steps_that_wait_for_a_late_one_are_late_as_well() -> None:
-    clock = Clock(1_000, pause_at_ns=1e6 * (WARM_UP_NSTEP + 30))
+def test_a_tick_takes_its_steps_under_the_same_controls(monkeypatch: pytest.MonkeyPatch) -> None:
+    controls: list[float] = []
+    real_step = mujoco.mj_step
+
+    def step(model: mujoco.MjModel, data: mujoco.MjData, nstep: int = 1) -> None:
+        if nstep == 4:
+            controls.append(float(data.ctrl[0]))
+        real_step(model, data, nstep)
+
+    monkeypatch.setattr(mujoco, "mj_step", step)
+    latency_ns, _ = recorded(Clock(10), 30, 0.0, tick=4)
+    assert latency_ns.shape == (30,)
+    assert len(controls) == 30 + WARM_UP_NTICK
+    assert len(set(controls)) > 10
+
+
+def test_a_rate_is_of_ticks_and_steps_are_whole_ticks(inline: None) -> None:
+    given = LatencyOptions(tick=4, nstep=400)
+    (row, paced) = (
+        latency.row("cartpole", each, None)
+        for each in latency.measure(models.resolve("cartpole"), given.starts, given, 1.0)
+    )
+    assert (row.tick, row.ntick, row.deadline_s) == (4, 100, pytest.approx(0.008))
+    assert paced.rate_hz == pytest.approx(125)
+    with pytest.raises(InputError, match="--nstep 401 is not a multiple of --tick 4"):
+        latency.measurement([], replace(given, nstep=401))
+
+
+@pytest.mark.parametrize(
+    ("missed", "status", "findings", "code"),
+    [
+        (1, Status.OK, [LatencyFinding.MISSED], 1),
+        (1, Status.OK, None, 0),
+        (0, Status.OK, [LatencyFinding.MISSED], 0),
+        (1, Status.TIMEOUT, [LatencyFinding.MISSED], 3),
+    ],
+)
+def test_missed_deadlines_are_a_finding_where_it_is_asked_for(
+    missed: int, status: Status, findings: list[LatencyFinding] | None, code: int
+) -> None:
+    row = latency.row("m", samples(np.full(10, 1e6)), 1.0)
+    rows = [replace(row, missed=missed), replace(row, status=status)]
+    assert LatencyOptions(findings=findings).exit_code(rows) == code
+
+
+def test_ticks_that_wait_for_a_late_one_are_late_as_well() -> None:
+    clock = Clock(1_000, pause_at_ns=1e6 * (WARM_UP_NTICK + 30))
     latency_ns, _ = recorded(clock, 80, 1e6)
     late = latency_ns[latency_ns > 100_000]
     assert len(late) >= 4
     assert (np.diff(late) < 0).all()
 
 
-def test_latency_prints_both_paces_and_what_slow_steps_share(tmp_path: Path, inline: None) -> None:
-    words = ["--nstep", "1000", "--rate", "5000", "--json", "out.json"]
-    done = mjbench("latency", "cartpole", *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+def test_latency_prints_both_paces_and_what_slow_ticks_share(tmp_path: Path, inline: None) -> None:
+    words = ["--nstep", "1000", "--rate", "5000", "--deadline", "1us", "--json", "out.json"]
+    done = mjbench("latency", "cartpole", *words, "--fail-on", "missed", cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
     assert "free-running" in done.stdout
     assert "paced at 5000 Hz" in done.stdout
-    assert done.stdout.count("Slow steps") == 2
+    assert done.stdout.count("Slow ticks") == 2
     again = mjbench("show", "--json", "-", cwd=tmp_path)
     assert json.loads(again.stdout) == json.loads((tmp_path / "out.json").read_text())
-    assert "free-running" in again.stderr
+    assert "free-running" in mjbench("show", cwd=tmp_path).stdout
 
 
 def test_quantiles_are_read_back_from_the_histogram() -> None:

@@ -1,4 +1,4 @@
-"""What the latency of single steps comes to."""
+"""What the latency of ticks comes to."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,13 +10,13 @@ from example_records import WORK
 
 from mjbench.commands.latency import measure as latency
 from mjbench.commands.latency import show as report
-from mjbench.commands.latency.measure import Pace, StepSamples
+from mjbench.commands.latency.measure import Pace, TickSamples
 from mjbench.results.content import Tone
 
 
-def samples(pace: Pace, latency_ns: Sequence[float]) -> StepSamples:
+def samples(pace: Pace, latency_ns: Sequence[float]) -> TickSamples:
     rate = 500.0 if pace == Pace.PACED else None
-    return StepSamples(pace, rate, 0.002, WORK, np.asarray(latency_ns), {})
+    return TickSamples(pace, rate, 0.002, 1, WORK, np.asarray(latency_ns), {})
 
 
 def test_what_slow_steps_share_has_a_remedy() -> None:
@@ -26,7 +26,7 @@ def test_what_slow_steps_share_has_a_remedy() -> None:
         features={"µs of late start": np.array([1.0] * 990 + [4000.0] * 10)},
     )
     (section,) = report.sections([latency.row("m", late, None)])
-    assert section.notes[0].startswith("Slow steps, paced: 4000 µs of late start")
+    assert section.notes[0].startswith("Slow ticks, paced: 4000 µs of late start")
     assert section.notes[1].startswith("µs of late start: other programs took the core")
     (unknown,) = report.sections([latency.row("m", replace(late, features={}), None)])
     assert unknown.notes[-1] == "`mjbench doctor` says what delays programs on this machine"
@@ -40,7 +40,10 @@ def test_latency_is_drawn_as_far_as_there_are_steps() -> None:
     ]
     (section,) = report.sections(rows)
     assert [c.tone for c in section.conclusions] == [Tone.BAD, Tone.GOOD]
-    assert "1 of 1,000 steps missed 2 ms" in section.conclusions[0].text
+    assert "1 of 1,000 ticks missed 2 ms" in section.conclusions[0].text
+    assert section.facts[-1].startswith(
+        "Misses rarer than 1 in 333 (free-running), 1 in 333 (paced)"
+    )
     (figure,) = section.figures
     steps = [row[0] for row in figure.data.rows]
     assert max(float(step or 0) for step in steps) == pytest.approx(1000, rel=0.3)

@@ -68,13 +68,3 @@ def test_a_view_of_an_mjdata_of_the_same_iteration_is_no_finding(tmp_path: Path)
         "    log.append(data.qpos)\n"
     )
     assert "MJB001" not in codes(tmp_path, text)
-
-
-def test_contacts_are_exactly_those_of_the_step(tmp_path: Path) -> None:
-    text = (
-        "for i in range(9):\n"
-        "    mujoco.mj_step(model, data)\n"
-        "    deepest = min((c.dist for c in data.contact), default=0)\n"
-        "    n = len(data.contact)\n"
-    )
-    assert codes(tmp_path, text) == []

@@ -210,7 +210,6 @@ def test_inputs_that_the_program_sets_between_steps_are_named(tmp_path: Path) ->
             data.xfrc_applied[2, 0] = i
             data.mocap_pos[0, 2] = -1 - 0.01 * i
             mujoco.mj_step(model, data)
-    assert capture.result is not None
     assert capture.result.changed_inputs == ("mocap_pos", "xfrc_applied")
     assert "it sets mocap_pos, xfrc_applied between steps" in str(capture.result)
     recorded = captured_states(capture, model)
@@ -234,7 +233,6 @@ def test_the_model_that_is_stepped_most_is_captured_and_others_are_named(tmp_pat
         with mjbench.capture(file, model=chosen) as capture:
             both()
         result = capture.result
-        assert result is not None
         assert (result.model, [o.name for o in result.others]) == (name, [other])
         assert result.steps + result.others[0].steps == 7
 
@@ -273,7 +271,6 @@ def test_a_model_that_is_compiled_anew_or_changed_is_one_model(tmp_path: Path) -
             model.body_mass[2] += episode // 2
             data = mujoco.MjData(model)
             mujoco.mj_step(model, data, 3)
-    assert capture.result is not None
     assert (capture.result.steps, capture.result.variants) == (12, 2)
     assert "the program changes its model: 2 variants of it" in str(capture.result)
 
@@ -319,7 +316,6 @@ def test_a_window_ends_when_its_simulation_is_no_longer_stepped(
         mujoco.mj_step(CARTPOLE, first)
         for _ in range(50):
             mujoco.mj_step(CARTPOLE, second)
-    assert capture.result is not None
     assert capture.result.windows > 1
 
 
@@ -487,7 +483,6 @@ def test_a_module_that_bound_a_stepping_function_is_named(
         mjbench.capture(tmp_path / "states.npz") as capture,
     ):
         vars(early)["mj_step"](CARTPOLE, mujoco.MjData(CARTPOLE))
-    assert capture.result is not None
     assert (capture.result.file, capture.result.unseen) == (None, ("early_binder",))
 
 
@@ -528,7 +523,6 @@ def test_compiled_models_wait_in_files_and_not_in_the_memory_of_the_program() ->
     recorder = captured_steps.StepRecorder(10, 1, with_mjb=True)
     recorder.wrappers()["mj_step"](mujoco.mj_step)(CARTPOLE, mujoco.MjData(CARTPOLE))
     (recorded,) = recorder.models()
-    assert recorded.mjb is not None
     assert os.fstat(recorded.mjb.fileno()).st_size == mujoco.mj_sizeModel(CARTPOLE)
     recorder.close()
     assert recorded.mjb.closed

@@ -1,0 +1,120 @@
+"""Arrays that a stepping loop makes longer by copying them."""
+
+from pathlib import Path
+
+import pytest
+from linted import findings, places
+
+SETUP = """
+model = mujoco.MjModel.from_xml_string(XML)
+data = mujoco.MjData(model)
+log, rows, marks = np.empty((0, 3)), [], ()
+for t in range({count}):
+    mujoco.mj_step(model, data)
+    {line}
+"""
+
+
+def looping(line: str, count: str = "steps") -> str:
+    return SETUP.format(line=line, count=count)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "log = np.vstack([log, data.qpos])",
+        "log = np.vstack((data.qpos, log))",
+        "log = np.append(log, data.qpos[None], axis=0)",
+        "log = np.concatenate([log, [np.hstack([data.time, data.ctrl])]])",
+        "log = np.hstack([log, data.qpos[:, None]])",
+        "log = np.r_[log, data.qpos]",
+        "rows = rows + [data.qpos.copy()]",
+        "marks += (data.time,)",
+    ],
+)
+def test_what_is_replaced_by_a_longer_copy_in_every_step_is_found(
+    tmp_path: Path, line: str
+) -> None:
+    assert places(tmp_path, looping(line)) == [("MJB018", line)]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "log = np.zeros(0); log = np.append(log, data.qpos)",
+        "log = np.vstack([log, data.qpos]); log = log[-9:]",
+        "log = np.vstack([log[1:], data.qpos])",
+        "log = np.vstack([log, data.qpos])[-9:]",
+        "row = np.vstack([log, data.qpos])",
+        "log = np.concatenate([log])",
+        "log = np.concatenate(log)",
+        "log += [1.0, 2.0, 3.0]",
+        "log = log + [1.0, 2.0, 3.0]",
+        "rows += [data.time]",
+        "log += (1.0, 2.0, 3.0)",
+        "if data.ncon > 9: log = np.vstack([log, data.qpos])",
+        "log = stack([log, data.qpos])",
+        "for log in parts: log = np.append(log, data.qpos)",
+    ],
+)
+def test_what_begins_anew_or_grows_in_place_or_seldom_is_no_finding(
+    tmp_path: Path, line: str
+) -> None:
+    assert findings(tmp_path, looping(line), "MJB018") == []
+
+
+def test_a_short_loop_is_no_finding(tmp_path: Path) -> None:
+    line = "log = np.vstack([log, data.qpos])"
+    assert findings(tmp_path, looping(line, "99"), "MJB018") == []
+    assert len(findings(tmp_path, looping(line, "100"), "MJB018")) == 1
+
+
+ENVIRONMENT = """
+class Env:
+    def __init__(self):
+        self.log = np.empty((0, 3))
+    def {beginning}(self):
+        self.log = np.empty((0, 3))
+    def record(self):
+        self.log = np.vstack([self.log, self.data.qpos])
+env = Env()
+for t in range(steps):
+    mujoco.mj_step(env.model, env.data)
+    env.record()
+"""
+
+
+def test_an_attribute_grows_in_a_method_that_every_step_calls(tmp_path: Path) -> None:
+    (finding,) = findings(tmp_path, ENVIRONMENT.format(beginning="reset_model"), "MJB018")
+    assert finding.message.endswith("; the loop in line 13 calls this in every iteration")
+
+
+def test_an_attribute_that_another_method_begins_anew_is_no_finding(tmp_path: Path) -> None:
+    assert findings(tmp_path, ENVIRONMENT.format(beginning="flush"), "MJB018") == []
+
+
+def test_a_name_of_a_function_begins_anew_with_each_call(tmp_path: Path) -> None:
+    text = """
+        def observe(data):
+            row = data.qpos
+            row = np.append(row, data.qvel)
+            return row
+        for t in range(steps):
+            mujoco.mj_step(model, data)
+            observe(data)
+    """
+    assert findings(tmp_path, text, "MJB018") == []
+
+
+def test_an_attribute_grows_in_a_method_that_steps(tmp_path: Path) -> None:
+    text = """
+        class Env:
+            def step(self, action):
+                mujoco.mj_step(self.model, self.data)
+                self.log = np.vstack([self.log, self.data.qpos])
+                {after}
+            def reset(self):
+                self.log = np.empty((0, 3))
+    """
+    assert len(findings(tmp_path, text.format(after="pass"), "MJB018")) == 1
+    assert findings(tmp_path, text.format(after="self.log = self.log[-9:]"), "MJB018") == []
