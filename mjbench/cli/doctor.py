@@ -1,5 +1,7 @@
 """`mjbench doctor`: what on this machine spoils measurements."""
 
+import time
+
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
@@ -29,11 +31,12 @@ def doctor(options: DoctorOptions) -> None:
     from mjbench.results.content import Section
     from mjbench.results.terminal import print_lines
 
+    end_s = time.monotonic() + options.budget.whole_s
     with RunContext(options) as run:
         rows = all_conditions(neighbours.measuring_now())
         conditions = Section("This machine", facts=[*condition_lines(rows)])
         print_lines(run.out, conditions.facts)
-        noise = compare_with_itself(options.budget_s)
+        noise = compare_with_itself(end_s - time.monotonic())
         sections = [noise_section(noise, rows), conditions]
         run.show(sections[:1])
         document = DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise)

@@ -14,8 +14,8 @@ from mjbench.simulation import compat
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product, whole_holds
 
-# Seconds for each model, agreement included, that paths which run C may take; and with --quick.
-BUDGET_S, QUICK_BUDGET_S = 23.0, 5.0
+# Seconds for each model, agreement included, that paths which run C may take.
+BUDGET_S = 23.0
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
 # LONG_BLOCK_S, they shrink until it takes about BLOCK_S: first the steps, then the simulations, to

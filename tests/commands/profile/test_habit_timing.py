@@ -50,7 +50,7 @@ def test_the_budget_bounds_the_launches(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(isolate, "call", call)
     for budget_s, count in (
         (0.5, habit_timing.LEAST_LAUNCHES),
-        (3.5, 4),
+        (4.5, 4),
         (100.0, habit_timing.LAUNCHES),
     ):
         ended.clear()
