@@ -94,8 +94,6 @@ def crash(request: Any, channel: Channel) -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
-
-
 def hang(request: Any, channel: Channel) -> None:
     grandchild = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
     channel.doing("nothing at all", position=0)
@@ -111,8 +109,6 @@ def wait_for_file(request: WaitRequest, channel: Channel) -> None:
     while not request.file.exists():
         time.sleep(0.01)
     channel.send(Text("done"))
-
-
 
 
 def close_every_descriptor(request: Any, channel: Channel) -> None:

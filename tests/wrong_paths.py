@@ -66,8 +66,6 @@ class Right(_Wrong):
         return prepared
 
 
-
-
 class ColdWarmStart(_Wrong):
     name = "wrong_paths:ColdWarmStart"
 
