@@ -167,9 +167,7 @@ def test_the_command_compares_functions_and_writes_json(
     assert row["time"] is None
 
 
-@pytest.mark.parametrize(
-    ("factor", "verdict", "code"), [(1.0, "same", 0), (1.02, "slower", 1), (0.9, "faster", 0)]
-)
+@pytest.mark.parametrize(("factor", "verdict", "code"), [(1.0, "same", 0), (1.02, "slower", 1)])
 def test_instructions_can_gate_an_upgrade(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, factor: float, verdict: str, code: int
 ) -> None:
