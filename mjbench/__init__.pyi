@@ -27,6 +27,7 @@ def checkup(
     *arguments: str,
     budget_s: float | None = None,
     quick: bool = False,
+    seconds: float | None = 40.0,
     settle_s: float | None = None,
     states: States | None = None,
     time_limit_s: float = 60.0,
@@ -45,6 +46,8 @@ def checkup(
       on_progress: called with what is measured now, and the share of all work that is done.
       budget_s: Time of the whole command. In seconds. Default: 60s.
       quick: A first impression, often uncertain: 15s.
+      seconds: End the program, as Ctrl-C would, when it has stepped for this long, with MJX alone
+        from its first compiled function on; `none` runs it to its end. In seconds.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
       states: Draw start states, and their controls if there are any, from this file, which

@@ -239,6 +239,18 @@ def _seconds(bounds: Bounds) -> Kind:
     )
 
 
+def or_none(kind: Kind) -> Kind:
+    """Return the kind that also has None, which `none` stands for on the command line."""
+    return replace(
+        kind,
+        metavar=f"{kind.metavar}|none",
+        annotation=f"{kind.annotation} | None",
+        read=lambda text: None if text == "none" else kind.read(text),
+        check=lambda name, value: None if value is None else kind.check(name, value),
+        expected=f"{kind.expected}, or none",
+    )
+
+
 def _large(name: str, value: Any) -> Any:
     def number_of(value: Any) -> int:
         return int(value) if isinstance(value, float) and value.is_integer() else _index(value)
