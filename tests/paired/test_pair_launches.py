@@ -282,4 +282,4 @@ def test_launches_end_with_the_time_limit_and_what_they_gave() -> None:
 def test_a_time_limit_that_allows_no_answer_is_explained() -> None:
     count, ending = launched(50, limit_s=2.0)
     assert (count, ending.status) == (2, Status.OK)
-    assert "a test needs at least 4 launches: give --budget 5s or more" in ending.detail
+    assert "a test needs at least 4 launches, 5 s in all: give a longer --budget" in ending.detail
