@@ -1,13 +1,14 @@
 """Options that several commands have, in groups; `mjbench.options` says what becomes of them."""
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.measuring.budget import Budget
+from mjbench.measuring.budget import AROUND_S, Budget
 from mjbench.options import (
     COUNT,
     FLAG,
@@ -249,12 +250,16 @@ class BudgetOptions:
         False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s for each {0.THING}."
     )
 
+    begin_s: float = field(default_factory=time.monotonic, init=False, compare=False, repr=False)
+
     @property
     def budget(self) -> Budget:
         """Return the time of the command; InputError where it is given twice."""
         if self.quick and self.budget_s is not None:
             raise InputError("--quick is a short --budget: give one of the two")
-        return Budget(self.QUICK_S if self.quick else self.EACH_S, self.budget_s, self.THING)
+        spent_s = AROUND_S + time.monotonic() - self.begin_s  # imports take most of it
+        each_s = self.QUICK_S if self.quick else self.EACH_S
+        return Budget(each_s, self.budget_s, self.THING, spent_s)
 
 
 @dataclass(frozen=True, kw_only=True)
