@@ -15,10 +15,9 @@ from mjbench.options import (
     SECONDS_OR_ZERO,
     SEED,
     THREADS,
-    Kind,
     file,
+    names_among,
     option,
-    parsed,
     text,
 )
 from mjbench.paired.metrics import Metric
@@ -196,17 +195,8 @@ def check_holds(nstep: int | None, hold: int, flag: str = "--hold") -> None:
 
 def fail_on_option(finding: type[StrEnum], help_text: str) -> Any:
     """Return the option `--fail-on`, whose value is a list of findings."""
-
-    def read(text: str) -> list[StrEnum]:
-        words = [word for word in text.split(",") if word.strip()]
-        if not words:
-            raise ValueError
-        return parsed(",".join(words), lambda word: finding(word.strip()))
-
-    names = ", ".join(finding)
-    expected = f"one of {names}, or several with commas"
-    kind = Kind("FINDING,…", "str", read, expected=expected)
-    help_text = f"Exit 1 for one of these: {names}. {help_text}"
+    kind = names_among(finding, "FINDING,…")
+    help_text = f"Exit 1 for one of these: {', '.join(finding)}. {help_text}"
     return option(None, kind, help_text, "--fail-on", of_functions=False)
 
 
@@ -255,11 +245,9 @@ def top_option() -> Any:
     return option(15, COUNT, "List this many functions.", of_functions=False)
 
 
-def code_option(
-    help_text: str = "Print the Python code, too, such as that of advised paths.",
-) -> Any:
+def code_option() -> Any:
     """Return the option `--code`."""
-    return option(False, FLAG, help_text, of_functions=False)
+    return option(False, FLAG, "Print the Python code, too.", of_functions=False)
 
 
 def threads_option() -> Any:

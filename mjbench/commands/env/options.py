@@ -1,6 +1,7 @@
 """The options of `mjbench env`."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from mjbench.commands.shared_options import (
     BudgetOptions,
@@ -9,10 +10,16 @@ from mjbench.commands.shared_options import (
     threads_option,
 )
 from mjbench.limits import Bounds
-from mjbench.options import FLAG, SEED, THREADS, count, option
+from mjbench.options import SEED, THREADS, count, names_among, option
 
 # Steps of an environment that are recorded at most: each holds two states and its controls.
 MAX_NSTEP = 100_000
+
+
+class EnvironmentPart(StrEnum):
+    """What `--skip` can name."""
+
+    VECTORS = "vectors"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,4 +43,6 @@ class EnvironmentOptions(BudgetOptions, TimeLimitOptions, OutputOptions):
         "Numbers of environments in vectorised forms",
         unset="1, 2, 4, … usable cores",
     )
-    no_vector: bool = option(False, FLAG, "Leave out vectorised forms.")
+    skip: list[EnvironmentPart] | None = option(
+        None, names_among(EnvironmentPart), "Parts to leave out: vectors, the vectorised forms."
+    )

@@ -26,7 +26,7 @@ class HabitOptions(BudgetOptions, LoopStartOptions, TimeLimitOptions, OutputOpti
     """How habits of a loop are timed."""
 
     EACH_S, QUICK_S = 30.0, 10.0
-    code: bool = code_option("Print each habit's loop, and its cheaper form.")
+    code: bool = code_option()
 
 
 @dataclass(frozen=True, kw_only=True)
