@@ -3,7 +3,7 @@
 import time
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli
+from mjbench.cli.group import cli, command_line
 from mjbench.cli.shared import takes
 from mjbench.commands.doctor.options import DoctorOptions
 from mjbench.status import ExitCode
@@ -41,7 +41,7 @@ def doctor(options: DoctorOptions) -> None:
         sections = [noise_section(noise, rows), conditions]
         run.show(sections[:1])
         document = DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise)
-        run.write_forms(forms.of_sections(sections, document, [*rows, noise]))
+        run.write_forms(forms.of_sections(command_line(), sections, document, [*rows, noise]))
     if noise.decidable is None:
         run.exit_with(ExitCode.ENVIRONMENT)
     is_fit = noise.trusted and all(row.grade != Grade.BAD for row in rows)

@@ -74,8 +74,8 @@ class RunFileOptions:
     resume: Path | None = option(
         None,
         file("RUN"),
-        "Continue this run file: what is finished in it is not measured again. The rest of the"
-        " command must be as it was.",
+        "Continue this run file (-1 is the newest): what is finished in it is not measured again."
+        " The rest of the command must be as it was.",
         of_functions=False,
     )
     wait: bool | None = option(

@@ -65,6 +65,13 @@ def test_an_environment_is_measured_and_compared() -> None:
         assert len(path.ns) == (rounds if path.status == Status.OK else 0)
 
 
+def test_another_framework_is_measured_as_well(inline: None) -> None:
+    record = measured("robosuite")
+    assert (record.status, record.facts.framework) == (Status.OK, "robosuite")
+    assert record.facts.calls == ["4 × (mj_step1, mj_step2)"]
+    assert record.check.status == Status.OK
+
+
 @pytest.mark.parametrize(
     ("factory", "status", "detail"),
     [
