@@ -53,7 +53,7 @@ def checkup(
       states: Draw start states, and their controls if there are any, from this file, which
         `mjbench.capture` wrote in your program, or which has arrays by MjData field, as
         `mjbench.record` returns them. A path, or a dictionary of arrays.
-      time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
+      time_limit_s: Kill a process of a model that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
     Raises:
@@ -117,7 +117,7 @@ def compare(
       actions: Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape
         (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of a control. A
         path, or an array.
-      time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
+      time_limit_s: Kill a process of a model that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
     Raises:
@@ -167,7 +167,7 @@ def latency(
       actions: Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape
         (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of a control. A
         path, or an array.
-      time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
+      time_limit_s: Kill a process of a model that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
     Raises:
@@ -200,7 +200,7 @@ def profile(
       states: Draw start states, and their controls if there are any, from this file, which
         `mjbench.capture` wrote in your program, or which has arrays by MjData field, as
         `mjbench.record` returns them. A path, or a dictionary of arrays.
-      time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
+      time_limit_s: Kill a process of a model that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
     Raises:

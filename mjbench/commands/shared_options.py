@@ -57,9 +57,9 @@ class FormOptions(JsonOptions):
     csv_file: str | None = output_option("--csv", "results as CSV")
 
 
-def results_option(folder: Path, help_text: str = "Folder for the run file.") -> Any:
+def results_option(default: Path | None = RESULTS_FOLDER, unset: str = "") -> Any:
     """Return the option `--results`."""
-    return option(folder, file("DIR"), help_text, of_functions=False)
+    return option(default, file("DIR"), "Folder of run files.", unset=unset, of_functions=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ class RunFileOptions:
       wait: whether to wait for others that measure here; None for a command that measures no time.
     """
 
-    results: Path = results_option(RESULTS_FOLDER, "Folder for run files.")
+    results: Path = results_option()
     resume: Path | None = option(
         None,
         file("RUN"),
@@ -88,16 +88,17 @@ class OutputOptions(RunFileOptions, FormOptions):
     """Where results go."""
 
 
+def time_limit_option(default_s: float) -> Any:
+    """Return the option `--time-limit`."""
+    help_text = "Kill a process of a model that reports nothing for this long."
+    return option(default_s, SECONDS, help_text, is_stored=False)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TimeLimitOptions:
     """How long a child process may be silent."""
 
-    time_limit_s: float = option(
-        TIME_LIMIT_S,
-        SECONDS,
-        "Kill a model's process that reports nothing for this long.",
-        is_stored=False,
-    )
+    time_limit_s: float = time_limit_option(TIME_LIMIT_S)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,11 +6,12 @@ from enum import StrEnum
 from mjbench.commands.shared_options import (
     BudgetOptions,
     OutputOptions,
+    SeedOptions,
     TimeLimitOptions,
     threads_option,
 )
 from mjbench.limits import Bounds
-from mjbench.options import SEED, THREADS, count, names_among, option
+from mjbench.options import THREADS, count, names_among, option
 
 # Steps of an environment that are recorded at most: each holds two states and its controls.
 MAX_NSTEP = 100_000
@@ -23,7 +24,7 @@ class EnvironmentPart(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnvironmentOptions(BudgetOptions, TimeLimitOptions, OutputOptions):
+class EnvironmentOptions(BudgetOptions, SeedOptions, TimeLimitOptions, OutputOptions):
     """How an environment is measured."""
 
     EACH_S, QUICK_S, THING = 24.0, 10.0, "environment"
@@ -33,9 +34,6 @@ class EnvironmentOptions(BudgetOptions, TimeLimitOptions, OutputOptions):
         "Steps of the environment to record and repeat in every round",
         unset="as many as take 0.1 s, from 50 to 1000",
     )
-    seed: int = option(
-        0, SEED, "Seed of actions and of the first reset; each further episode has the next."
-    )
     threads: list[int] | None = threads_option()
     nbatch: list[int] | None = option(
         None,
@@ -44,5 +42,5 @@ class EnvironmentOptions(BudgetOptions, TimeLimitOptions, OutputOptions):
         unset="1, 2, 4, … usable cores",
     )
     skip: list[EnvironmentPart] | None = option(
-        None, names_among(EnvironmentPart), "Parts to leave out: vectors, the vectorised forms."
+        None, names_among(EnvironmentPart), "Leave out these parts: vectors, the vectorised forms."
     )

@@ -9,9 +9,10 @@ from mjbench.commands.shared_options import (
     SizeOptions,
     TimeLimitOptions,
     code_option,
+    time_limit_option,
     top_option,
 )
-from mjbench.options import SECONDS, option, text
+from mjbench.options import option, text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,5 @@ class InstructionOptions(SizeOptions, OutputOptions):
         unset="installed",
     )
     top: int = top_option()
-    time_limit_s: float = option(
-        600.0, SECONDS, "Kill a release's process that finishes no model for this long."
-    )
+    time_limit_s: float = time_limit_option(600.0)
     wait: None = None

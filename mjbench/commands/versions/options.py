@@ -124,7 +124,7 @@ class ExplainOptions(JudgingOptions, OutputOptions):
 
     top: int = top_option()
     skip: list[ExplainPart] | None = option(
-        None, names_among(ExplainPart), "Parts to leave out: times, the wall-clock times."
+        None, names_among(ExplainPart), "Leave out these parts: times, the wall-clock times."
     )
 
 
