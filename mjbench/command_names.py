@@ -55,7 +55,6 @@ _MODULES = {"models": "listings", "paths": "listings", "versions --explain": "ve
 
 # Modes, and commands of groups, by what their results are named after.
 _OF_RESULTS: Mapping[str, str] = {
-    "diff": "show --against",
     "explain": "versions --explain",
     "installs": "releases installs",
     "instructions": "profile --instructions",
