@@ -57,12 +57,12 @@ def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
 def profile_instructions(sources: list[ModelSource], options: InstructionOptions) -> None:
     """Count instructions per step, by function and stage; within 0.1 % the same on a busy machine.
 
-    Needs valgrind. The first RELEASE draws start states and controls; every other one does the same
+    Needs valgrind. The first release draws start states and controls; every other one does the same
     work. Without a MODEL: all shipped models.
 
     \b
     Example:
-      mjbench profile --instructions humanoid --release 3.3.0 --release 4.0.0
+      mjbench profile --instructions humanoid --releases 3.3.0,4.0.0
     """
     from mjbench.commands.profile.driver import of_instructions
     from mjbench.counts import show

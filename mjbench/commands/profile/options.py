@@ -12,7 +12,7 @@ from mjbench.commands.shared_options import (
     time_limit_option,
     top_option,
 )
-from mjbench.options import option, text
+from mjbench.options import NAMES, option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,13 +34,7 @@ class HabitOptions(BudgetOptions, LoopStartOptions, TimeLimitOptions, OutputOpti
 class InstructionOptions(SizeOptions, OutputOptions):
     """How instructions are counted."""
 
-    releases: tuple[str, ...] = option(
-        (),
-        text("RELEASE", is_repeated=True),
-        "Release to count in; may be given several times.",
-        "--release",
-        unset="installed",
-    )
+    releases: list[str] | None = option(None, NAMES, "Releases to count in", unset="installed")
     top: int = top_option()
     time_limit_s: float = time_limit_option(600.0)
     wait: None = None
