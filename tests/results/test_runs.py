@@ -166,19 +166,19 @@ def test_a_run_without_a_record_is_the_latest_only_where_no_other_has_one(tmp_pa
     for number, file in enumerate((older, newer)):
         file.write_text('{"type": "run"}\n')
         os.utime(file, (number, number))
-    assert runs.latest(tmp_path) == newer
+    assert runs.newest_first(tmp_path)[0] == newer
     older.write_text('{"type": "run"}\n{"type": "model"}\n')
     os.utime(older, (0, 0))
-    assert runs.latest(tmp_path) == older
+    assert runs.newest_first(tmp_path)[0] == older
 
 
 def test_the_latest_is_the_newest(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no run file"):
-        runs.latest(tmp_path)
+        runs.newest_first(tmp_path)
     for age_s, name in ((10, "b"), (0, "a"), (20, "c")):
         (tmp_path / f"{name}.jsonl").write_text("{}")
         os.utime(tmp_path / f"{name}.jsonl", (1e9 - age_s, 1e9 - age_s))
-    assert runs.latest(tmp_path) == tmp_path / "a.jsonl"
+    assert runs.newest_first(tmp_path)[0] == tmp_path / "a.jsonl"
 
 
 def test_what_is_no_run_file_does_not_hide_an_older_one(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_what_is_no_run_file_does_not_hide_an_older_one(tmp_path: Path) -> None:
     (tmp_path / "empty.jsonl").touch()
     (tmp_path / "dangling.jsonl").symlink_to("nowhere")
     (tmp_path / "folder.jsonl").mkdir()
-    assert runs.latest(tmp_path) == path
+    assert runs.newest_first(tmp_path)[0] == path
 
 
 @pytest.mark.parametrize(
@@ -289,4 +289,4 @@ def test_records_that_are_dropped_stay_in_a_file_beside(tmp_path: Path) -> None:
     backup = path.with_name(f"{path.name}.bak")
     assert sorted(tmp_path.iterdir()) == [path, backup]
     assert backup.read_text() == before
-    assert runs.latest(tmp_path) == path
+    assert runs.newest_first(tmp_path)[0] == path
