@@ -71,7 +71,8 @@ def timing() -> Iterator[str]:
     yield f"All intervals are at {percent(race_record.CONFIDENCE)}"
     yield f"The time for one model, {plan.BUDGET_S:.0f} s by default"
     yield f"`--quick` is {CompareOptions.QUICK_S:.0f} s"
-    yield f"certainly within {margin}, and within {percent(race_record.MARGIN / 2)} by estimate"
+    as_good = race_record.AS_GOOD
+    yield f"certainly within {percent(as_good)}, and within {percent(as_good / 2)} by estimate"
     yield f"no other path of the race can be faster by {margin}"
     yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
     yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is certain"

@@ -27,6 +27,7 @@ from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.env.options import EnvironmentOptions
 from mjbench.commands.record import capture
 from mjbench.commands.run import show as program
+from mjbench.commands.run.options import PROGRAM_S
 from mjbench.commands.show import run_differences
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.tune import reference
@@ -73,6 +74,7 @@ def durations() -> Iterator[str]:
         yield f"| {takes} |"
         if kind is CompareOptions:
             yield f"| {takes} and compiling |"
+    yield f"| {PROGRAM_S:.0f} s |"
     yield f"| {checkup.TOTAL_S / 60:.0f} min |"
 
 
@@ -170,13 +172,13 @@ def upgrades() -> Iterator[str]:
 
 
 def loop() -> Iterator[str]:
-    yield f"runs it for {checkup._FULL.program:.0f} seconds at most"
+    yield f"for {PROGRAM_S:.0f} seconds"
     yield f"if it grew by {program._LEAST_GROWTH_BYTES / 2**20:.0f} MiB or more"
 
 
 def checkup_guide() -> Iterator[str]:
     yield f"or {checkup.QUICK_S:.0f} seconds with `--quick`"
-    yield f"for {checkup._FULL.program:.0f} seconds at most"
+    yield f"for {PROGRAM_S:.0f} seconds"
     yield f"whose error exceeds {percent(ranking._MOST_ERROR)} of the motion"
 
 

@@ -11,7 +11,6 @@ from mjbench.cli.group import cli
 from mjbench.cli.shared import FILE, Text, takes
 from mjbench.commands.shared_options import JsonOptions
 from mjbench.errors import InputError, MachineError
-from mjbench.formats import mebibytes
 from mjbench.limits import DAYS
 from mjbench.options import count
 from mjbench.status import ExitCode
@@ -28,12 +27,12 @@ HISTORY = click.option(
     metavar="FILE",
     type=FILE,
     default=_bundle,
-    help="Git bundle with one commit per release"
+    help="Git bundle with one commit per release."
     "  [default: benchmarks/releases.bundle of the checkout]",
 )
 
 
-@cli.group(invoke_without_command=True)
+@cli.group(invoke_without_command=True, subcommand_metavar="[COMMAND] [ARGS]…")
 @click.pass_context
 def releases(ctx: click.Context) -> None:
     """List MuJoCo releases, install them side by side, and keep the git history that asv uses.
@@ -77,7 +76,10 @@ def update_releases(history: Path) -> None:
 @releases.command("verify", short_help="check the git history")
 @HISTORY
 def verify_releases(history: Path) -> None:
-    """Build the git history again and compare every hash; exit with 1 if one differs."""
+    """Build the git history again and compare every hash.
+
+    Exit code: 1 if one differs.
+    """
     from mjbench.releases import bundle, package_index
 
     indexed, index_problem = None, ""
@@ -144,6 +146,7 @@ def prune_installs(days: int) -> None:
     Example:
       mjbench releases prune --days 7
     """
+    from mjbench.formats import mebibytes
     from mjbench.releases import installs
 
     freed_bytes = 0

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from mjbench.cli.command_help import Command
 from mjbench.errors import one_line
 from mjbench.options import Kind, Option, TextError, options_of
 from mjbench.simulation import models
@@ -49,6 +50,28 @@ class FileName(click.Path):
 
 
 FILE = FileName(path_type=Path)
+
+
+class ProgramCommand(Command):
+    """A command that takes a program, and leaves all words after it to the program."""
+
+    def is_program(self, word: str) -> bool:
+        """Return whether the first word that is no option, or `-m`, begins a program."""
+        return True
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        flags = {
+            name
+            for option in self.get_params(ctx)
+            if isinstance(option, click.Option) and option.is_flag
+            for name in option.opts
+        }
+        i = 0
+        while i < len(args) and args[i].startswith("-") and args[i] not in ("-m", "--"):
+            i += 1 if args[i] in flags or "=" in args[i] else 2
+        if i < len(args) and args[i] != "--" and self.is_program(args[i]):
+            args = [*args[:i], "--", *args[i:]]
+        return super().parse_args(ctx, args)
 
 
 def own_path_folder(path_names: Sequence[str] | None) -> str | None:

@@ -1,13 +1,14 @@
 """Options that several commands have, in groups; `mjbench.options` says what becomes of them."""
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.measuring.budget import Budget
+from mjbench.measuring.budget import AROUND_S, Budget
 from mjbench.options import (
     COUNT,
     FLAG,
@@ -15,10 +16,9 @@ from mjbench.options import (
     SECONDS_OR_ZERO,
     SEED,
     THREADS,
-    Kind,
     file,
+    names_among,
     option,
-    parsed,
     text,
 )
 from mjbench.paired.metrics import Metric
@@ -58,9 +58,9 @@ class FormOptions(JsonOptions):
     csv_file: str | None = output_option("--csv", "results as CSV")
 
 
-def results_option(folder: Path, help_text: str = "Folder for the run file.") -> Any:
+def results_option(default: Path | None = RESULTS_FOLDER, unset: str = "") -> Any:
     """Return the option `--results`."""
-    return option(folder, file("DIR"), help_text, of_functions=False)
+    return option(default, file("DIR"), "Folder of run files.", unset=unset, of_functions=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,12 +71,12 @@ class RunFileOptions:
       wait: whether to wait for others that measure here; None for a command that measures no time.
     """
 
-    results: Path = results_option(RESULTS_FOLDER, "Folder for run files.")
+    results: Path = results_option()
     resume: Path | None = option(
         None,
         file("RUN"),
-        "Continue this run file: what is finished in it is not measured again. The rest of the"
-        " command must be as it was.",
+        "Continue this run file (-1 is the newest): what is finished in it is not measured again."
+        " The rest of the command must be as it was.",
         of_functions=False,
     )
     wait: bool | None = option(
@@ -89,16 +89,17 @@ class OutputOptions(RunFileOptions, FormOptions):
     """Where results go."""
 
 
+def time_limit_option(default_s: float) -> Any:
+    """Return the option `--time-limit`."""
+    help_text = "Kill a process of a model that reports nothing for this long."
+    return option(default_s, SECONDS, help_text, is_stored=False)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TimeLimitOptions:
     """How long a child process may be silent."""
 
-    time_limit_s: float = option(
-        TIME_LIMIT_S,
-        SECONDS,
-        "Kill a model's process that reports nothing for this long.",
-        is_stored=False,
-    )
+    time_limit_s: float = time_limit_option(TIME_LIMIT_S)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,9 +117,10 @@ class LoopStartOptions:
     states: Path | None = option(
         None,
         file("FILE.npz", "States", "A path, or a dictionary of arrays."),
-        "Draw start states, and their controls if there are any, from this file, which"
-        " `mjbench.capture` wrote in your program, or which has arrays by MjData field, as"
-        " `mjbench.record` returns them.",
+        "Draw start states, and their controls if there are any, from this file. `with"
+        ' mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has'
+        " arrays by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv)"
+        " and `ctrl` (nstate, nu): `mjbench.record` returns them.",
         is_stored=False,
     )
 
@@ -161,21 +163,35 @@ class StartOptions(SeedOptions, LoopStartOptions, _ActionOptions):
         return self._start_plan(self.actions)
 
 
+def hold_option(default: int | None, unset: str = "") -> Any:
+    """Return the option `--hold`."""
+    help_text = "Steps for which each control is held: an environment's frame_skip."
+    return option(default, COUNT, help_text, unset=unset)
+
+
+def nstep_option(unset: str) -> Any:
+    """Return the option `--nstep`."""
+    return option(None, COUNT, "Steps of each simulation.", unset=unset)
+
+
 @dataclass(frozen=True, kw_only=True)
 class WorkOptions(StartOptions):
     """What simulations do."""
 
-    hold: int = option(
-        1, COUNT, "Steps for which each control is held: an environment's frame_skip."
-    )
+    hold: int = hold_option(1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SizeOptions(WorkOptions):
     """How much work a run is."""
 
-    nbatch: int | None = option(None, COUNT, "Simulations of a run.")
-    nstep: int | None = option(None, COUNT, "Steps of each simulation.")
+    nbatch: int | None = option(
+        None,
+        COUNT,
+        "Simulations.",
+        unset="as many as take 1 ms, or 10 ms for each of several threads; 2 to count instructions",
+    )
+    nstep: int | None = nstep_option("up to 100 within that time; 50 to count instructions")
     metric: str = Metric.TIME.value  # of the commands that have this option
 
     @property
@@ -196,17 +212,8 @@ def check_holds(nstep: int | None, hold: int, flag: str = "--hold") -> None:
 
 def fail_on_option(finding: type[StrEnum], help_text: str) -> Any:
     """Return the option `--fail-on`, whose value is a list of findings."""
-
-    def read(text: str) -> list[StrEnum]:
-        words = [word for word in text.split(",") if word.strip()]
-        if not words:
-            raise ValueError
-        return parsed(",".join(words), lambda word: finding(word.strip()))
-
-    names = ", ".join(finding)
-    expected = f"one of {names}, or several with commas"
-    kind = Kind("FINDING,…", "str", read, expected=expected)
-    help_text = f"Exit 1 for one of these: {names}. {help_text}"
+    kind = names_among(finding, "FINDING,…")
+    help_text = f"Exit 1 for one of these: {', '.join(finding)}. {help_text}"
     return option(None, kind, help_text, "--fail-on", of_functions=False)
 
 
@@ -234,12 +241,16 @@ class BudgetOptions:
         False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s for each {0.THING}."
     )
 
+    begin_s: float = field(default_factory=time.monotonic, init=False, compare=False, repr=False)
+
     @property
     def budget(self) -> Budget:
         """Return the time of the command; InputError where it is given twice."""
         if self.quick and self.budget_s is not None:
             raise InputError("--quick is a short --budget: give one of the two")
-        return Budget(self.QUICK_S if self.quick else self.EACH_S, self.budget_s, self.THING)
+        spent_s = AROUND_S + time.monotonic() - self.begin_s  # imports take most of it
+        each_s = self.QUICK_S if self.quick else self.EACH_S
+        return Budget(each_s, self.budget_s, self.THING, spent_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,11 +266,9 @@ def top_option() -> Any:
     return option(15, COUNT, "List this many functions.", of_functions=False)
 
 
-def code_option(
-    help_text: str = "Print the Python code, too, such as that of advised paths.",
-) -> Any:
+def code_option() -> Any:
     """Return the option `--code`."""
-    return option(False, FLAG, help_text, of_functions=False)
+    return option(False, FLAG, "Print the Python code, too.", of_functions=False)
 
 
 def threads_option() -> Any:

@@ -28,6 +28,10 @@ LONG_BLOCK_S, BLOCK_S = 0.02, 0.015
 MIN_NBATCH_PER_THREAD = 4
 
 
+# Options that say who owns the MjData, or the pool of threads.
+_OWNERS = ("data", "pool")
+
+
 @dataclass(frozen=True)
 class Variant:
     """A path with its options set."""
@@ -37,6 +41,14 @@ class Variant:
 
     def __str__(self) -> str:
         return f"{self.path} {describe_options(self.options)}".rstrip()
+
+    def is_twin_of(self, other: "Variant") -> bool:
+        """Return whether two differ at most in who owns the MjData, or the pool of threads."""
+        own, others = (
+            {name: value for name, value in each.options.items() if name not in _OWNERS}
+            for each in (self, other)
+        )
+        return self.path == other.path and own == others
 
 
 def describe_options(options: Mapping[str, Any]) -> str:

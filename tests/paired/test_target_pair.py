@@ -135,14 +135,6 @@ def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
     assert pair.work.starts.file == "states.npz"
 
 
-def test_changed_work_is_reported(pool: WorkerPool) -> None:
-    candidate = replace(CUBES, model_options={"iterations": "1", "solver": "cg"})
-    sizes = Sizes(starts=KEYFRAME_STARTS)
-    check = prepared(pool, (CUBES, candidate), sizes).work
-    assert check.changes
-    assert any(change.startswith("solver iterations") for change in check.changes)
-
-
 def _boxes(folder: Path, name: str, option: str = "", sensors: str = "") -> Target:
     """Return a box that falls on a floor, as a file of its own."""
     file = folder / name
@@ -195,22 +187,6 @@ def test_sensors_are_work(pool: WorkerPool, tmp_path: Path) -> None:
     sizes = Sizes(2, 10, starts=KEYFRAME_STARTS)
     check = prepared(pool, (seeing, blind), sizes).work
     assert check.changes == ["sensors 2 → 0", "rays 1 → 0"]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"solver": "magic"}, "one of pgs (0), cg (1), newton (2)"),
-        ({"speed": "9"}, "no option 'speed'"),
-    ],
-)
-def test_an_option_that_does_not_exist_is_bad_input(
-    pool: WorkerPool, options: dict[str, str], message: str
-) -> None:
-    baseline = replace(CARTPOLE, model_options=options)
-    with pytest.raises(InputError) as caught:
-        prepared(pool, (baseline, CARTPOLE), Sizes())
-    assert message in str(caught.value).lower()
 
 
 @pytest.mark.parametrize(

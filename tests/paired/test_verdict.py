@@ -33,8 +33,6 @@ from mjbench.simulation.starts import KEYFRAME_STARTS, Starts
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 
-SIDES = CARTPOLE.row(), CARTPOLE.row()
-
 
 def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> None:
     candidate = replace(CARTPOLE, slowdown=1.0)
@@ -139,14 +137,6 @@ def test_a_comparison_that_cannot_begin_says_why(monkeypatch: pytest.MonkeyPatch
     result = invented_decision(monkeypatch, fail)
     assert (result.status, result.detail) == (Status.FAILED, "it fell over")
     assert (result.samples, result.placement, result.work) == ([], None, None)
-
-
-def test_a_comparison_that_measured_nothing_says_so_with_none() -> None:
-    row = VerdictRecord.of(SIDES, Metric.TIME, Failure(Status.FAILED, "killed"))
-    assert (row.status, row.detail, row.model) == (Status.FAILED, "killed", "cartpole")
-    assert (row.verdict, row.ratio, row.changed_work, row.work) == (None, None, None, None)
-    assert (row.drift, row.diverged, row.nbatch, row.nstep) == (None, None, None, None)
-    assert (row.launches, row.pairs) == (0, 0)
 
 
 # The decision, on launches whose truth is known.

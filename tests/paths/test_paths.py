@@ -301,11 +301,6 @@ def test_the_number_of_threads_follows_from_the_options(
     assert nthread(options) == expected
 
 
-def test_parallel_options_are_marked() -> None:
-    marked = {o.name for path in C_PATHS.values() for o in path.options if o.is_parallel}
-    assert marked == {"threads", "processes", "engine_threads"}
-
-
 def test_paths_share_their_mjdata_and_outputs(small: workload.Workload) -> None:
     resources = paths.Resources(small)
     assert resources.datas(2)[0] is resources.datas(1)[0]

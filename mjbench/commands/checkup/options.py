@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from mjbench.commands.run.options import ProgramOptions
 from mjbench.commands.shared_options import (
     LoopStartOptions,
     OutputOptions,
@@ -12,7 +13,9 @@ from mjbench.commands.shared_options import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckupOptions(WholeBudgetOptions, LoopStartOptions, TimeLimitOptions, OutputOptions):
+class CheckupOptions(
+    WholeBudgetOptions, ProgramOptions, LoopStartOptions, TimeLimitOptions, OutputOptions
+):
     """What a check-up may cost, and where it is written."""
 
     EACH_S, QUICK_S = 60.0, 15.0

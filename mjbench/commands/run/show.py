@@ -74,7 +74,7 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
                 *([Conclusion(f"Outside the loops that step, {outside}.")] if outside else ()),
                 *map(Conclusion, [*_waiting_lines(row), *_growth_lines(row)]),
             ],
-            facts=[*_untimed_lines(row), *_memory_lines(row)],
+            facts=[*end_lines(row), *_untimed_lines(row), *_memory_lines(row)],
         )
         for report in row.loops:
             yield _loop_section(row, report)
@@ -109,6 +109,12 @@ def ending(row: ProgramRow) -> str:
         at_place = f" at {place}: {place.text}" if place else ""
         return f"it raised {with_help(row.exception.text)}{at_place}"
     return f"it was ended by {name}" if name else f"it ended with exit code {row.exit_code}"
+
+
+def end_lines(row: ProgramRow) -> list[str]:
+    """Return after what time mjbench ended a program, as a sentence; none where it did not."""
+    after = f"mjbench ended {row.program} after {plain(row.wall_s, 2)} s"
+    return [f"{after}: --seconds none runs it to its end."] if row.was_ended else []
 
 
 def conclusion(row: ProgramRow) -> str:

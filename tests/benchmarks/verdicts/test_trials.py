@@ -271,15 +271,7 @@ PAIR = NoChangePair("3.2.1", "3.2.2")
 
 
 def done(case: Case) -> TrialRecord:
-    return TrialRecord(
-        **vars(case.row()),
-        verdict=Verdict.SAME,
-        estimate=1.0,
-        low=None,
-        high=None,
-        seconds=1.0,
-        launches=[0.0],
-    )
+    return trial(Verdict.SAME, 1.0, **vars(case.row()))
 
 
 @pytest.mark.parametrize("slowdown", [0.0, 0.003, 0.01])

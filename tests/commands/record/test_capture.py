@@ -358,50 +358,6 @@ def test_steps_on_several_threads_are_captured(tmp_path: Path) -> None:
     assert captured_states(capture, HUMANOID).nrow > 10
 
 
-def test_captures_that_do_not_nest_each_have_all_their_own_steps(tmp_path: Path) -> None:
-    original, stepping = mujoco.mj_step, program(CARTPOLE, one_by_one, ncall=30)
-    first, second = (mjbench.capture(tmp_path / f"{i}.npz") for i in range(2))
-    with contextlib.ExitStack() as of_first, contextlib.ExitStack() as of_second:
-        of_first.enter_context(first)
-        states = [next(stepping) for _ in range(10)]
-        of_second.enter_context(second)
-        states += [next(stepping) for _ in range(10)]
-        of_first.close()
-        states += [next(stepping) for _ in range(10)]
-    assert mujoco.mj_step is original
-    for capture, expected in ((first, states[:20]), (second, states[10:])):
-        recorded = rows(captured_states(capture, CARTPOLE), CARTPOLE)
-        np.testing.assert_array_equal(recorded[1:], expected)
-
-
-def test_captures_of_three_threads_each_have_all_steps_of_their_own_simulation(
-    tmp_path: Path,
-) -> None:
-    original, all_captured = mujoco.mj_step, threading.Barrier(3)
-    simulations = [mujoco.MjData(CARTPOLE) for _ in range(3)]
-    captures = [
-        mjbench.capture(tmp_path / f"{i}.npz", data=data) for i, data in enumerate(simulations)
-    ]
-
-    def steps(capture: Capture, data: mujoco.MjData) -> None:
-        with contextlib.suppress(RuntimeError), capture:
-            all_captured.wait()
-            for _ in range(50):
-                mujoco.mj_step(CARTPOLE, data)
-            raise RuntimeError("ends the block")
-
-    threads = [
-        threading.Thread(target=steps, args=each)
-        for each in zip(captures, simulations, strict=True)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert mujoco.mj_step is original
-    assert [capture.result.steps for capture in captures if capture.result] == [50, 50, 50]
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_writes_nothing(tmp_path: Path) -> None:
     script = tmp_path / "program.py"
@@ -615,21 +571,3 @@ def test_a_gymnasium_environment_does_the_same_while_it_is_captured(tmp_path: Pa
     with mjbench.capture(tmp_path / "states.npz") as capture:
         np.testing.assert_array_equal(observations(), without)
     assert capture.result is not None and capture.result.steps == 100
-
-
-def test_dm_control_does_the_same_while_it_is_captured(tmp_path: Path) -> None:
-    mujoco_physics = pytest.importorskip("dm_control.mujoco")
-
-    def states() -> np.ndarray:
-        physics = mujoco_physics.Physics.from_xml_string(BALL)
-        for _ in range(10):
-            physics.step(3)
-        return np.array(physics.get_state())
-
-    try:
-        without = states()
-    except AttributeError as error:
-        pytest.skip(f"this dm_control does not run with this MuJoCo: {error}")
-    with mjbench.capture(tmp_path / "states.npz") as capture:
-        np.testing.assert_array_equal(states(), without)
-    assert capture.result is not None and capture.result.steps == 30
