@@ -16,8 +16,8 @@ def profile(sources: list[ModelSource], options: ProfileOptions) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages, such as collision, constraint solver and kinematics, are from MuJoCo's own timers.
-    Rendering is timed with EGL and with OSMesa, or on macOS with CGL. Steps are short runs from
-    states along the model's own run, or from those of --states, each with its controls held.
+    Rendering is timed with EGL and with OSMesa, or on macOS with CGL. Steps are those of
+    short simulations from states along a longer one, or from --states, with controls held.
     Without a MODEL: cartpole.
 
     \b
@@ -37,7 +37,7 @@ def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
-    Loops start from states along the model's own run, or from those of --states, and hold their
+    Loops start from states along a simulation, or from those of --states, and hold their
     controls.
     Without a MODEL: cartpole.
 

@@ -115,7 +115,7 @@ class CheckupItem:
                 return "corrects them"
             case ResultChange.NONE:
                 if self.change_detail:
-                    return f"nothing in the runs seen; {self.change_detail}"
+                    return f"nothing in the simulations seen; {self.change_detail}"
                 return "nothing"
             case ResultChange.TOLERANCE:
                 return "within the solver's tolerance"

@@ -23,7 +23,7 @@ class EnvironmentOptions(BudgetOptions, TimeLimitOptions, OutputOptions):
     nstep: int | None = option(
         None,
         count(Bounds(1, MAX_NSTEP)),
-        "Steps of the environment to record and repeat in every round",
+        "Steps of the environment to record, and to repeat in every timing",
         unset="as many as take 0.1 s, from 50 to 1000",
     )
     seed: int = option(
@@ -33,7 +33,7 @@ class EnvironmentOptions(BudgetOptions, TimeLimitOptions, OutputOptions):
     nbatch: list[int] | None = option(
         None,
         THREADS,
-        "Numbers of environments in vectorised forms",
+        "Environments of each SyncVectorEnv and AsyncVectorEnv",
         unset="1, 2, 4, … usable cores",
     )
-    no_vector: bool = option(False, FLAG, "Leave out vectorised forms.")
+    no_vector: bool = option(False, FLAG, "Leave out SyncVectorEnv and AsyncVectorEnv.")

@@ -87,7 +87,7 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     ]
     assert [item.change_text for item in listed] == [
         "nothing",
-        "nothing in the runs seen; jacobian: nothing but rounding",
+        "nothing in the simulations seen; jacobian: nothing but rounding",
         "nothing",
         "an error of 3 % of the motion",
     ]
@@ -119,7 +119,7 @@ def test_effects_too_slow_for_short_runs_are_notes_of_what_is_listed() -> None:
     changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, slip)
     notes = checkup.list_section(run(part(CheckupPart.SETTINGS), tuned(FREE, changing))).notes
     slow = "with noslip_iterations=0, what is held or stacked may slip over many seconds"
-    assert any(f"Not shown by runs this short: {slow}" in note for note in notes)
+    assert any(f"Not shown by simulations this short: {slow}" in note for note in notes)
 
 
 def test_figures_are_those_of_the_commands_that_look_closer() -> None:
