@@ -20,6 +20,8 @@ def compare(sources: list[ModelSource], options: CompareOptions) -> None:
 
     Without a MODEL: all shipped models.
 
+    Exit code: 1 if a path disagrees with the plain loop.
+
     \b
     Examples:
       mjbench compare robot.xml
