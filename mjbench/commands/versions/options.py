@@ -1,11 +1,12 @@
 """The options of `mjbench versions`, `versions --explain`, `ab` and `bisect`."""
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from mjbench.commands.shared_options import BudgetOptions, OutputOptions, SizeOptions, top_option
 from mjbench.commands.versions.fail_on import FailOnOptions
-from mjbench.options import COUNT, FLAG, NAMES, SHARE, choice, option, text
+from mjbench.options import COUNT, FLAG, NAMES, SHARE, choice, names_among, option, text
 from mjbench.paired import outcomes
 from mjbench.paired.metrics import METRICS, Metric
 
@@ -36,7 +37,7 @@ class JudgingOptions(BudgetOptions, SizeOptions):
         False,
         FLAG,
         "Compare builds as they are. By default mjbench moves their machine code in memory"
-        " from launch to launch, so that only what the code does makes a difference.",
+        " from process to process, so that only what the code does makes a difference.",
     )
 
     @property
@@ -111,12 +112,20 @@ class VersionsOptions(FailOnOptions, JudgingOptions, OutputOptions):
         return replace(super().plan, family=self.family or 1)
 
 
+class ExplainPart(StrEnum):
+    """What `versions --explain --skip` can name."""
+
+    TIMES = "times"
+
+
 @dataclass(frozen=True, kw_only=True)
 class ExplainOptions(JudgingOptions, OutputOptions):
     """How differences are explained."""
 
     top: int = top_option()
-    clock: bool = option(True, FLAG, "Compare wall-clock times too.", "--clock/--no-clock")
+    skip: list[ExplainPart] | None = option(
+        None, names_among(ExplainPart), "Leave out these parts: times, the wall-clock times."
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

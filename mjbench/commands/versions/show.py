@@ -82,7 +82,8 @@ def _what_would_decide(rows: Sequence[VerdictRow], min_effect: float) -> Iterato
     times = [seconds for row in undecided if (seconds := _deciding_s(row, min_effect))]
     about = ""
     if times:
-        about = f" (at this noise about --budget {60 * math.ceil(max(times) / 60)}s)"
+        about_s = 60 * math.ceil(len(rows) * max(times) / 60)  # each verdict has an equal share
+        about = f" (at this noise about --budget {about_s}s)"
     yield (
         f"To decide what is inconclusive: give it more time{about}, end other programs, or accept a"
         " larger --min-effect; `mjbench doctor` says what this machine can decide"
@@ -192,11 +193,12 @@ def _describe_results(row: VerdictRow) -> str:
 
 
 def _same_work(row: VerdictRow) -> str:
-    """Return that the work is the same, and where runs drift apart nevertheless."""
+    """Return that the work is the same, and where simulations drift apart nevertheless."""
     drifted = next((d for d in row.run_drift if d.difference > changed_work.ROUNDING), None)
     if drifted is None:
         return "same work"
-    return f"same work (runs drift apart: by {drifted.difference:.0e} after {drifted.step} steps)"
+    by = f"by {drifted.difference:.0e} after {drifted.step} steps"
+    return f"same work (simulations drift apart: {by})"
 
 
 def notes(row: VerdictRow) -> list[str]:
