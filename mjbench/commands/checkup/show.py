@@ -269,7 +269,7 @@ def _notes(
     yield from _units(run, listed_items)
     for number, item in enumerate(listed_items, 1):
         if item.change == ResultChange.NONE and item.change_detail:
-            yield f"{number} may change in other runs: {item.change_detail}"
+            yield f"{number} may change in other states: {item.change_detail}"
     yield from _overlaps(listed_items)
     numbers = defaultdict[str, list[str]](list)
     for number, item in enumerate(listed_items, 1):

@@ -91,7 +91,7 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     assert [item.change_text for item in listed] == [
         "none",
         "none",
-        "none in runs seen",
+        "none seen",
         "3 % of the motion",
     ]
     assert listed[3].error == 0.03
@@ -122,7 +122,7 @@ def test_effects_too_slow_for_short_runs_are_notes_of_what_is_listed() -> None:
     changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, slip)
     notes = checkup.list_section(run(part(CheckupPart.SETTINGS), tuned(FREE, changing))).notes
     slow = "with noslip_iterations=0, what is held or stacked may slip over many seconds"
-    assert any(f"Not shown by runs this short: {slow}" in note for note in notes)
+    assert any(f"Not shown by simulations this short: {slow}" in note for note in notes)
 
 
 def test_figures_are_those_of_the_commands_that_look_closer() -> None:
