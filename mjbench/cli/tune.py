@@ -8,7 +8,7 @@ from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
-@models_argument("cartpole")
+@models_argument
 @takes(TuneOptions)
 def tune(sources: list[ModelSource], options: TuneOptions) -> None:
     """Which settings make a model faster, and what do they cost in accuracy?
@@ -16,7 +16,6 @@ def tune(sources: list[ModelSource], options: TuneOptions) -> None:
     Tries settings alone and together. Those that change no state come first, then those that change
     no more than rounding does, then those with an error: a distance from the same model at an
     eighth of its timestep. Recommendations are measured again from new starts.
-    Without a MODEL: cartpole.
 
     \b
     Examples:

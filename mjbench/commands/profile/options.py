@@ -11,7 +11,7 @@ from mjbench.commands.shared_options import (
     code_option,
     top_option,
 )
-from mjbench.options import SECONDS, option, text
+from mjbench.options import NAMES, SECONDS, option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +35,8 @@ class HabitOptions(LoopStartOptions, TimeLimitOptions, OutputOptions):
 class InstructionOptions(SizeOptions, OutputOptions):
     """How instructions are counted."""
 
-    releases: tuple[str, ...] = option(
-        (),
-        text("RELEASE", is_repeated=True),
-        "Release to count in; may be given several times.",
-        "--release",
-        unset="installed",
+    releases: list[str] | None = option(
+        None, NAMES, "Releases to count in", "--release", unset="installed"
     )
     top: int = top_option()
     time_limit_s: float = option(
