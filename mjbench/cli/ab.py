@@ -11,7 +11,7 @@ from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
 from mjbench.commands.versions.options import RevisionOptions
-from mjbench.errors import InputError
+from mjbench.errors import InputError, shown
 
 if TYPE_CHECKING:
     from mjbench.commands.versions.function_sides import RevisionComparison
@@ -94,8 +94,10 @@ def revision_comparison(
     sides = [side.removeprefix(REVISION) for side in (baseline, candidate)]
     if any("=" in side for side in sides):
         raise InputError("a revision is compared with a revision: give two, such as main HEAD")
-    if not functions:
-        raise InputError(f"name a function of your code: {function_sides.FORM}")
+    others = [shown(name) for name in functions if not function_sides.is_function(name)]
+    if others or not functions:
+        instead = f", not {others[0]}" if others else ""
+        raise InputError(f"name a function of your code, {function_sides.FORM}{instead}")
     cwd = Path.cwd().resolve()
     repository = Repository(cwd)
     parsed = function_sides.parse_functions(functions, cwd, repository.top)
