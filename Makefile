@@ -77,8 +77,8 @@ upgrade: $(STAMP)
 	  || status=$$?; \
 	$(BIN)/mjbench versions previous newest $(MODELS) --results $(UPGRADE) --metric instructions --min-effect 0.5% \
 	  || status=$$?; \
-	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --html -o $(UPGRADE)/report.html || status=$$?; \
-	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --markdown -o $(UPGRADE)/report.md || status=$$?; \
+	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --html $(UPGRADE)/report.html \
+	  --markdown $(UPGRADE)/report.md || status=$$?; \
 	exit $$status
 
 site: $(STAMP)

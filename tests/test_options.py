@@ -88,7 +88,8 @@ OTHER = {
     "options": ["pool=kept"],
     "paths": ["rollout"],
     "returns": "sensors",
-    "only": "free",
+    "allow": "free",
+    "only": ["solver"],
     "skip": ["timestep"],
 }
 

@@ -22,7 +22,7 @@ from benchmarks.history.tasks import Selection
 from benchmarks.studies import tally_command
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.shared import as_one, takes
-from mjbench.commands.shared_options import OutputOptions, results_option
+from mjbench.commands.shared_options import RunFileOptions, results_option
 from mjbench.counts.records import ExplainRecord
 from mjbench.counts.show import change_sections
 from mjbench.errors import InputError
@@ -89,11 +89,10 @@ _SELECTION = as_one(
 
 
 @dataclass(frozen=True, kw_only=True)
-class HistoryOptions(OutputOptions):
+class HistoryOptions(RunFileOptions):
     """Where the run file lies."""
 
     results: Path = results_option(RESULTS)
-    json_file: None = None
 
 
 @history.command()

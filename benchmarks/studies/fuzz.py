@@ -74,6 +74,11 @@ SHORT = {
     "--budget": "1s", "--time-limit": "1s", "--nbatch": "2", "--nstep": "4", "--hold": "2",
     "--seconds": "1",
 }  # fmt: skip
+# Options that name a file to write.
+OUTPUT_FLAGS = (
+    *("--json", "--html", "--markdown", "--csv", "--junit", "--comment", "--github-benchmark"),
+    *("--github", "--sarif"),
+)
 # Options that would wait for another command, or take long.
 NEVER = ("--wait", "--clock")
 # Commands and subcommands that reach the network, write into the project or take long.
@@ -138,7 +143,7 @@ def _options(
 
 
 def _value(choices: random.Random, flag: str) -> str:
-    if flag == "--json":
+    if flag in OUTPUT_FLAGS:
         return choices.choice(_OUTPUTS)
     return choices.choice(_NAMES if choices.random() < 0.2 else _VALUES)
 
@@ -225,11 +230,9 @@ def run(arguments: tuple[str, ...]) -> tuple[int, Problem | None]:
 
 
 def _outputs(arguments: tuple[str, ...]) -> set[str]:
-    """Return the file that a command line may replace: its JSON document, unless it reads it."""
-    if "--json" not in arguments:
-        return set()
-    target = arguments[arguments.index("--json") + 1]
-    return {target} if arguments.count(target) == 1 else set()
+    """Return the files that a command line may replace: its outputs, unless it reads them."""
+    targets = [word for flag, word in itertools.pairwise(arguments) if flag in OUTPUT_FLAGS]
+    return {target for target in targets if arguments.count(target) == 1}
 
 
 def main() -> int:

@@ -21,9 +21,9 @@ from benchmarks.verdicts import section, trials
 from benchmarks.verdicts.records import TrialRecord
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.shared import Text, takes
-from mjbench.commands.shared_options import results_option
+from mjbench.commands.shared_options import RunFileOptions, results_option
 from mjbench.commands.versions import family
-from mjbench.commands.versions.options import BisectOptions
+from mjbench.commands.versions.options import JudgingOptions
 from mjbench.options import COUNT
 from mjbench.results.content import Section, after_disturbances
 from mjbench.results.runs import Run
@@ -33,11 +33,10 @@ RESULTS = Path("results/verdicts")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialOptions(BisectOptions):
+class TrialOptions(JudgingOptions, RunFileOptions):
     """What a trial may cost, and where the run file lies."""
 
     results: Path = results_option(RESULTS)
-    json_file: None = None
 
 
 @click.command(help=__doc__)

@@ -1,14 +1,11 @@
 """`mjbench checkup`, and `mjbench TARGET`: what to do about a simulation that is slow."""
 
-import contextlib
 from pathlib import Path
 
 import click
 
-from mjbench.cli import show_pages
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import takes
 from mjbench.commands.checkup.options import CheckupOptions
 
@@ -39,31 +36,17 @@ def checkup(target: str, arguments: tuple[str, ...], options: CheckupOptions) ->
     from mjbench.commands.checkup import show, targets
     from mjbench.commands.checkup.driver import CheckupPlan, measurement
     from mjbench.commands.run.driver import exit_code_of
-    from mjbench.commands.show.reports import NamedRun
 
     source = targets.recognized(target, arguments, Path.cwd())
-    work = measurement(source, CheckupPlan.of(options))
-    pages = {
-        form: OutputFile(f"--{form}", name, work.files)
-        for form, name in (("html", options.html), ("markdown", options.markdown))
-    }
-    with contextlib.ExitStack() as closing:
-        for page in pages.values():
-            closing.callback(page.close)
-            page.open()
-        run = measure_and_print(
-            work,
-            options,
-            each=show.part_sections,
-            summary=show.summary,
-            code=options.code,
-            has_results=False,  # parts are printed as they end
-            to_stderr=isinstance(source, targets.ProgramFile) or options.markdown == "-",
-        )
-        named = NamedRun(run.session.file or options.results, run.session.run())
-        for form, page in pages.items():
-            if page.is_wanted:
-                page.write(show_pages.page(form, [named]))
+    run = measure_and_print(
+        measurement(source, CheckupPlan.of(options)),
+        options,
+        each=show.part_sections,
+        summary=show.summary,
+        code=options.code,
+        has_results=False,  # parts are printed as they end
+        to_stderr=isinstance(source, targets.ProgramFile),
+    )
     if code_of_program := exit_code_of(run.session.run()):
         run.exit_with(code_of_program)
     run.exit()

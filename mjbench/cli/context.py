@@ -1,23 +1,24 @@
-"""What a command needs around its work: console, JSON document, interrupts, what it measures."""
+"""What a command needs around its work: console, files, interrupts, what it measures."""
 
 import contextlib
-import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mjbench import extras
 from mjbench.api import interrupts
+from mjbench.cli import output_file
 from mjbench.cli.group import command_line, option_names, report_line
-from mjbench.cli.output_file import OutputFile
-from mjbench.commands.shared_options import OutputOptions
-from mjbench.errors import MachineError
+from mjbench.commands.shared_options import RunFileOptions
+from mjbench.errors import InputError, MachineError
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from mjbench.commands.show.forms import Forms
     from mjbench.results.content import DataTable, Section
     from mjbench.results.runs import Record, Run
     from mjbench.session import Item, Measurement, Observer, Session
@@ -30,18 +31,19 @@ CODE_HINT = "--code prints the Python code, too."
 class RunContext:
     """The frame of one command, used as a context manager.
 
-    The JSON target and the run file are opened before the work begins, so that a folder that cannot
-    be written costs nothing. From then on Ctrl-C, SIGTERM and a closed terminal end the command
-    through its cleanup (see `interrupts`).
+    Files that the user names and the run file are opened before the work begins, so that a folder
+    that cannot be written costs nothing. From then on Ctrl-C, SIGTERM and a closed terminal end the
+    command through its cleanup (see `interrupts`).
 
     Attributes:
-      out: standard error while JSON goes to standard output.
+      out: standard error while results go to standard output.
+      files: those that the user named, by the flags of their options.
       is_stopped: whether the user stopped the work, or a record could not be stored.
     """
 
     def __init__(
         self,
-        json_file: str | None = None,
+        options: object = None,
         inputs: Sequence[Path] = (),
         session: "Session | None" = None,
         to_stderr: bool = False,
@@ -49,21 +51,26 @@ class RunContext:
         """Prepare a command.
 
         Args:
+          options: among them may be names of files.
           to_stderr: whether people read standard error, because standard output is another
             program's.
 
         Raises:
-          InputError: the JSON document would replace an input.
+          InputError: a file cannot be used.
         """
         from mjbench.results import terminal
 
-        self.out: Console = terminal.console(stderr=to_stderr or json_file == "-")
+        self.files = output_file.of_options(options, inputs)
+        on_stdout = [flag for flag, file in self.files.items() if file.is_stdout]
+        if on_stdout and to_stderr:
+            raise InputError(f"{on_stdout[0]} -: standard output is the program's own; name a file")
+        self.out: Console = terminal.console(stderr=to_stderr or bool(on_stdout))
         self.interrupted = self.is_stopped = False
         self._session = session
-        self._json = OutputFile("--json", json_file, inputs)
         self._failures: list[Status] = []
         self._write_error: MachineError | None = None
         self._hides_code = False
+        self._disturbance: str | None = None
         self._closing = contextlib.ExitStack()
 
     def __enter__(self) -> "RunContext":
@@ -74,9 +81,12 @@ class RunContext:
           MachineError: an output cannot be written.
         """
         interrupts.enable()
+        if "--html" in self.files:
+            extras.require("--html", "report", ["jinja2", "vl_convert"])
         with contextlib.ExitStack() as closing:
-            closing.callback(self._json.close)
-            self._json.open()
+            for file in self.files.values():
+                closing.callback(file.close)
+                file.open()
             if self._session is not None:
                 closing.enter_context(self._session)
             self._closing = closing.pop_all()
@@ -92,7 +102,7 @@ class RunContext:
                 return  # nothing was measured
             if self._session.file is not None and error is None:
                 self.out.print(f"\nRun file: {self._session.file}", soft_wrap=True)
-            if note := self._disturbance(self._session):
+            if note := self._disturbance_of(self._session):
                 if error is None:
                     self.out.print(note, soft_wrap=True)
                 else:
@@ -101,13 +111,15 @@ class RunContext:
                 self.interrupt(is_saved=self._write_error is None)
                 sys.exit(ExitCode.INTERRUPTED)
 
-    def _disturbance(self, session: "Session") -> str:
+    def _disturbance_of(self, session: "Session") -> str:
         """Store what disturbed the run; return it as a sentence, empty where nothing did."""
-        try:
-            return session.end()
-        except MachineError as error:
-            self._write_error = self._write_error or error
-            return ""
+        if self._disturbance is None:
+            self._disturbance = ""
+            try:
+                self._disturbance = session.end()
+            except MachineError as error:
+                self._write_error = self._write_error or error
+        return self._disturbance
 
     @property
     def session(self) -> "Session":
@@ -157,12 +169,32 @@ class RunContext:
 
         terminal.print_lines(self.out, terminal.table_parts(table, self.out.width))
 
-    def write(self, document: Any) -> None:
-        """Write the command's JSON document, where one was asked for."""
-        from mjbench.results.json_form import json_form
+    def write(self, flag: str, content: Callable[[], str]) -> None:
+        """Write the file of an option, where the user named one."""
+        if flag in self.files:
+            self.files[flag].write(content())
 
-        if self._json.is_wanted:
-            self._json.write(json.dumps(json_form(document), indent=1) + "\n")
+    def write_json(self, document: Any) -> None:
+        from mjbench.results import json_form
+
+        self.write("--json", lambda: json_form.text(document))
+
+    def write_forms(self, forms: "Forms") -> None:
+        """Write the files of `FormOptions` that the user named."""
+        self.write("--html", forms.html)
+        self.write("--markdown", forms.markdown)
+        self.write("--csv", forms.csv)
+        self.write("--json", forms.json)
+
+    def write_run(self) -> None:
+        """Write what was measured as `mjbench show` writes its run file."""
+        if self.files:
+            from mjbench.commands.show import forms
+            from mjbench.commands.show.reports import NamedRun
+
+            self._disturbance_of(self.session)  # a record of the run
+            file = self.session.file or Path()
+            self.write_forms(forms.of_runs([NamedRun(file, self.session.run())]))
 
     def exit(self, statuses: Iterable[Status] | None = None) -> None:
         """End the process with the exit code that statuses, and what failed, stand for.
@@ -192,7 +224,7 @@ def _status(record: "Record") -> Status:
 
 def measure_and_print(
     measurement: "Measurement",
-    output: OutputOptions,
+    output: RunFileOptions,
     *,
     each: "Sections | None" = None,
     summary: "Sections | None" = None,
@@ -224,7 +256,7 @@ def measure_and_print(
         measurement, output.wait, output.results, output.resume, command_line(), report_line
     )
     inputs = [*measurement.files, *([output.resume] if output.resume else [])]
-    with RunContext(output.json_file, inputs, session, to_stderr) as run:
+    with RunContext(output, inputs, session, to_stderr) as run:
         try:
             with (
                 progress(run.out, has_results) as observer,
@@ -237,9 +269,7 @@ def measure_and_print(
             run.show(summary(session.run()))
         if code is False:
             run.hint_at_code()
-        if output.json_file is not None:
-            stored = session.run()
-            run.write(kinds.kind_of(stored).document(stored))
+        run.write_run()
     return run
 
 

@@ -22,17 +22,22 @@ def doctor(options: DoctorOptions) -> None:
     """
     from mjbench.commands.doctor.driver import all_conditions, compare_with_itself
     from mjbench.commands.doctor.show import condition_lines, noise_section
+    from mjbench.commands.show import forms
     from mjbench.commands.show.documents import DoctorDocument
     from mjbench.host import machine, neighbours
     from mjbench.host.conditions import Grade
+    from mjbench.results.content import Section
     from mjbench.results.terminal import print_lines
 
-    with RunContext(options.json_file) as run:
+    with RunContext(options) as run:
         rows = all_conditions(neighbours.measuring_now())
-        print_lines(run.out, [*condition_lines(rows)])
+        conditions = Section("This machine", facts=[*condition_lines(rows)])
+        print_lines(run.out, conditions.facts)
         noise = compare_with_itself(options.budget_s)
-        run.show([noise_section(noise, rows)])
-        run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
+        sections = [noise_section(noise, rows), conditions]
+        run.show(sections[:1])
+        document = DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise)
+        run.write_forms(forms.of_sections(sections, document, [*rows, noise]))
     if noise.decidable is None:
         run.exit_with(ExitCode.ENVIRONMENT)
     is_fit = noise.trusted and all(row.grade != Grade.BAD for row in rows)

@@ -10,6 +10,7 @@ import click
 
 import mjbench
 from mjbench.cli import standard_streams
+from mjbench.cli.command_help import Command
 from mjbench.command_names import LISTED, with_mode
 from mjbench.commands.checkup.targets import may_be_target
 from mjbench.errors import (
@@ -29,6 +30,8 @@ _COMMAND_LINE = "mjbench.command_line"
 
 class CommandGroup(click.Group):
     """A group of commands."""
+
+    command_class = Command
 
     def add_command(self, cmd: click.Command, name: str | None = None) -> None:
         """Add a command, whose help has both names also where it runs without this group."""

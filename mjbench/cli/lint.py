@@ -7,7 +7,7 @@ import click
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import FileName, takes
-from mjbench.commands.shared_options import JsonOptions
+from mjbench.commands.lint.options import LintOptions
 from mjbench.errors import InputError
 from mjbench.status import ExitCode, Status, exit_code
 
@@ -31,14 +31,6 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
 )
 @click.option("--ignore", metavar="CODE,…", default="", help="Leave out rules, likewise.")
 @click.option(
-    "--output-format",
-    "form",
-    type=click.Choice(("text", "github", "json", "sarif")),
-    default="text",
-    show_default=True,
-    help="github: annotations of GitHub Actions; sarif: for code scanning.",
-)
-@click.option(
     "--statistics", is_flag=True, help="Print the number of findings of each rule instead."
 )
 @click.option(
@@ -49,14 +41,13 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
     is_eager=True,
     help="Print what a rule finds, why, and what to write instead, and end; `all` lists the rules.",
 )
-@takes(JsonOptions)
+@takes(LintOptions)
 def lint(
     names: tuple[str, ...],
     select: str,
     ignore: str,
-    form: str,
     statistics: bool,
-    options: JsonOptions,
+    options: LintOptions,
 ) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
@@ -75,7 +66,7 @@ def lint(
     Examples:
       mjbench lint train.py
       mjbench lint src --ignore MJB006
-      mjbench lint src --output-format sarif
+      mjbench lint src --sarif lint.sarif
       mjbench lint --explain MJB007
     """
     from mjbench.commands.lint import show as report
@@ -85,10 +76,6 @@ def lint(
 
     if not names:
         raise InputError("no file or folder is given; for this folder: mjbench lint .")
-    if form != "text" and options.json_file == "-":
-        raise InputError(f"--json - and --output-format {form} cannot share standard output")
-    if statistics and form != "text":
-        raise InputError("--statistics prints counts alone: use it without --output-format")
     choice = RuleChoice(_split(select), _split(ignore))
     files = script_files(names)
     for file in files:
@@ -96,22 +83,21 @@ def lint(
             choice.codes_for(file)  # refuses settings before anything is printed
     findings: list[Finding] = []
     unchecked: list[UncheckedFile] = []
-    with RunContext(options.json_file, regular_files(files)) as run:
+    with RunContext(options, regular_files(files)) as run:
         for result in check_all(files, choice):
             if isinstance(result, UncheckedFile):
                 unchecked.append(result)
                 report_line(f"{result.file}: {result.detail}")
                 continue
             findings += result
-            if form == "text" and not statistics:
-                for finding in result:
-                    run.out.print(report.finding_line(finding), soft_wrap=True)
+            for finding in () if statistics else result:
+                run.out.print(report.finding_line(finding), soft_wrap=True)
         document = report.LintDocument(findings=findings, unchecked=unchecked)
         for line in report.statistics_lines(findings) if statistics else ():
             run.out.print(line, soft_wrap=True)
-        if form != "text":
-            click.echo(report.FORMATS[form](document), nl=False)
-        run.write(document)
+        run.write("--github", lambda: report.as_github(document))
+        run.write("--sarif", lambda: report.as_sarif(document))
+        run.write_json(document)
     if findings:
         sys.exit(ExitCode.FINDING)
     sys.exit(exit_code(Status.INPUT for _ in unchecked))

@@ -28,12 +28,12 @@ def models(names: tuple[str, ...], options: ListOptions) -> None:
     from mjbench.results.json_form import ResultsDocument
 
     sources = resolve_all(names or shipped())
-    with RunContext(options.json_file, [source.path for source in sources]) as run:
+    with RunContext(options, [source.path for source in sources]) as run:
         listed = list_models(sources, options.time_limit_s)
         run.table(listings.models_table(listed))
         for line in listings.failed_models(listed):
             run.out.print(line, soft_wrap=True)
-        run.write(ResultsDocument(results=listed))
+        run.write_json(ResultsDocument(results=listed))
     run.exit(model.status for model in listed)
 
 
@@ -52,6 +52,6 @@ def paths(options: JsonOptions) -> None:
     from mjbench.results.json_form import ResultsDocument
 
     rows = [PathRow.of(path) for path in registry().values()]
-    with RunContext(options.json_file) as run:
+    with RunContext(options) as run:
         run.table(listings.paths_table(rows))
-        run.write(ResultsDocument(results=rows))
+        run.write_json(ResultsDocument(results=rows))

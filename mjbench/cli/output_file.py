@@ -1,4 +1,4 @@
-"""The file that a command writes: never an input, and only when the text for it is complete."""
+"""The files that a command writes: never inputs, and only when the text for them is complete."""
 
 import os
 import sys
@@ -7,29 +7,20 @@ from pathlib import Path
 
 import click
 
+from mjbench.commands.shared_options import OUTPUT_FILE
 from mjbench.errors import InputError, MachineError, writing
 from mjbench.host import files
+from mjbench.options import options_of
 
 
 class OutputFile:
     """A file that a command writes, or standard output; `open` comes first, `close` last."""
 
-    def __init__(self, option: str, name: str | None, inputs: Iterable[Path]):
-        """Take a name that a user gave.
-
-        Raises:
-          InputError: it is one of the inputs.
-        """
-        self._is_stdout = name == "-"
-        self._file = None if name is None or self._is_stdout else Path(name)
-        self._target = Path(_real(name or ""))  # where links lead
+    def __init__(self, name: str):
+        self.name, self.is_stdout = name, name == "-"
+        self._file = None if self.is_stdout else Path(name)
+        self._target = Path(_real(name))  # where links lead
         self._partial: Path | None = None
-        if self._file and str(self._target) in {_real(str(path)) for path in inputs}:
-            raise InputError(f"{option} {name} is a file that this command reads: choose another")
-
-    @property
-    def is_wanted(self) -> bool:
-        return self._is_stdout or self._file is not None
 
     def open(self) -> None:
         """Create the file under a temporary name, to see that it can be written.
@@ -68,6 +59,29 @@ class OutputFile:
     def _is_special(self) -> bool:
         """Whether the target is a device, a pipe or a socket, which must not be replaced."""
         return self._target.exists() and not (self._target.is_file() or self._target.is_dir())
+
+
+def of_options(options: object, inputs: Iterable[Path] = ()) -> dict[str, OutputFile]:
+    """Return the files that a user named, by the flags of their options.
+
+    Args:
+      inputs: files that the command reads.
+
+    Raises:
+      InputError: one is an input, or two are the same.
+    """
+    taken = {_real(str(path)): "a file that this command reads" for path in inputs}
+    output_files = {}
+    for option in () if options is None else options_of(type(options)):
+        name = getattr(options, option.name)
+        if option.kind is not OUTPUT_FILE or name is None:
+            continue
+        flag, target = option.flags[0], name if name == "-" else _real(name)
+        if target in taken:
+            raise InputError(f"{flag} {name} is {taken[target]}: choose another")
+        taken[target] = f"what {flag} writes, too"
+        output_files[flag] = OutputFile(name)
+    return output_files
 
 
 def _real(name: str) -> str:

@@ -53,12 +53,12 @@ def list_releases(history: Path, options: JsonOptions) -> None:
     from mjbench.releases import catalogue
     from mjbench.results.json_form import ResultsDocument
 
-    with RunContext(options.json_file, [history]) as run:
+    with RunContext(options, [history]) as run:
         known = catalogue.list_releases(history)
         run.table(releases_table(known.releases))
         if known.problem:
             click.echo(f"The list lacks the package index: {known.problem}", err=True)
-        run.write(ResultsDocument(results=known.releases))
+        run.write_json(ResultsDocument(results=known.releases))
 
 
 @releases.command("update", short_help="append new releases to the git history")
@@ -120,10 +120,10 @@ def list_installs(options: JsonOptions) -> None:
     from mjbench.commands.show.listings import InstallsDocument, install_lines
     from mjbench.releases import installs
 
-    with RunContext(options.json_file) as run:
+    with RunContext(options) as run:
         folder, sizes = installs.cache_folder(), installs.install_sizes()
         run.out.print("\n".join([f"In {folder}:", *install_lines(sizes)]), soft_wrap=True)
-        run.write(InstallsDocument(folder=str(folder), installs=sizes))
+        run.write_json(InstallsDocument(folder=str(folder), installs=sizes))
 
 
 @releases.command("prune", short_help="remove installs not used for some time")

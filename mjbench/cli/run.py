@@ -4,15 +4,15 @@ from collections.abc import Sequence
 
 import click
 
+from mjbench.cli.command_help import Command
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
 from mjbench.commands.run.options import RunOptions
-from mjbench.errors import InputError
 from mjbench.status import ExitCode
 
 
-class _ProgramCommand(click.Command):
+class _ProgramCommand(Command):
     """A command whose arguments end with those of a program, as of `python`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -51,8 +51,6 @@ def run(program: tuple[str, ...], options: RunOptions) -> None:
     """
     from mjbench.commands.run.driver import exit_code_of, measurement
 
-    if options.json_file == "-":
-        raise InputError("--json -: standard output is the program's own; name a file")
     context = measure_and_print(measurement(program, options), options, to_stderr=True)
     code = exit_code_of(context.session.run())
     context.exit_with(ExitCode.INTERRUPTED if code is None else code)

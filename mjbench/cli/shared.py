@@ -98,6 +98,7 @@ def takes(kind: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None
 def _click_option(option: Option) -> Callable[..., Any]:
     kind, default = option.kind, option.default
     unset = f"  [default: {option.unset}]" if option.unset else ""
+    sentence = option.text.removesuffix(".") + "."
     settings: dict[str, Any] = {}
     if kind.is_flag:
         settings = {"is_flag": True, "default": default, "show_default": default}
@@ -107,7 +108,7 @@ def _click_option(option: Option) -> Callable[..., Any]:
         settings = {"default": kind.written(default), "show_default": True}
     if not kind.is_flag:
         settings |= {"type": _click_type(kind), "metavar": kind.metavar or None}
-    return click.option(*option.flags, option.name, help=f"{option.text}{unset}", **settings)
+    return click.option(*option.flags, option.name, help=f"{sentence}{unset}", **settings)
 
 
 def _click_type(kind: Kind) -> click.ParamType[Any] | None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mjbench.commands.sweep.measure import Cell, CellResult, Plan
     from mjbench.results.content import Section
 
-# In which folder each plan has one for its run files, unless -o says otherwise.
+# In which folder each plan has one for its run files, unless --results says otherwise.
 SWEEPS_FOLDER = Path("results/sweeps")
 
 
@@ -47,12 +47,13 @@ def sweep(plan: Path, options: SweepOptions) -> None:
       mjbench sweep plan.toml
       mjbench sweep plan.toml --address auto
     """
+    from mjbench.commands.show import forms
     from mjbench.commands.show.documents import SweepRow
     from mjbench.commands.sweep import measure as sweeps
     from mjbench.results.json_form import ResultsDocument
 
-    target = options.output or SWEEPS_FOLDER / plan.stem
-    with RunContext(options.json_file, [plan]) as run:
+    target = options.results or SWEEPS_FOLDER / plan.stem
+    with RunContext(options, [plan]) as run:
         loaded, cells = sweeps.load(plan, check_command)
         files = {cell: target / cell.file_name for cell in cells}
         ended: dict[Cell, CellResult] = {}
@@ -67,7 +68,7 @@ def sweep(plan: Path, options: SweepOptions) -> None:
             run.interrupt(is_saved=any(map(Path.is_file, files.values())))
         rows = [SweepRow.of(cell, files[cell], ended.get(cell)) for cell in cells]
         run.show([_section(rows)])
-        run.write(ResultsDocument(results=rows))
+        run.write_forms(forms.of_sections([_section(rows)], ResultsDocument(results=rows), rows))
         run.out.print(f"\nRun files: {target}", soft_wrap=True)
         run.exit(result.status for result in ended.values())
 
@@ -141,5 +142,5 @@ def check_command(words: Sequence[str]) -> None:
         command.make_context(command.name, rest)
     except click.UsageError as error:
         raise InputError(error.format_message()) from None
-    if "results" not in {parameter.name for parameter in command.params}:
+    if {"resume", "wait"}.isdisjoint(parameter.name or "" for parameter in command.params):
         raise InputError("this command stores no results")

@@ -14,14 +14,15 @@ def tune(sources: list[ModelSource], options: TuneOptions) -> None:
     """Which settings make a model faster, and what do they cost in accuracy?
 
     Tries settings alone and together. Those that change no state come first, then those that change
-    no more than rounding does, then those with an error: a distance from the same model at an
-    eighth of its timestep. Recommendations are measured again from new starts.
+    no more than rounding does, then others, with their error and their change of the motion.
+    Recommendations are measured again from new starts.
 
     \b
     Examples:
       mjbench tune humanoid
-      mjbench tune robot.xml --only free
-      mjbench tune robot.xml --max-error 1% --budget 600s
+      mjbench tune robot.xml --allow free
+      mjbench tune robot.xml --only solver --max-change 1%
+      mjbench tune robot.xml --skip timestep --max-error 1% --budget 600s
     """
     from mjbench.commands.tune.driver import measurement
 

@@ -30,17 +30,31 @@ if TYPE_CHECKING:
 RESULTS_FOLDER = Path("results/runs")
 
 
+# The name of a file that a command writes.
+OUTPUT_FILE = text("FILE|-")
+
+
+def output_option(flag: str, form: str) -> Any:
+    """Return the option that names the file for a form of the results."""
+    return option(
+        None, OUTPUT_FILE, f"Write {form} to FILE, or - for stdout.", flag, of_functions=False
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class JsonOptions:
     """Where the JSON document goes."""
 
-    json_file: str | None = option(
-        None,
-        text("FILE|-"),
-        "Write results as JSON to FILE, or - for stdout.",
-        "--json",
-        of_functions=False,
-    )
+    json_file: str | None = output_option("--json", "results as JSON")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormOptions(JsonOptions):
+    """Where results go in each form."""
+
+    html_file: str | None = output_option("--html", "results as an HTML page")
+    markdown_file: str | None = output_option("--markdown", "results as Markdown")
+    csv_file: str | None = output_option("--csv", "results as CSV")
 
 
 def results_option(folder: Path, help_text: str = "Folder for the run file.") -> Any:
@@ -49,8 +63,8 @@ def results_option(folder: Path, help_text: str = "Folder for the run file.") ->
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutputOptions(JsonOptions):
-    """Where results go.
+class RunFileOptions:
+    """Where the run file lies.
 
     Attributes:
       wait: whether to wait for others that measure here; None for a command that measures no time.
@@ -67,6 +81,11 @@ class OutputOptions(JsonOptions):
     wait: bool | None = option(
         False, FLAG, "Wait until no other mjbench measures on this machine.", is_stored=False
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions(RunFileOptions, FormOptions):
+    """Where results go."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,8 +4,7 @@ import re
 import urllib.parse
 
 import mjbench
-from mjbench import extras, formats
-from mjbench.errors import MachineError
+from mjbench import formats
 from mjbench.results import charts
 from mjbench.results.content import Column, DataTable, Figure, Report, Tone
 
@@ -24,20 +23,12 @@ _SHORT = 24
 
 
 def render(report: Report) -> str:
-    """Return a report as HTML.
+    """Return a report as HTML, which needs the extra `report`.
 
     All texts are escaped: names of models and files may hold anything.
-
-    Raises:
-      MachineError: Jinja2 or vl-convert-python is not installed.
     """
-    try:
-        import jinja2
-        from markupsafe import Markup, escape
-    except ImportError as error:
-        raise MachineError(
-            f"a report in HTML needs Jinja2: {extras.install_command('report')}; or give --markdown"
-        ) from error
+    import jinja2
+    from markupsafe import Markup, escape
 
     def svg(figure: Figure) -> str:
         return Markup(charts.svg(figure.specification))  # Vega escapes the texts of a chart

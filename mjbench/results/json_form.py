@@ -5,6 +5,7 @@ its properties the figures that follow from them. `in_json` says which of both i
 that of a dataclass without it has all its fields.
 """
 
+import json
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
@@ -58,6 +59,11 @@ def _json_attributes(value: Any) -> Mapping[str, str]:
 
 def json_form(value: Any) -> Any:
     return runs.to_json(_form(value))
+
+
+def text(document: Any) -> str:
+    """Return a document as the text of a file."""
+    return json.dumps(json_form(document), indent=1) + "\n"
 
 
 def _form(value: Any) -> Any:

@@ -70,7 +70,7 @@ def test_functions_are_compared_and_become_a_comment(
     assert "call 1 returns 2 instead of 1" in other["detail"]
     assert (new["verdict"], new["status"]) == (None, "new")
     assert "cannot import name 'added'" in new["detail"]
-    comment = mjbench("show", "--format", "comment", *runs, cwd=checkout)
+    comment = mjbench("show", "--comment", "-", *runs, cwd=checkout)
     assert "❌ 1 slower · ❌ 1 with other results · 🆕 1 new: action needed" in comment.stdout
     status = ["git", "status", "--porcelain"]
     listed = subprocess.run(status, cwd=checkout, capture_output=True, text=True, check=True)

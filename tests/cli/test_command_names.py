@@ -1,14 +1,12 @@
 """Which commands the help lists, and modes of commands."""
 
 import re
-from collections.abc import Sequence
-from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
 
-from mjbench.cli import cli, show_pages
+from mjbench.cli import cli
 from mjbench.command_names import LISTED, command_of, with_mode
 from mjbench.commands.show.kinds import KINDS
 
@@ -53,14 +51,6 @@ def test_the_help_of_a_mode_is_its_own_wherever_the_flag_stands(name: str) -> No
 
 def test_what_follows_a_separator_is_no_mode() -> None:
     assert with_mode(["versions", "--", "--explain"], MODES) == ["versions", "--", "--explain"]
-
-
-def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) -> None:
-    written: list[tuple[Sequence[Path], str, str | None]] = []
-    monkeypatch.setattr(show_pages, "write", lambda *arguments: written.append(arguments))
-    for words in (["--html", "a.jsonl", "page.html"], ["--html", "a.jsonl", "-o", "page.html"]):
-        assert CliRunner().invoke(cli, ["show", *words]).exit_code == 0
-    assert written == [((Path("a.jsonl"),), "html", "page.html")] * 2
 
 
 @pytest.mark.parametrize("name", [name for kind in KINDS for name in kind.commands])

@@ -168,8 +168,9 @@ def test_bad_usage_is_one_line(tmp_path, arguments, message):
     assert message in done.stderr
 
 
-def test_json_on_standard_output_is_refused():
-    done = mjbench("run", "--json", "-", "x.py")
+def test_json_on_standard_output_is_refused(tmp_path):
+    (tmp_path / "x.py").touch()
+    done = mjbench("run", "--json", "-", "x.py", cwd=tmp_path)
     assert done.returncode == 2
     assert "standard output is the program's own" in done.stderr
 
@@ -217,5 +218,5 @@ def test_a_stored_run_is_shown_and_reported(planted, tmp_path):
     shown = mjbench("show", str(file), "--json", "-")
     assert json.loads(shown.stdout)["results"][0]["program"] == "collector.py"
     page = tmp_path / "report.html"
-    assert mjbench("show", str(file), "--html", "-o", str(page)).returncode == 0
+    assert mjbench("show", str(file), "--html", str(page)).returncode == 0
     assert "garbage collection" in page.read_text()

@@ -81,7 +81,7 @@ def test_runs_of_one_machine_have_nothing_side_by_side(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (["--against", "OLD"], "--against compares one RUN with OLD"),
-        (["--format", "csv"], "--format csv takes one RUN"),
+        (["--csv", "-"], "--csv takes one RUN"),
     ],
 )
 def test_what_is_of_one_run_is_refused_for_several(

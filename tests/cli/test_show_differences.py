@@ -116,10 +116,9 @@ def test_a_disturbed_run_decides_nothing(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (["--fail-on", "slower", f"{RUNS}/reference-mujoco-4.0.0.jsonl"], "add --against OLD"),
-        (["--fail-on", "slower", "--html"], "leave out the format"),
-        (["--html", "--against", "old"], "leave out --code and formats"),
-        (["-o", "x"], "add --html, --markdown or --format"),
-        (["--markdown", "--json", "-"], "leave out the format"),
+        (["--code", "--html", "x"], "--code prints the code of a RUN"),
+        (["--code", "--against", "old"], "--code prints the code of a RUN"),
+        (["--markdown", "-", "--json", "-"], "--json - is what --markdown writes, too"),
         (["a", "b", "--against", "old"], "compares one RUN"),
     ],
 )

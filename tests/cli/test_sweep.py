@@ -81,9 +81,9 @@ def test_a_failed_cell_is_a_row_that_says_why(planned: Path, asked: list[Cell]) 
 
 
 def test_only_what_is_missing_is_measured_again(planned: Path, asked: list[Cell]) -> None:
-    mjbench("sweep", "plan.toml", "-o", "runs", cwd=planned)
+    mjbench("sweep", "plan.toml", "--results", "runs", cwd=planned)
     asked.clear()
-    mjbench("sweep", "plan.toml", "-o", "runs", cwd=planned)
+    mjbench("sweep", "plan.toml", "--results", "runs", cwd=planned)
     assert [cell.words for cell in asked] == [("latency", "pile")]
 
 
@@ -115,7 +115,7 @@ def test_a_run_file_that_cannot_be_read_is_a_row_that_says_why(
 
 @pytest.mark.usefixtures("asked")
 def test_results_that_cannot_be_stored_are_one_line(planned: Path) -> None:
-    done = mjbench("sweep", "plan.toml", "-o", "/proc/here", cwd=planned)
+    done = mjbench("sweep", "plan.toml", "--results", "/proc/here", cwd=planned)
     assert done.returncode == 3
     assert done.stderr.startswith("mjbench: cannot write /proc/here")
     assert done.stderr.count("\n") == 1

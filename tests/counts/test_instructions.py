@@ -150,7 +150,7 @@ def test_the_command_writes_json_and_a_run_file(
     shown = mjbench("show", cwd=tmp_path)
     assert shown.returncode == 0, shown.stderr
     assert shown.stdout.splitlines()[:2] == done.stdout.splitlines()[:2]
-    page = mjbench("show", "--markdown", cwd=tmp_path)
+    page = mjbench("show", "--markdown", "-", cwd=tmp_path)
     assert f"{row['instructions_per_step']:,.0f}" in page.stdout
 
 

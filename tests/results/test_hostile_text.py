@@ -17,7 +17,7 @@ from filled_records import Text
 from markdown_it import MarkdownIt
 
 from mjbench.cli import cli
-from mjbench.commands.show import exports, reports
+from mjbench.commands.show import exports, forms, reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.results import html as html_page
 from mjbench.results import markdown as markdown_page
@@ -161,8 +161,7 @@ def test_a_report_has_no_tags_of_theirs(
 def test_cells_of_csv_are_no_formulas(files: list[Path]) -> None:
     cells = 0
     for file in files:
-        stored = runs.load(file, RECORD_TYPES)
-        for row in csv.reader(io.StringIO(exports.as_csv(stored))):
+        for row in csv.reader(io.StringIO(forms.of_runs(reports.read([file])).csv())):
             for cell in row:
                 assert_printable(cell)
                 assert not cell.startswith(tuple("=+@\t\r")), cell
@@ -171,13 +170,13 @@ def test_cells_of_csv_are_no_formulas(files: list[Path]) -> None:
     assert cells > len(files)
 
 
-@pytest.mark.parametrize("form", ["junit", "github-action-benchmark"])
+@pytest.mark.parametrize("form", ["--junit", "--github-benchmark"])
 def test_documents_for_other_tools_parse(files: list[Path], form: str) -> None:
     for file in files:
         if file.stem in ("compare", "versions"):
-            text = exports.FORMATS[form](runs.load(file, RECORD_TYPES))
+            text = exports.BY_FLAG[form](runs.load(file, RECORD_TYPES))
             assert_printable(text)
-            assert ElementTree.fromstring(text.encode()) if form == "junit" else json.loads(text)
+            assert ElementTree.fromstring(text.encode()) if form == "--junit" else json.loads(text)
 
 
 def test_a_terminal_gets_printable_lines(files: list[Path]) -> None:

@@ -9,7 +9,7 @@ from mjbench.commands.shared_options import (
     budget_option,
     code_option,
 )
-from mjbench.options import FLAG, option, text
+from mjbench.options import FLAG, option
 
 # Seconds of a check-up, and of a quick one.
 TOTAL_S, QUICK_S = 60.0, 15.0
@@ -21,11 +21,5 @@ class CheckupOptions(LoopStartOptions, TimeLimitOptions, OutputOptions):
 
     quick: bool = option(False, FLAG, "Take 15 seconds, whatever --budget is, and try no settings.")
     budget_s: float = budget_option(TOTAL_S, "Time in all; a program runs for two thirds of it.")
-    html: str | None = option(
-        None, text("FILE"), "Also write the report as an HTML page.", of_functions=False
-    )
-    markdown: str | None = option(
-        None, text("FILE|-"), "Also write the report as Markdown.", of_functions=False
-    )
     code: bool = code_option()
     resume: None = None

@@ -320,7 +320,7 @@ def _combination_lines(
         )
         return
     if combination.settings:
-        command = f"mjbench tune {target} --only free"
+        command = f"mjbench tune {target} --allow free"
         yield f"Add to a copy, tuned.xml, the settings that this prints: {command}"
     yield f"Look closer at all of them: {ranking.combination_command(combination, target)}"
 

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from mjbench.commands.lint.check import Finding
 from mjbench.commands.lint.rules import RULES
 from mjbench.commands.lint.script_files import UncheckedFile
 from mjbench.errors import printable
-from mjbench.results.runs import SCHEMA, to_json
+from mjbench.results.runs import SCHEMA
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,10 +72,6 @@ def _github_value(text: str) -> str:
     return _github_text(printable(text)).replace(":", "%3A").replace(",", "%2C")
 
 
-def as_json(document: LintDocument) -> str:
-    return json.dumps(to_json(document), indent=1) + "\n"
-
-
 def as_sarif(document: LintDocument) -> str:
     """Return findings in the Static Analysis Results Interchange Format (SARIF 2.1.0, OASIS)."""
     rules = [
@@ -122,11 +118,3 @@ def _sarif_result(finding: Finding) -> Mapping[str, Any]:
 def _uri(file: str) -> str:
     uri = Path("/", file).as_uri()
     return uri if Path(file).is_absolute() else uri.removeprefix("file:///")
-
-
-# Formats for other programs, by name; text is printed as findings come.
-FORMATS: Mapping[str, Callable[[LintDocument], str]] = {
-    "github": as_github,
-    "json": as_json,
-    "sarif": as_sarif,
-}

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from mjbench.commands.compare.results import derive_all, path_results
-from mjbench.commands.show import rows
+from mjbench.commands.show import comment
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.errors import InputError
-from mjbench.formats import csv_text
 from mjbench.host import disturbance
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
@@ -56,7 +55,7 @@ def _check_kind(run: Run) -> None:
     if not any(isinstance(record, ModelRecord | VerdictRecord) for record in run.records):
         raise InputError(
             f"a run of `{run.header.command}` has no such form: give one of compare, versions or"
-            " ab, or --format csv"
+            " ab, or write --csv"
         )
 
 
@@ -75,11 +74,6 @@ def _ratios(run: Run) -> Iterator[ExportedMetric]:
             yield ExportedMetric(
                 name, "ratio", record.ratio.estimate, record.ratio.low, record.ratio.high
             )
-
-
-def as_csv(run: Run) -> str:
-    table = rows.of_run(run)
-    return csv_text([list(table[0]) if table else [], *(row.values() for row in table)])
 
 
 def as_github_action_benchmark(run: Run) -> str:
@@ -153,9 +147,9 @@ def _cases(run: Run) -> Iterator[_Case]:
         yield _Case(row.model, verdicts.describe_targets(row), outcome, text)
 
 
-# The formats by name.
-FORMATS: Mapping[str, Callable[[Run], str]] = {
-    "csv": as_csv,
-    "github-action-benchmark": as_github_action_benchmark,
-    "junit": as_junit,
+# What options of `mjbench show` write of one run.
+BY_FLAG: Mapping[str, Callable[[Run], str]] = {
+    "--junit": as_junit,
+    "--comment": comment.text,
+    "--github-benchmark": as_github_action_benchmark,
 }

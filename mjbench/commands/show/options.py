@@ -4,27 +4,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.commands.shared_options import (
+    RESULTS_FOLDER,
+    FormOptions,
     JsonOptions,
-    OutputOptions,
     TimeLimitOptions,
     code_option,
+    output_option,
+    results_option,
 )
 from mjbench.commands.versions.fail_on import FailOnOptions
-from mjbench.options import FLAG, file, option, text
+from mjbench.options import FLAG, file, option
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShowOptions(FailOnOptions, OutputOptions):
-    """What is shown of run files, beside their format."""
+class ShowOptions(FailOnOptions, FormOptions):
+    """What is shown of run files, and where it goes."""
 
-    output: str | None = option(
-        None,
-        text("FILE"),
-        "With a format: write to FILE, or - for stdout  [default: report.html, others to stdout]."
-        " After --html, a last word that ends in .html is FILE, too.",
-        "-o",
-        "--output",
-    )
     against: Path | None = option(
         None,
         file("OLD"),
@@ -36,8 +31,14 @@ class ShowOptions(FailOnOptions, OutputOptions):
         "With --against: compare even where JAX, jaxlib, XLA flags, device or precision differ.",
     )
     code: bool = code_option()
-    resume: None = None
-    wait: None = None
+    results: Path = results_option(RESULTS_FOLDER, "Folder of run files.")
+    junit_file: str | None = output_option("--junit", "verdicts of one RUN as JUnit XML")
+    comment_file: str | None = output_option(
+        "--comment", "verdicts of one RUN as a comment on a pull request"
+    )
+    github_benchmark_file: str | None = output_option(
+        "--github-benchmark", "times of one RUN for github-action-benchmark"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -153,7 +153,7 @@ def first_of(conclusions: Sequence[Conclusion]) -> list[Conclusion]:
 def _report_command(named_runs: Sequence[NamedRun]) -> str:
     files = list(dict.fromkeys(str(named.file) for named in named_runs))
     more = ["…"] if len(files) > _MOST_FILES else []
-    return " ".join([shlex.join(["mjbench", "show", *files[:_MOST_FILES]]), *more, "--html"])
+    return " ".join([shlex.join(["mjbench", "show", *files[:_MOST_FILES]]), *more, "--html FILE"])
 
 
 def _most_important(parts: Sequence[_Part]) -> list[_Part]:

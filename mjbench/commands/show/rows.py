@@ -1,6 +1,6 @@
 """A run file as a flat table: one row a result, for pandas, polars or a spreadsheet."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,15 +34,14 @@ def load(file: str | Path) -> list[dict[str, Cell]]:
 
 
 def of_run(run: Run) -> list[dict[str, Cell]]:
-    rows = list(_rows(run))
+    return table_of(result for kind in kinds.kinds_of(run) for result in kind.rows(run))
+
+
+def table_of(results: Iterable[object]) -> list[dict[str, Cell]]:
+    """Return a row for each result; all have the same keys."""
+    rows = [dict(_flattened(json_form(result))) for result in results]
     keys = dict.fromkeys(key for row in rows for key in row)
     return [{key: row.get(key) for key in keys} for row in rows]
-
-
-def _rows(run: Run) -> Iterator[dict[str, Cell]]:
-    for kind in kinds.kinds_of(run):
-        for result in kind.rows(run):
-            yield dict(_flattened(json_form(result)))
 
 
 def _flattened(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Cell]]:

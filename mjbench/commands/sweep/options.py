@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.commands.shared_options import JsonOptions
+from mjbench.commands.shared_options import FormOptions
 from mjbench.options import FLAG, file, option, text
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepOptions(JsonOptions):
+class SweepOptions(FormOptions):
     """Where a sweep measures, and where its run files go."""
 
     address: str | None = option(
@@ -17,12 +17,10 @@ class SweepOptions(JsonOptions):
         "Ray cluster to measure on; `auto` is the one that this machine belongs to",
         unset="this machine alone",
     )
-    output: Path | None = option(
+    results: Path | None = option(
         None,
-        file("FOLDER"),
-        "Folder for the run files; what it already has is not measured again",
-        "-o",
-        "--output",
+        file("DIR"),
+        "Folder for run files; what it already has is not measured again",
         unset="results/sweeps/PLAN",
     )
     dry_run: bool = option(False, FLAG, "Print what would be measured; measure nothing.")

@@ -18,17 +18,17 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mjbench.commands.tune import knobs, pareto_front
+from mjbench.commands.tune import knobs, pareto_front, setting_names
 from mjbench.commands.tune.measurements import CMeasurements, summary, with_accuracy, with_figures
-from mjbench.commands.tune.pareto_front import effect_of, error_of, is_allowed
+from mjbench.commands.tune.pareto_front import change_of, effect_of, error_of, is_allowed
 from mjbench.commands.tune.reference import HOLD, REFERENCE_S, CurrentSettings, TrialPlan
 from mjbench.commands.tune.result import (
     Attempt,
     Effect,
+    Limits,
     Recommendation,
     TuneRecord,
     Withdrawal,
-    allowed_error,
     saves_time,
 )
 from mjbench.commands.tune.setting_launch import SettingLaunchRequest
@@ -78,16 +78,17 @@ class SearchPlan:
       seed: of starts and controls; the second look has the next one.
       budget_s: seconds of the whole search, about; with less than a minute, some settings may have
         no error, and nothing may be confirmed by a second look.
-      max_error: the largest error allowed, as a share of the motion; None for the present one.
+      allow: the largest effect of settings that are recommended.
+      knobs: names of those that are tried.
     """
 
     seed: int = 0
     starts: StartPlan = field(default_factory=StartPlan)
     budget_s: float = 300.0
-    max_error: float | None = None
-    only: Effect = Effect.APPROXIMATE
+    limits: Limits = field(default_factory=Limits)
+    allow: Effect = Effect.APPROXIMATE
     hold: int = HOLD
-    skip: tuple[str, ...] = ()
+    knobs: tuple[str, ...] = setting_names.NAMES
 
     def trials(self, look: int, ncontrol: int | None = None) -> TrialPlan:
         """Return the starts and controls of a look: 0 for the search, 1 for the second look."""
@@ -109,7 +110,7 @@ class CSearch:
         clock: Callable[[], float] = time.monotonic,
     ):
         self._measure = measurements
-        self._record = replace(record, seed=plan.seed, max_error=plan.max_error, only=plan.only)
+        self._record = replace(record, seed=plan.seed, limits=plan.limits, allow=plan.allow)
         self._plan, self._advance, self._clock = plan, advance, clock
         self._begin_s, self._rng = clock(), random.Random(plan.seed)
 
@@ -138,7 +139,7 @@ class CSearch:
         self._advance(0, "the present settings", 0.5)
         present, stages, self._reference_s = self._measure.present(plan.trials(0))
         self._set(meshes=meshes, present=present, stages=stages)
-        wanted = [each for each in settings if each.knob not in plan.skip]
+        wanted = [each for each in settings if each.knob in plan.knobs]
         return [(each,) for each in sorted(wanted, key=lambda s: -knobs.likely_gain(s, stages))]
 
     def _screened(self, settings: Sequence[Settings]) -> list[Attempt]:
@@ -235,7 +236,7 @@ class CSearch:
     def _front(self, attempts: Sequence[Attempt], error: float) -> list[Attempt]:
         withdrawn = {each.settings for each in self._record.withdrawn}
         left = [each for each in attempts if each.settings not in withdrawn]
-        return pareto_front.pareto_front(left, self._plan.max_error, error)
+        return pareto_front.pareto_front(left, self._plan.limits, error)
 
     def _present_again(self, needs_error: bool) -> float:
         """Run the present settings, and the reference, from new starts; return the error there."""
@@ -258,19 +259,23 @@ class CSearch:
         """
         if second.accuracy is None:
             return second.detail
-        was, now, most = effect_of(first), effect_of(second), self._plan.max_error
+        was, now, limits = effect_of(first), effect_of(second), self._plan.limits
         if now.rank > was.rank:
             return f"{was} in the search, {now} from new starts"
-        if not is_allowed(first, most, first_error):
-            is_near, limit = error_of(second) <= MOST_ERROR, MOST_ERROR
-        else:
-            is_near, limit = is_allowed(second, most, error), allowed_error(most, error)
-        if is_near:
+        is_judged = is_allowed(first, limits, first_error)
+        if is_judged and is_allowed(second, limits, error):
             return ""
-        return (
-            f"an error of {100 * error_of(second):.2g} % of the motion from new starts, where"
-            f" {100 * limit:.2g} % is allowed"
-        )
+        most_error = limits.allowed_error(error) if is_judged else MOST_ERROR
+        for name, share, most in (
+            ("a change", change_of(second), limits.allowed_change),
+            ("an error", error_of(second), most_error),
+        ):
+            if share > most:
+                return (
+                    f"{name} of {100 * share:.2g} % of the motion from new starts, where"
+                    f" {100 * most:.2g} % is allowed"
+                )
+        return ""
 
     def _recommend(
         self, first: Attempt, second: Attempt, launched: Sequence[Attempt], first_error: float
@@ -283,15 +288,19 @@ class CSearch:
             self._withdraw(first.settings, again.detail or "not certainly faster from new starts")
             return
         assert first.accuracy is not None and second.accuracy is not None, "neither failed"
-        sensor_share = max(second.accuracy.sensor_share, first.accuracy.sensor_share)
+        accuracy = replace(
+            second.accuracy,
+            sensor_share=max(second.accuracy.sensor_share, first.accuracy.sensor_share),
+            distance=second.accuracy.distance.larger(first.accuracy.distance),
+        )
         recommendation = Recommendation(
             first.settings,
             again.ratio,
             first.error.larger(second.error) if first.error and second.error else None,
             again.launches,
             first.accuracy.effect,
-            replace(second.accuracy, sensor_share=sensor_share),
-            is_allowed(first, self._plan.max_error, first_error),
+            accuracy,
+            is_allowed(first, self._plan.limits, first_error),
         )
         front = [*self._record.front, recommendation]
         self._set(front=sorted(front, key=lambda each: (each.effect.rank, -each.ratio.estimate)))
@@ -308,12 +317,12 @@ class CSearch:
 
     def _needs_error(self, attempt: Attempt) -> bool:
         effect = effect_of(attempt)
-        has_limit = self._plan.max_error is not None
-        return effect == Effect.APPROXIMATE or (effect == Effect.EQUIVALENT and has_limit)
+        is_limited = self._plan.limits.are_set
+        return effect == Effect.APPROXIMATE or (effect == Effect.EQUIVALENT and is_limited)
 
     def _may_change_so_much(self, attempt: Attempt) -> bool:
         """Return whether settings change no more than the user allows, whatever their error is."""
-        return attempt.accuracy is not None and effect_of(attempt).rank <= self._plan.only.rank
+        return attempt.accuracy is not None and effect_of(attempt).rank <= self._plan.allow.rank
 
     def _may_be(self, attempt: Attempt) -> bool:
         if attempt.status != Status.OK or not self._may_change_so_much(attempt):
@@ -322,7 +331,9 @@ class CSearch:
             return True
         if attempt.error is None or not self._present.is_comparable:
             return False
-        return error_of(attempt) <= (self._plan.max_error or MOST_ERROR)
+        limits = self._plan.limits
+        is_near = change_of(attempt) <= limits.allowed_change
+        return is_near and error_of(attempt) <= (limits.max_error or MOST_ERROR)
 
     def _reference(self, horizon_ncontrol: int | None = None) -> CurrentSettings | None:
         """Run the reference; None where it fails or there is no time, which the record says."""

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from mjbench.commands.tune import knobs
+from mjbench.commands.tune import setting_names
 from mjbench.commands.tune.c_search import PARTS, Advance, CSearch, SearchPlan
 from mjbench.commands.tune.measurements import SILENCE_S, CMeasurements
 from mjbench.commands.tune.options import TuneOptions
-from mjbench.commands.tune.result import Effect, TuneRecord
+from mjbench.commands.tune.result import Effect, Limits, TuneRecord
 from mjbench.measuring.timing import Progress
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record
@@ -16,10 +16,15 @@ from mjbench.simulation.models import ModelSource
 
 def measurement(sources: Sequence[ModelSource], options: TuneOptions) -> Measurement:
     """Return the search for faster settings of each model; InputError for an unknown setting."""
-    effect, skipped = Effect(options.only or Effect.APPROXIMATE), knobs.known(options.skip or ())
     starts = options.starts
     plan = SearchPlan(
-        options.seed, starts, options.budget_s, options.max_error, effect, options.hold, skipped
+        options.seed,
+        starts,
+        options.budget_s,
+        Limits(options.max_error, options.max_change),
+        Effect(options.allow),
+        options.hold,
+        setting_names.chosen(options.only or (), options.skip or ()),
     )
 
     def items(earlier: Sequence[Record], observer: Observer) -> Items:

@@ -188,7 +188,7 @@ def unused_features(observed: ObservedModel) -> list[Setting]:
         return []
     edits = tuple(Edit(Part.FLAG, flag, "disable") for flag in absent)
     evidence = f"the model has no {', no '.join(names[flag] for flag in absent)}"
-    return [Setting("unused features", "unused features off", edits, evidence=evidence)]
+    return [Setting("unused_features", "unused features off", edits, evidence=evidence)]
 
 
 # -- what only MJCF can say ---------------------------------------------------------------------
@@ -210,7 +210,7 @@ def no_visual_geoms(observed: ObservedModel) -> list[Setting]:
     edits = (Edit(Part.COMPILER, "discardvisual", "true"),)
     loses = "geoms that are only drawn"
     evidence = f"{count} geom{' is' if count == 1 else 's are'} only drawn"
-    return [Setting("visual geoms", "discardvisual=true", edits, loses=loses, evidence=evidence)]
+    return [Setting("visual_geoms", "discardvisual=true", edits, loses=loses, evidence=evidence)]
 
 
 def _never_touched(observed: ObservedModel) -> str:
@@ -232,7 +232,7 @@ def clock_off(observed: ObservedModel) -> list[Setting]:
     """Return the loop without the timer of MuJoCo's Python package, where it installs one."""
     if not has_clock(observed.model):
         return []
-    return [Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))]
+    return [Setting("engine_clock", "engine clock off", loop=LoopChange(is_clock_off=True))]
 
 
 def threads(observed: ObservedModel) -> list[Setting]:
@@ -241,6 +241,6 @@ def threads(observed: ObservedModel) -> list[Setting]:
         return []
     counts = [count for count in topology.read().thread_counts() if count > 1]
     return [
-        Setting("engine threads", f"engine threads={n}", loop=LoopChange(engine_threads=n))
+        Setting("engine_threads", f"engine threads={n}", loop=LoopChange(engine_threads=n))
         for n in counts
     ]

@@ -1,7 +1,7 @@
 """The table of knobs: what `mjbench tune` may change, and to which values for a given model.
 
 A knob offers values that differ from the model's own, that can have an effect on it, and that this
-release has. To add one, write a row of KNOBS.
+release has. To add one, write a row of KNOBS, and its name in `setting_names.GROUPS`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from mjbench.commands.profile.step_parts import OTHER, SENSORS
 from mjbench.commands.tune import knob_values as values
 from mjbench.commands.tune import model_features as features
+from mjbench.commands.tune.setting_names import NAMES
 from mjbench.commands.tune.settings import Setting
 from mjbench.commands.tune.usual_regime import ObservedModel
 from mjbench.errors import InputError, shown, suggestion
@@ -60,7 +61,7 @@ def _is_convex(observed: ObservedModel) -> bool:
 # Of those that may save as much, the ones that most often help without a change of results first.
 KNOBS: Sequence[Knob] = (
     Knob(
-        "engine clock",
+        "engine_clock",
         values.clock_off,
         (),
         "Nothing but mjData.timer and the viewer's profiler.",
@@ -68,7 +69,7 @@ KNOBS: Sequence[Knob] = (
         since="3.3.1",
     ),
     Knob(
-        "unused features",
+        "unused_features",
         values.unused_features,
         (),
         "Nothing, until the model or the program adds one: MuJoCo then ignores it.",
@@ -216,13 +217,13 @@ KNOBS: Sequence[Knob] = (
         "Nothing but mjData.solver_fwdinv.",
     ),
     Knob(
-        "visual geoms",
+        "visual_geoms",
         values.no_visual_geoms,
         ("kinematics", SENSORS),
         "What is drawn and what rays hit; other geoms get new ids.",
     ),
     Knob(
-        "engine threads",
+        "engine_threads",
         values.threads,
         (),
         "Nothing but rounding; mujoco.rollout and Batch refuse such an MjData.",
@@ -265,15 +266,9 @@ def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
     return sum(stages.get(stage, 0.0) for stage in knob.stages)
 
 
-def known(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of knobs; raises InputError for any other."""
-    return tuple(find(name).name for name in names)
-
-
 def find(name: str) -> Knob:
     """Return a knob by its name; InputError for any other name, which a run file may have."""
-    by_name = {knob.name: knob for knob in KNOBS}
-    if name not in by_name:
-        near, names = suggestion(name, by_name), ", ".join(by_name)
-        raise InputError(f"no setting {shown(name)}{near}; the settings are {names}")
-    return by_name[name]
+    for knob in KNOBS:
+        if knob.name == name:
+            return knob
+    raise InputError(f"no setting {shown(name)}{suggestion(name, NAMES)}")

@@ -60,7 +60,8 @@ def _basis(present: CurrentSettings) -> Iterator[str]:
     yield (
         f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
         f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
-        f" it. Rounding alone: {percent(present.rounding.share)}. The solver alone:"
+        " it. Change: distance from the runs with the present settings."
+        f" Rounding alone: {percent(present.rounding.share)}. The solver alone:"
         f" {percent(present.solver.share)}."
     )
     if not present.is_comparable:

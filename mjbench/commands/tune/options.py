@@ -8,6 +8,7 @@ from mjbench.commands.shared_options import (
     TimeLimitOptions,
     budget_option,
 )
+from mjbench.commands.tune.setting_names import IN_GROUPS
 from mjbench.options import COUNT, NAMES, choice, option, share
 
 
@@ -15,25 +16,32 @@ from mjbench.options import COUNT, NAMES, choice, option, share
 class TuneOptions(StartOptions, TimeLimitOptions, OutputOptions):
     """What a search for faster settings may cost, and what may come out of it."""
 
-    only: str | None = option(
-        None,
-        choice("free", "equivalent", "approximate"),
-        "Recommend settings with the same results (free), also those within the solver's tolerance"
-        " (equivalent), or all (approximate)",
-        unset="approximate",
+    only: list[str] | None = option(
+        None, NAMES, f"Settings to try, by names or groups: {IN_GROUPS}", unset="all"
     )
     skip: list[str] | None = option(
+        None, NAMES, "Settings to leave alone, named as for --only, such as excludes,timestep."
+    )
+    allow: str = option(
+        "approximate",
+        choice("free", "equivalent", "approximate"),
+        "Recommend settings with the same results (free), also those within the solver's tolerance"
+        " (equivalent), or all (approximate).",
+    )
+    max_change: float | None = option(
         None,
-        NAMES,
-        "Settings to leave alone, by their names in the table of settings, such as"
-        " excludes,timestep",
+        share(below=10.0),
+        "Largest change to recommend: how far the motion is from that with your present settings,"
+        " in percent of how far the model moves (1% of 1 m is 1 cm). Nine simulations in ten stay"
+        " below it.",
     )
     max_error: float | None = option(
         None,
         share(below=10.0),
-        "Largest error to recommend, in percent of how far the model moves, in nine runs of ten:"
-        " 1% of a motion of 1 m is 1 cm",
-        unset="the error that your present settings have",
+        "Largest error to recommend, in the same percent: how far the motion is from that of the"
+        " same model at an eighth of its timestep, instead of from your present one. Give one of"
+        " the two, or both",
+        unset="the error of your present settings; with --max-change, any",
     )
     budget_s: float = budget_option(300.0, "About how long to search, for each model.")
     hold: int = option(

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Sequence
 
-from mjbench.commands.tune.result import Attempt, Effect, allowed_error
+from mjbench.commands.tune.result import Attempt, Effect, Limits
 from mjbench.commands.tune.settings import NO_CHANGE, Setting, Settings
 
 # Recommendations at most.
@@ -44,7 +44,7 @@ def _fastest_by_knob(*groups: Sequence[Attempt]) -> Settings:
 
 
 def pareto_front(
-    attempts: Sequence[Attempt], max_error: float | None, present_error: float
+    attempts: Sequence[Attempt], limits: Limits, present_error: float
 ) -> list[Attempt]:
     """Return the attempts worth a second look, the smallest effect first.
 
@@ -53,31 +53,31 @@ def pareto_front(
     allowed.
     """
     front: list[Attempt] = []
-    allowed = [each for each in attempts if is_allowed(each, max_error, present_error)]
+    allowed = [each for each in attempts if is_allowed(each, limits, present_error)]
     for effect in (Effect.FREE, Effect.EQUIVALENT):
         of_effect = [each for each in allowed if effect_of(each) == effect]
         if of_effect:
             _add_if_faster(front, min(of_effect, key=time_ratio_of))
     approximate = [each for each in attempts if effect_of(each) == Effect.APPROXIMATE]
-    limit = allowed_error(max_error, present_error)
-    within = [each for each in approximate if error_of(each) <= limit]
+    within = [each for each in approximate if each in allowed]
     if within:
         _add_if_faster(front, min(within, key=time_ratio_of))
-    beyond = [each for each in approximate if error_of(each) > limit]
+    beyond = [each for each in approximate if each not in allowed]
     for each in sorted(beyond, key=lambda each: (error_of(each), time_ratio_of(each))):
         _add_if_faster(front, each, DISTINCT_BEYOND)
     return front[:FRONT]
 
 
-def is_allowed(attempt: Attempt, max_error: float | None, present_error: float) -> bool:
-    """Return whether the error of settings is no larger than allowed.
+def is_allowed(attempt: Attempt, limits: Limits, present_error: float) -> bool:
+    """Return whether error and change of settings are no larger than allowed.
 
     What changes no state is always allowed; what is equivalent, unless the user sets a limit.
     """
     effect = effect_of(attempt)
-    if effect == Effect.FREE or (effect == Effect.EQUIVALENT and max_error is None):
+    if effect == Effect.FREE or (effect == Effect.EQUIVALENT and not limits.are_set):
         return True
-    return error_of(attempt) <= allowed_error(max_error, present_error)
+    is_near = change_of(attempt) <= limits.allowed_change
+    return is_near and error_of(attempt) <= limits.allowed_error(present_error)
 
 
 def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTINCT) -> None:
@@ -98,6 +98,12 @@ def error_of(attempt: Attempt) -> float:
     if attempt.error is not None:
         return attempt.error.share
     return math.inf if effect_of(attempt) == Effect.APPROXIMATE else 0.0
+
+
+def change_of(attempt: Attempt) -> float:
+    """Return how far settings that did not fail take the motion, as a share of it."""
+    assert attempt.accuracy is not None, "it did not fail"
+    return attempt.accuracy.distance.share
 
 
 def time_ratio_of(attempt: Attempt) -> float:

@@ -1,6 +1,7 @@
 """What a run file stores of a search for settings, and what `mjbench tune --json` writes."""
 
 import enum
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -47,6 +48,33 @@ class Effect(enum.StrEnum):
     def rank(self) -> int:
         """0 for the effect that changes least."""
         return list(Effect).index(self)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far settings may take the motion from others, as shares of it; None where unset.
+
+    Attributes:
+      max_error: from the reference.
+      max_change: from the motion with the present settings.
+    """
+
+    max_error: PositiveFloat | None = None
+    max_change: PositiveFloat | None = None
+
+    @property
+    def are_set(self) -> bool:
+        return (self.max_error, self.max_change) != (None, None)
+
+    @property
+    def allowed_change(self) -> float:
+        return self.max_change or math.inf
+
+    def allowed_error(self, present_error: float) -> float:
+        """Return the largest error allowed, unless it is set by that of the present settings."""
+        if self.are_set:
+            return self.max_error or math.inf
+        return max((1 + SAME_ERROR) * present_error, NO_ERROR)
 
 
 @dataclass(frozen=True)
@@ -114,8 +142,9 @@ class Recommendation:
         with its 95 % interval.
       error: as of an attempt; the larger of both looks; None without a reference.
       effect: on the motion; the larger of both looks.
-      is_allowed: whether the error is no larger than allowed, in both looks; if not, the user may
-        still choose them.
+      accuracy: of the second look, with the larger change of both.
+      is_allowed: whether error and change are no larger than allowed, in both looks; if not, the
+        user may still choose them.
     """
 
     settings: Sequence[Setting]
@@ -141,8 +170,6 @@ class TuneRecord:
 
     Attributes:
       seed: of starts and controls; the second look has the next one.
-      max_error: the largest error allowed, as a share of the motion; None for that of the present
-        settings, as `allowed_error` has it.
       present: what the present settings do, on the starts of the second look; its error is the
         larger of both looks.
       no_reference: why settings that need an error were left out: the reference failed, or there
@@ -159,8 +186,8 @@ class TuneRecord:
     status: Status = Status.OK
     detail: str = ""
     seed: Int64 = 0
-    max_error: PositiveFloat | None = None
-    only: Effect = Effect.APPROXIMATE
+    limits: Limits = Limits()
+    allow: Effect = Effect.APPROXIMATE
     present: CurrentSettings | None = None
     attempts: Sequence[Attempt] = ()
     no_reference: str = ""
@@ -197,10 +224,6 @@ class TuneRecord:
         }
         ordered = sorted(by_stage.items(), key=lambda item: -item[1])
         return {stage: share for stage, share in ordered if abs(share) >= LEAST_SAVED}
-
-
-def allowed_error(max_error: float | None, present_error: float) -> float:
-    return max_error or max((1 + SAME_ERROR) * present_error, NO_ERROR)
 
 
 def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Interval:

@@ -165,6 +165,10 @@ def _front_table(record: TuneRecord, present: CurrentSettings) -> DataTable:
             Column("in units", leaves=2),
             lambda row: in_units(error) if (error := row[0].error) else None,
         ),
+        (
+            Column("change, % of the motion", formats.digits(3), leaves=1),
+            lambda row: 100 * known.distance.share if (known := row[0].accuracy) else None,
+        ),
         (Column("settings"), lambda row: label(row[0].settings)),
     )
 
@@ -211,17 +215,17 @@ def advised(record: TuneRecord) -> list[Recommendation]:
 
 
 def _within(record: TuneRecord) -> str:
-    if record.only == Effect.FREE:
+    if record.allow == Effect.FREE:
         return " with the same results"
-    if record.only == Effect.EQUIVALENT:
+    if record.allow == Effect.EQUIVALENT:
         return " within the solver's tolerance"
-    return _within_error(record.max_error)
+    return _within_shares(record.limits.max_error, record.limits.max_change)
 
 
-def _within_error(share: float | None) -> str:
-    if share is None:
-        return " without a larger error"
-    return f" with an error of at most {percent(share)} of the motion"
+def _within_shares(error: float | None, change: float | None) -> str:
+    shares = [f"an error of at most {percent(error)}"] if error is not None else []
+    shares += [f"a change of at most {percent(change)}"] if change is not None else []
+    return f" with {' and '.join(shares)} of the motion" if shares else " without a larger error"
 
 
 def _results(each: Recommendation, record: TuneRecord) -> str:
@@ -234,7 +238,11 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
         "the reference tells it from equivalent ones"
     )
     is_same = each.error.share <= (1 + SAME_ERROR) * record.present.error.share
-    return _within_error(None if record.max_error is None and is_same else each.error.share)
+    limits, change = record.limits, each.accuracy.distance.share if each.accuracy else None
+    is_told = not (limits.max_error is None and (is_same or limits.max_change))
+    return _within_shares(
+        each.error.share if is_told else None, change if limits.max_change else None
+    )
 
 
 def _result(known: Recommendation | Accuracy) -> str:

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.studies import fuzz
 from mjbench.cli import cli
+from mjbench.commands.shared_options import OUTPUT_FILE
 
 
 def test_the_same_seed_draws_the_same_command_lines_of_every_command() -> None:
@@ -19,6 +20,12 @@ def test_the_same_seed_draws_the_same_command_lines_of_every_command() -> None:
 def test_options_that_are_kept_short_or_left_out_are_options_of_commands() -> None:
     flags = {name for _, command in fuzz.leaves(cli, ()) for p in command.params for name in p.opts}
     assert {*fuzz.SHORT, *fuzz.NEVER} <= flags
+
+
+def test_options_that_name_a_file_to_write_are_known() -> None:
+    options = (each for _, command in fuzz.leaves(cli, ()) for each in command.params)
+    written = [each.opts[0] for each in options if each.make_metavar(None) == OUTPUT_FILE.metavar]
+    assert set(written) == set(fuzz.OUTPUT_FLAGS)
 
 
 @pytest.mark.parametrize(

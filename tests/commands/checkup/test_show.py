@@ -41,7 +41,7 @@ from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
 from mjbench.status import Status
 from mjbench.verification.plan import WITHOUT_TIMER
 
-CLOCK = Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))
+CLOCK = Setting("engine_clock", "engine clock off", loop=LoopChange(is_clock_off=True))
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
 TIMESTEP = Setting("timestep", "timestep=0.004", (Edit(Part.OPTION, "timestep", "0.004"),))
 SENSOR = Setting("sensor", "sensor=disable", loses="sensor data")

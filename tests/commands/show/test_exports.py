@@ -12,8 +12,9 @@ from commands import ROOT
 
 import mjbench
 from mjbench.cli import cli
-from mjbench.commands.show import exports
+from mjbench.commands.show import exports, forms
 from mjbench.commands.show.kinds import RECORD_TYPES
+from mjbench.commands.show.reports import NamedRun
 from mjbench.errors import InputError
 from mjbench.interval import Interval
 from mjbench.paired.outcomes import Verdict
@@ -33,6 +34,10 @@ def file_of(run: Run, *records: Record, **header: str) -> Run:
 @pytest.fixture(scope="module")
 def comparison() -> Run:
     return runs.load(COMPARISON, RECORD_TYPES)
+
+
+def csv_of(run: Run) -> str:
+    return forms.of_runs([NamedRun(COMPARISON, run)]).csv()
 
 
 def empty(comparison: Run) -> Run:
@@ -72,9 +77,9 @@ def test_every_committed_run_is_a_table(file: Path) -> None:
 
 
 def test_csv_has_a_line_for_each_result(comparison: Run) -> None:
-    lines = list(csv.DictReader(exports.as_csv(comparison).splitlines()))
+    lines = list(csv.DictReader(csv_of(comparison).splitlines()))
     assert len(lines) == len(mjbench.load(COMPARISON))
-    assert exports.as_csv(empty(comparison)) == "\r\n"
+    assert csv_of(empty(comparison)) == "\r\n"
 
 
 def test_benchmark_tools_get_names_units_and_values(comparison: Run) -> None:
@@ -108,10 +113,9 @@ def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: Run) ->
 
 def test_the_command_writes_every_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in exports.FORMATS:
-        words = ["show", str(COMPARISON), "--format", name]
-        result = CliRunner().invoke(cli, words)
-        assert result.exit_code == 0, result.output
-        assert result.stdout.strip()
-    two = ["show", str(COMPARISON), str(COMPARISON), "--format", "csv"]
-    assert "takes one RUN" in CliRunner().invoke(cli, two).output
+    flags = ["--html", "--markdown", "--csv", "--json", "--junit", "--github-benchmark"]
+    words = ["show", str(COMPARISON), *(word for flag in flags for word in (flag, f"a{flag}"))]
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == 0, result.output
+    assert {*result.stdout.splitlines()} == {f"Written: a{flag}" for flag in flags}
+    assert all((tmp_path / f"a{flag}").read_text() for flag in flags)

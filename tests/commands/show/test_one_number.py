@@ -18,7 +18,7 @@ from mjbench import formats
 from mjbench.api.compare import Comparison
 from mjbench.cli import cli
 from mjbench.commands.compare.results import PathResult, derive_all
-from mjbench.commands.show import exports, machines, reports
+from mjbench.commands.show import exports, forms, machines, reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.show.reports import NamedRun
 from mjbench.host.disturbance import Disturbance
@@ -78,7 +78,8 @@ def of_notebook_document(file: Path) -> list[Gain]:
 
 
 def of_csv(file: Path) -> list[Gain]:
-    return of_rows(list(csv.DictReader(exports.as_csv(read(file)).splitlines())))
+    table = forms.of_runs([NamedRun(file, read(file))]).csv()
+    return of_rows(list(csv.DictReader(table.splitlines())))
 
 
 NUMBERS: dict[str, Callable[[Path], list[Gain]]] = {
@@ -232,7 +233,7 @@ def test_rows_documents_and_other_tools_say_what_disturbed_a_run(tmp_path: Path)
     action = json.loads(exports.as_github_action_benchmark(read(file)))
     assert {entry["extra"] for entry in action} == {f"Disturbed: {clause}. Measure again."}
     for form in ("csv", "junit"):
-        done = CliRunner().invoke(cli, ["show", str(file), "--format", form])
+        done = CliRunner().invoke(cli, ["show", str(file), f"--{form}", "-"])
         assert f"m: Disturbed: {clause}" in done.stderr
 
 

@@ -148,16 +148,16 @@ def test_the_command_writes_a_file_or_markdown(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = run_file_here(tmp_path / "results/runs", *compared("cartpole"))
-    result = CliRunner().invoke(cli, ["show", "--html", "-o", "page.html"])
+    result = CliRunner().invoke(cli, ["show", "--html", "page.html"])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "page.html").read_text().startswith("<!doctype html>")
-    result = CliRunner().invoke(cli, ["show", str(file), "--markdown"])
+    result = CliRunner().invoke(cli, ["show", str(file), "--markdown", "-"])
     assert result.exit_code == 0, result.output
     assert result.stdout.startswith("## mjbench compare")
-    result = CliRunner().invoke(cli, ["show", str(file), "--html", "-o", str(file)])
+    result = CliRunner().invoke(cli, ["show", str(file), "--html", str(file)])
     assert result.exit_code == 2
     assert "a file that this command reads" in result.output
-    result = CliRunner().invoke(cli, ["show", "--html", "missing.jsonl"])
+    result = CliRunner().invoke(cli, ["show", "--html", "page.html", "missing.jsonl"])
     assert result.exit_code == 2
 
 
@@ -353,7 +353,7 @@ def test_the_command_of_a_section_names_some_files(tmp_path: Path) -> None:
         )
     ]
     assert reports.build(runs).summaries[0].command == (
-        "mjbench show 0.jsonl 1.jsonl 2.jsonl … --html"
+        "mjbench show 0.jsonl 1.jsonl 2.jsonl … --html FILE"
     )
 
 

@@ -92,7 +92,7 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_setting_of_a_shipped_model_applies(name: str, brief: None) -> None:
     source = models.resolve(name)
     settings = knobs.settings(usual_regime.observe_model(models.load(source), is_mjcf=True))
-    assert {"timestep", "integrator", "autoreset", "engine clock"} <= settings.keys()
+    assert {"timestep", "integrator", "autoreset", "engine_clock"} <= settings.keys()
     for knob, values in settings.items():
         assert len({value.label for value in values}) == len(values)
         for value in values:
@@ -255,7 +255,7 @@ def test_sensors_are_lost() -> None:
 
 
 def test_unused_features_are_disabled_together() -> None:
-    (setting,) = knobs.settings(seen(model_xml()))["unused features"]
+    (setting,) = knobs.settings(seen(model_xml()))["unused_features"]
     # limits, damping, and one geom, which nothing can meet
     names = {edit.name for edit in setting.edits}
     assert names == {"equality", "frictionloss", "contact", "actuation", "sensor", "spring"}
@@ -276,7 +276,7 @@ def test_unused_features_are_disabled_together() -> None:
 )
 def test_unused_features_change_nothing(option: str, bodies: str, expected: int) -> None:
     xml = model_xml(option, bodies)
-    settings = knobs.settings(seen(xml))["unused features"]
+    settings = knobs.settings(seen(xml))["unused_features"]
     assert len({"spring", "damper"} & {edit.name for edit in settings[0].edits}) == expected
     before, after = (
         mujoco.MjModel.from_xml_string(xml),
@@ -295,11 +295,11 @@ def test_geoms_that_are_only_drawn_can_be_discarded() -> None:
     drawn = "<geom name='drawn' size='.1' contype='0' conaffinity='0' mass='0'/></body>"
     bodies = ARM.replace("</body>", drawn)
     some = seen(model_xml(bodies=bodies))
-    (setting,) = knobs.settings(some)["visual geoms"]
+    (setting,) = knobs.settings(some)["visual_geoms"]
     assert setting.evidence == "1 geom is only drawn"
     assert apply(mujoco.MjSpec.from_string(model_xml(bodies=bodies)), [setting]).ngeom == 1
     sensor = "<sensor><framepos objtype='geom' objname='drawn'/></sensor>"
-    assert offered(seen(model_xml(bodies=bodies, more=sensor)), "visual geoms") == []
+    assert offered(seen(model_xml(bodies=bodies, more=sensor)), "visual_geoms") == []
 
 
 def test_a_file_that_is_not_mjcf_has_no_compiler_settings() -> None:
@@ -338,7 +338,7 @@ def test_what_a_release_lacks_is_not_offered(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.delattr(mujoco, "mju_threadpool")
     some = seen(model_xml(bodies=bodies))
     names = knobs.settings(some).keys()
-    assert not {"sleep", "island", "autoreset", "engine threads"} & names
+    assert not {"sleep", "island", "autoreset", "engine_threads"} & names
     assert "warmstart" in names
     assert offered(some, "integrator") == ["integrator=implicitfast"]
 
@@ -362,13 +362,13 @@ def test_the_loop_has_a_clock_and_threads(monkeypatch: pytest.MonkeyPatch) -> No
     cores = SimpleNamespace(thread_counts=lambda: (1, 4, 8))
     monkeypatch.setattr(knob_values.topology, "read", lambda: cores)
     settings = knobs.settings(seen(model_xml()))
-    assert [each.loop for each in settings["engine clock"]] == [LoopChange(is_clock_off=True)]
-    threads = [each.loop for each in settings["engine threads"]]
+    assert [each.loop for each in settings["engine_clock"]] == [LoopChange(is_clock_off=True)]
+    threads = [each.loop for each in settings["engine_threads"]]
     assert threads == [LoopChange(engine_threads=4), LoopChange(engine_threads=8)]
     monkeypatch.setattr(
         knob_values.topology, "read", lambda: SimpleNamespace(thread_counts=lambda: (1,))
     )
-    assert "engine threads" not in knobs.settings(seen(model_xml()))
+    assert "engine_threads" not in knobs.settings(seen(model_xml()))
 
 
 def test_a_knob_of_a_run_file_that_does_not_exist_is_refused() -> None:

@@ -85,7 +85,7 @@ def test_fewer_runs_are_spread_over_all(cartpole, inline):
 def test_the_loop_has_settings_of_its_own(cartpole):
     done = tried(
         cartpole,
-        Setting("engine clock", "clock off", loop=LoopChange(is_clock_off=True)),
+        Setting("engine_clock", "clock off", loop=LoopChange(is_clock_off=True)),
         timed_s=0.01,
     )
     assert done.accuracy.effect == Effect.FREE
@@ -205,7 +205,7 @@ def test_a_ray_that_loses_its_target_is_a_change(tmp_path, inline):
     file = tmp_path / "rays.xml"
     file.write_text(RAYS)
     discarded = Setting(
-        "visual geoms", "discardvisual=true", (Edit(Part.COMPILER, "discardvisual", "true"),)
+        "visual_geoms", "discardvisual=true", (Edit(Part.COMPILER, "discardvisual", "true"),)
     )
     with WorkerPool() as pool:
         of_rays = CMeasurements(pool, models.ModelSource("rays", file), StartPlan())

@@ -10,6 +10,7 @@ from mjbench.commands.tune.result import (
     Accuracy,
     Attempt,
     Effect,
+    Limits,
     Recommendation,
     TuneRecord,
     Withdrawal,
@@ -21,7 +22,7 @@ from mjbench.results import terminal
 from mjbench.status import Status
 
 PRESENT = present()
-CLOCK = Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))
+CLOCK = Setting("engine_clock", "engine clock off", loop=LoopChange(is_clock_off=True))
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
 ISLAND = Setting("island", "island=disable", (Edit(Part.FLAG, "island", "disable"),))
 TIMESTEP = Setting("timestep", "timestep=0.004", (Edit(Part.OPTION, "timestep", "0.004"),))
@@ -63,9 +64,13 @@ def test_what_changes_least_comes_first_and_what_is_not_allowed_is_no_advice():
 @pytest.mark.parametrize(
     ("keywords", "text"),
     [
-        ({"only": Effect.FREE}, "no settings are certainly faster with the same results"),
-        ({"only": Effect.EQUIVALENT}, "faster within the solver's tolerance"),
-        ({"max_error": 0.01}, "faster with an error of at most 1 % of the motion"),
+        ({"allow": Effect.FREE}, "no settings are certainly faster with the same results"),
+        ({"allow": Effect.EQUIVALENT}, "faster within the solver's tolerance"),
+        ({"limits": Limits(0.01)}, "faster with an error of at most 1 % of the motion"),
+        (
+            {"limits": Limits(0.01, 0.02)},
+            "with an error of at most 1 % and a change of at most 2 % of the motion",
+        ),
         ({}, "faster without a larger error"),
         (
             {"no_reference": "crashed"},
@@ -137,7 +142,7 @@ def test_a_setting_that_saves_whole_evaluations_is_not_explained_by_a_stage():
 def test_a_setting_says_what_it_gives_up():
     sensor = tried("sensor", "sensor=disable", loses="sensor data")
     assert "gives up sensor data" in tuning.why(sensor, record())
-    visual = tried("visual geoms", "discardvisual=true", changed_sensors=284)
+    visual = tried("visual_geoms", "discardvisual=true", changed_sensors=284)
     assert tuning.changes(visual).startswith("Here, the data of 284 sensors changed. What is drawn")
 
 
