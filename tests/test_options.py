@@ -34,9 +34,8 @@ from mjbench.commands.tune import driver as tune
 from mjbench.commands.tune.options import TuneOptions
 from mjbench.commands.versions.driver import between_releases
 from mjbench.commands.versions.options import (
-    BisectOptions,
     ExplainOptions,
-    TargetOptions,
+    RevisionOptions,
     VersionsOptions,
 )
 from mjbench.errors import InputError
@@ -49,8 +48,8 @@ from mjbench.simulation import models
 
 CARTPOLE = models.resolve("cartpole")
 KINDS: dict[str, type[Any]] = {
-    "ab": TargetOptions,
-    "bisect": BisectOptions,
+    "ab": RevisionOptions,
+    "bisect": RevisionOptions,
     "checkup": CheckupOptions,
     "compare": CompareOptions,
     "doctor": DoctorOptions,

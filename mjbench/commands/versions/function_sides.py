@@ -289,12 +289,11 @@ def _targets(
 ) -> FunctionTargets:
     """Return a function in both revisions: in the candidate's file, unless each has its own."""
     top, layout = comparison.repository.top.resolve(), sides[1].folder
-    text = function.content or _text(top, layout, function.file)
-    texts = [text, text]
-    if comparison.own_files and not (file := sides[0].folder / function.file).is_file():
-        texts[0] = b""  # so the function is new
-    elif comparison.own_files:
-        texts[0] = file.read_bytes()
+    if comparison.own_files:
+        files = [side.folder / function.file for side in sides]
+        texts = [file.read_bytes() if file.is_file() else b"" for file in files]
+    else:
+        texts = [function.content or _text(top, layout, function.file)] * len(sides)
     baseline, candidate = (
         FunctionTarget(
             function.text,
