@@ -170,7 +170,7 @@ def cli() -> None:
       mjbench run --seconds 30 train.py        what to change?
       mjbench compare robot.xml --scaling      thread count?
       mjbench versions 3.17.0 4.0.0 robot.xml  4.0.0 slower?
-      mjbench ab HEAD WORKTREE bench:step      am I slower?
+      mjbench ab HEAD WORKTREE bench.py::step  am I slower?
       mjbench show --html report.html          results as HTML
 
     Exit codes: 0 success; 1 finding; 2 bad input; 3 failure; 130 interrupted.
