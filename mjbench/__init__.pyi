@@ -25,8 +25,9 @@ capture = Capture
 def checkup(
     target: Model,
     *arguments: str,
+    budget_s: float | None = None,
     quick: bool = False,
-    budget_s: float = 60.0,
+    seconds: float | None = 40.0,
     settle_s: float | None = None,
     states: States | None = None,
     time_limit_s: float = 60.0,
@@ -43,8 +44,10 @@ def checkup(
         by its Gymnasium id, or as `module:function`.
       *arguments: of a program.
       on_progress: called with what is measured now, and the share of all work that is done.
-      quick: Take 15 seconds, whatever --budget is, and try no settings.
-      budget_s: Time in all; a program runs for two thirds of it. In seconds.
+      budget_s: Time of the whole command. In seconds. Default: 60s.
+      quick: A first impression, often uncertain: 15s.
+      seconds: End the program, as Ctrl-C would, when it has stepped for this long, with MJX alone
+        from its first compiled function on; `none` runs it to its end. In seconds.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
       states: Draw start states, and their controls if there are any, from this file, which
@@ -68,8 +71,9 @@ def compare(
     nbatch: int | Iterable[int] | None = None,
     returns: str = "final",
     nstep: int | None = None,
-    budget_s: float | None = None,
     total_steps: float | None = None,
+    budget_s: float | None = None,
+    quick: bool = False,
     hold: int = 1,
     seed: int = 0,
     settle_s: float | None = None,
@@ -98,10 +102,11 @@ def compare(
       returns: What every path returns: final states; the state after every step, too; and sensor
         data of every step, too, which are of the state before it.
       nstep: Steps of each simulation. Default: up to 100.
-      budget_s: Time for each model, agreement included; what compiles comes on top. In seconds.
-        Default: 23s.
       total_steps: Steps that you will take in all simulations together, such as 1e9: a path that
         compiles is advised only if that pays within them. Default: those of one block.
+      budget_s: Time of the whole command, divided among its models. In seconds. Default: 23s for
+        each model.
+      quick: A first impression, often uncertain: 5s for each model.
       hold: Steps for which each control is held: an environment's frame_skip.
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
@@ -129,7 +134,8 @@ def latency(
     deadline_s: float | None = None,
     rate_hz: float | None = None,
     nstep: int | None = None,
-    budget_s: float = 10.0,
+    budget_s: float | None = None,
+    quick: bool = False,
     seed: int = 0,
     settle_s: float | None = None,
     states: States | None = None,
@@ -149,7 +155,9 @@ def latency(
         ticks; free-running, the simulated time of a tick.
       rate_hz: Paced ticks per second. Default: real time.
       nstep: Steps at each pace. Default: 10,000 ticks, or what the budget allows.
-      budget_s: Time for the ticks of each pace, if there are more than 1,000. In seconds.
+      budget_s: Time of the whole command, divided among its models. In seconds. Default: 15s for
+        each model.
+      quick: A first impression, often uncertain: 5s for each model.
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
@@ -171,7 +179,8 @@ def latency(
 def profile(
     model: Model,
     *,
-    budget_s: float = 4.0,
+    budget_s: float | None = None,
+    quick: bool = False,
     settle_s: float | None = None,
     states: States | None = None,
     time_limit_s: float = 60.0,
@@ -183,8 +192,9 @@ def profile(
 
     Args:
       model: a name as on the command line, a path, an MjModel or an MjSpec.
-      budget_s: Time for the steps of each model, and half of it for the frames of each backend. In
-        seconds.
+      budget_s: Time of the whole command, divided among its models. In seconds. Default: 10s for
+        each model.
+      quick: A first impression, often uncertain: 5s for each model.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
       states: Draw start states, and their controls if there are any, from this file, which
@@ -208,8 +218,9 @@ def versions(
     min_effect: float = 0.01,
     confidence: float = 0.99,
     precision: float = 0.005,
-    budget_s: float = 60.0,
     as_shipped: bool = False,
+    budget_s: float | None = None,
+    quick: bool = False,
     nbatch: int | None = None,
     nstep: int | None = None,
     hold: int = 1,
@@ -246,10 +257,11 @@ def versions(
       confidence: Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical
         targets is called different. As a share: 0.01 is 1 %.
       precision: Stop when half the interval's width is below this. As a share: 0.01 is 1 %.
-      budget_s: Time for each verdict, once the models are loaded; after it, an uncertain one is
-        `inconclusive`. In seconds.
       as_shipped: Compare builds as they are. By default mjbench moves their machine code in memory
         from launch to launch, so that only what the code does makes a difference.
+      budget_s: Time of the whole command, divided among its verdicts. In seconds. Default: 60s for
+        each verdict.
+      quick: A first impression, often uncertain: 15s for each verdict.
       nbatch: Simulations of a run.
       nstep: Steps of each simulation.
       hold: Steps for which each control is held: an environment's frame_skip.

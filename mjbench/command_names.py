@@ -5,40 +5,66 @@ and its own help. `versions` has the flag only so that its help names it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
 
-# What `mjbench --help` says of each command, in its order; lines fit into a narrow terminal.
-LISTED: Mapping[str, Mapping[str, str]] = {
-    "Every day": {
-        "checkup": "what can I do? the same as `mjbench TARGET`",
-        "run": "my program: where time goes, what to change",
-        "env": "an environment: where the time of a step goes",
-        "compare": "the fastest way to step; threads with --scaling",
-        "tune": "faster settings of a model; what they change",
-        "versions": "is a release slower? why: --explain",
-        "ab": "which of two models or git commits is slower?",
-        "bisect": "which commit or MuJoCo release made it slower?",
-        "lint": "what is slow or wrong in a script",
-        "doctor": "can I trust timings here?",
-        "show": "stored results again; as a page: --html",
+
+class Listed(NamedTuple):
+    """What `mjbench --help` says of a command.
+
+    Attributes:
+      does: what it does, so short that the line fits into a narrow terminal.
+      takes: about how long it takes by default: for each model, environment or comparison.
+    """
+
+    does: str
+    takes: str = ""
+
+
+LISTED: Mapping[str, Mapping[str, Listed]] = {
+    "What to change": {
+        "checkup": Listed("rank what to change: mjbench TARGET", "1 min"),
+        "run": Listed("run a program, and show its slow lines", "40 s"),
+        "env": Listed("time the parts of an environment's step", "20 s"),
+        "compare": Listed("race ways of stepping, and thread counts", "23 s"),
+        "tune": Listed("search for faster settings of a model", "5 min"),
+        "lint": Listed("find slow or wrong lines of scripts"),
+    },
+    "What became slower": {
+        "versions": Listed("compare releases of MuJoCo or packages", "1 min"),
+        "ab": Listed("compare models, commits or functions", "1 min"),
+        "bisect": Listed("find the commit or release that did it", "1 min"),
     },
     "A closer look": {
-        "profile": "the stages of a step; habits of loops: --habits",
-        "latency": "the slowest ticks, and which miss a deadline",
-        "models": "list the shipped models",
-        "paths": "list the ways of stepping",
-        "releases": "list, install and remove releases",
-        "sweep": "a matrix of commands on a Ray cluster",
+        "profile": Listed("time the stages of a step", "5 s"),
+        "latency": Listed("time ticks, and count missed deadlines", "20 s"),
+        "doctor": Listed("check whether timings here can be trusted", "12 s"),
+    },
+    "Results and what there is": {
+        "show": Listed("print, export and compare run files"),
+        "models": Listed("list the shipped models"),
+        "paths": Listed("list the ways of stepping"),
+        "releases": Listed("list, install and remove releases"),
+        "sweep": Listed("run a matrix of commands with Ray"),
     },
 }
+# Commands that stand behind an option of another.
+MODES = ("profile --habits", "profile --instructions", "versions --explain")
+NAMES = (*(name for listed in LISTED.values() for name in listed), *MODES)
+# The modules of commands that are not in the one of their first word.
+_MODULES = {"models": "listings", "paths": "listings", "versions --explain": "versions_explain"}
 
 # Modes, and commands of groups, by what their results are named after.
 _OF_RESULTS: Mapping[str, str] = {
-    "diff": "show --against",
     "explain": "versions --explain",
     "installs": "releases installs",
     "instructions": "profile --instructions",
     "overhead": "profile --habits",
 }
+
+
+def module_of(name: str) -> str:
+    """Return the module of `mjbench.cli` that has a command."""
+    return _MODULES.get(name, name.split()[0])
 
 
 def with_mode(words: Sequence[str], names: Collection[str]) -> list[str]:

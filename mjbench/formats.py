@@ -133,23 +133,32 @@ def _is_factor(ratio: float) -> bool:
     return ratio >= 2 or ratio <= 0.5
 
 
-def ends(interval: Interval | None, form: Form = factor, between: str = "–") -> str:
-    """Return the ends of an interval; empty where one is not known."""
+def ends(interval: Interval | None, form: Form = factor) -> str:
+    """Return the ends of an interval, such as `1.82–2.05` or `+0.8 to +1.6 %`.
+
+    It is empty where one of them is not known.
+    """
     if interval is None or interval.low is None or interval.high is None:
         return ""
     low, high = form(interval.low), form(interval.high)
+    between = " to " if low[0] in "+-" else "–"
     return f"{low.removesuffix(' %')}{between}{high}"
 
 
 def in_brackets(interval: Interval, form: Form = factor) -> str:
     """Return an interval as it follows an estimate in a sentence; empty where it is not known."""
-    text = ends(interval, form, " to ")
+    text = ends(interval, form)
     return f" ({text})" if text else ""
 
 
 def with_interval(ratio: Interval, form: Form = factor) -> str:
     """Return a ratio as a cell has it, such as `+1.2 % (+0.8 to +1.6 %)`."""
     return f"{form(ratio.estimate)}{in_brackets(ratio, form)}"
+
+
+def as_fast(speedup: Interval) -> str:
+    """Return a speed-up as a sentence has it, such as `1.93 × as fast (1.82–2.05)`."""
+    return f"{factor(speedup.estimate)} × as fast{in_brackets(speedup)}"
 
 
 def ends_in(form: Form) -> Form:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 from mjbench import limits
-from mjbench.errors import InputError, wrong_argument
+from mjbench.errors import InputError, one_line, wrong_argument
 from mjbench.limits import Bounds
 
 _Parsed = TypeVar("_Parsed")
@@ -37,6 +37,7 @@ class Kind:
       expected: what a text is to be, for the message about another one.
       written: returns a value as text, for the default in help.
       note: the unit of a value in a program, where it is not that of texts.
+      syntax: a sentence on how texts are written; empty where that is plain.
       choices: the only texts that are allowed; empty if others are.
       is_file: whether it is the name of a file.
       is_flag: whether the option has no value.
@@ -50,6 +51,7 @@ class Kind:
     expected: str = ""
     written: Callable[[Any], str] = str
     note: str = ""
+    syntax: str = ""
     choices: tuple[str, ...] = ()
     is_file: bool = False
     is_flag: bool = False
@@ -112,7 +114,10 @@ def option(
 
 
 def options_of(kind: type[Any]) -> list[Option]:
-    """Return the options of a dataclass: its own, then those of its base classes."""
+    """Return the options of a dataclass: its own, then those of its base classes.
+
+    Texts may name attributes of the dataclass, such as `{0.EACH_S}`.
+    """
     by_name = {each.name: each for each in fields(kind) if _KEY in each.metadata}
     names = (name for base in kind.__mro__ for name in vars(base).get("__annotations__", ()))
     options = []
@@ -120,7 +125,9 @@ def options_of(kind: type[Any]) -> list[Option]:
         if name in by_name:
             given = by_name[name].metadata[_KEY]
             flag = f"--{name.removesuffix('_s').removesuffix('_hz')}".replace("_", "-")
-            options.append(replace(given, name=name, flags=given.flags or (flag,)))
+            text, unset = given.text.format(kind), given.unset.format(kind)
+            flags = given.flags or (flag,)
+            options.append(replace(given, name=name, flags=flags, text=text, unset=unset))
     return options
 
 
@@ -133,26 +140,22 @@ def stored(options: Any) -> dict[str, Any]:
     }
 
 
-class WordError(ValueError):
-    """A word of a list is refused."""
-
-    def __init__(self, word: str):
-        super().__init__(word)
-        self.word = word
+class TextError(ValueError):
+    """A text stands for no value; the message says more than what was expected."""
 
 
 def parsed(text: str, parse: Callable[[str], _Parsed]) -> list[_Parsed]:
     """Return what the words of a list with commas stand for.
 
     Raises:
-      WordError: `parse` refuses one.
+      TextError: `parse` refuses one; it names that, if there are several.
     """
     values = []
     for word in text.split(","):
         try:
             values.append(parse(word))
         except (InputError, ValueError):
-            raise WordError(word) from None
+            raise TextError("" if word == text else one_line(repr(word), 60)) from None
     return values
 
 
@@ -186,29 +189,42 @@ def _numeric(
     read: Callable[[str], float],
     written: Callable[[Any], str] = str,
     note: str = "",
+    syntax: str = "",
 ) -> Kind:
     """Return a kind of numbers within bounds."""
 
     def check(name: str, value: Any) -> Any:
         return _within(name, value, bounds, "a number", float)
 
-    return Kind(metavar, "float", lambda text: read(text.strip()), check, expected, written, note)
+    def read_stripped(text: str) -> float:
+        return read(text.strip())
+
+    return Kind(metavar, "float", read_stripped, check, expected, written, note, syntax)
+
+
+def _read_share(text: str) -> float:
+    """Return a percentage as a share; without its sign it must be 1 or more."""
+    number = float(text.removesuffix("%"))
+    if 0 < number < 1 and not text.endswith("%"):
+        raise TextError(f"{text}% or {100 * number:g}%?")
+    return number / 100
 
 
 def share(below: float = 1.0) -> Kind:
-    """Return the kind of percentages such as `1%` or `0.5`, which are shares above 0."""
+    """Return the kind of percentages such as `1%` or `0.5%`, which are shares above 0."""
     return _numeric(
         "PERCENT",
         Bounds(0, below, is_open=True, is_open_above=True, hint=limits.SHARE.hint),
         f"a percentage such as 1%, above 0% and below {100 * below:g}%",
-        lambda text: float(text.removesuffix("%")) / 100,
+        _read_share,
         lambda value: f"{100 * value:g}%",
         "As a share: 0.01 is 1 %.",
+        "PERCENT is 1% or 1; below 1 it needs the sign: 0.5%.",
     )
 
 
 # By how a time ends; longer endings first.
-_SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
+_SECONDS_PER = {"min": 60.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
 
 
 def _seconds(bounds: Bounds) -> Kind:
@@ -217,7 +233,22 @@ def _seconds(bounds: Bounds) -> Kind:
         return float(text.removesuffix(unit)) * _SECONDS_PER.get(unit, 1.0)
 
     expected = f"a time such as 60s, {bounds}"
-    return _numeric("SECONDS", bounds, expected, read, lambda value: f"{value:g}s", "In seconds.")
+    syntax = "SECONDS is 60 or 60s; also with ms, us or min: 5ms."
+    return _numeric(
+        "SECONDS", bounds, expected, read, lambda value: f"{value:g}s", "In seconds.", syntax
+    )
+
+
+def or_none(kind: Kind) -> Kind:
+    """Return the kind that also has None, which `none` stands for on the command line."""
+    return replace(
+        kind,
+        metavar=f"{kind.metavar}|none",
+        annotation=f"{kind.annotation} | None",
+        read=lambda text: None if text == "none" else kind.read(text),
+        check=lambda name, value: None if value is None else kind.check(name, value),
+        expected=f"{kind.expected}, or none",
+    )
 
 
 def _large(name: str, value: Any) -> Any:

@@ -18,6 +18,7 @@ from mjbench.host import disturbance, machine, neighbours, platforms
 from mjbench.host.disturbance import Disturbance, Watch
 from mjbench.host.neighbours import Neighbour
 from mjbench.measuring import timing
+from mjbench.measuring.budget import Budget
 from mjbench.measuring.timing import Progress
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results import runs
@@ -115,7 +116,8 @@ _Thing = TypeVar("_Thing", bound=_Named)
 
 def in_turn(
     things: Sequence[_Thing],
-    measure: Callable[[_Thing, Progress], Item],
+    measure: Callable[[_Thing, float, Progress], Item],
+    budget: Budget,
     earlier: Sequence[Record],
     observer: Observer,
     attribute: str = "model",
@@ -123,19 +125,24 @@ def in_turn(
     """Yield what one thing after the other comes to; what is known of it is not measured again.
 
     Args:
-      measure: gets a function for its progress, which is called with a share of the thing's work.
+      measure: gets the thing's seconds, and a function for its progress, which is called with
+        a share of its work.
       attribute: of a record, has the name of the thing.
     """
     known: dict[str, list[Record]] = {}
     for record in earlier:
         known.setdefault(getattr(record, attribute), []).append(record)
+    shares = budget.divided(sum(each.name not in known for each in things), observer.begin)
     for number, thing in enumerate(things):
 
         def on_progress(name: str, share: float, number: int = number) -> None:
             observer(name, (number + share) / len(things))
 
         on_progress(thing.name, 0.0)
-        yield Item(known[thing.name]) if thing.name in known else measure(thing, on_progress)
+        if thing.name in known:
+            yield Item(known[thing.name])
+        else:
+            yield measure(thing, shares.next_s(), on_progress)
 
 
 def of_each_model(
@@ -143,19 +150,21 @@ def of_each_model(
     sources: Sequence[ModelSource],
     starts: StartPlan,
     record_type: type[Any],
-    measure: Callable[[ModelSource], Sequence[Record]],
+    measure: Callable[[ModelSource, float], Sequence[Record]],
+    budget: Budget,
     arguments: Mapping[str, Any] | None = None,
 ) -> Measurement:
     """Return the measurement of one model after the other.
 
     Args:
+      measure: gets the model's seconds, too.
       record_type: a model that fails has one record, of its name and the failure.
       arguments: for the run file's header, beside the models and their starts.
     """
 
-    def measured(source: ModelSource, _: Progress) -> Item:
+    def measured(source: ModelSource, budget_s: float, _: Progress) -> Item:
         try:
-            return Item(measure(source))
+            return Item(measure(source, budget_s))
         except MjbenchError as error:
             failure = failure_of_model(source.name, error)
             detail = failure.detail.removeprefix(f"{source.name}: ")
@@ -165,7 +174,7 @@ def of_each_model(
     names = {"models": [source.name for source in sources]}
     all_arguments = {**names, **(arguments or {}), "starts": starts}
     files = input_files(sources, [], starts)
-    items = functools.partial(in_turn, sources, measured)
+    items = functools.partial(in_turn, sources, measured, budget)
     return Measurement(command, all_arguments, files, items, finished)
 
 

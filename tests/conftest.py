@@ -34,6 +34,7 @@ settings.load_profile("mjbench")
 BENCHMARKS = TESTS / "benchmarks/test_classes.py"
 # Modules with the longest tests, which run first: none of them is left for one worker at the end.
 SLOWEST = (
+    "benchmarks/test_discovery.py",
     "benchmarks/studies/test_same_behaviour.py",
     "commands/compare/test_accelerated_measurement.py",
     "commands/tune/test_reference.py",

@@ -94,12 +94,6 @@ def crash(request: Any, channel: Channel) -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
-def leave(request: Any, channel: Channel) -> None:
-    sys.stderr.write("last words\n")
-    sys.stderr.flush()
-    os._exit(7)
-
-
 def hang(request: Any, channel: Channel) -> None:
     grandchild = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
     channel.doing("nothing at all", position=0)
@@ -115,12 +109,6 @@ def wait_for_file(request: WaitRequest, channel: Channel) -> None:
     while not request.file.exists():
         time.sleep(0.01)
     channel.send(Text("done"))
-
-
-def send_garbage(request: Any, channel: Channel) -> None:
-    channel.doing("something strange")
-    os.write(channel._connection.fileno(), b"garbage of a library")
-    time.sleep(600)
 
 
 def close_every_descriptor(request: Any, channel: Channel) -> None:

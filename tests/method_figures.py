@@ -15,6 +15,7 @@ from benchmarks.studies.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
 from mjbench.commands.compare import accelerated_agreement, accelerated_single_steps, advice
 from mjbench.commands.compare import accelerated_tolerances as tolerances
+from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.compare.results import PathResult, derive_all
 from mjbench.commands.env import show as environment
 from mjbench.commands.latency import measure as latency
@@ -68,9 +69,10 @@ def timing() -> Iterator[str]:
     yield f"faster than the fastest by {margin}"
     yield f"or two where those take more than {race.LONG_NS / 1e9:.0f} s"
     yield f"All intervals are at {percent(race_record.CONFIDENCE)}"
-    yield f"the time for one model, {plan.BUDGET_S:.0f} s by default"
-    yield f"`--quick` is {plan.QUICK_BUDGET_S:.0f} s"
-    yield f"certainly within {margin}, and within {percent(race_record.MARGIN / 2)} by estimate"
+    yield f"The time for one model, {plan.BUDGET_S:.0f} s by default"
+    yield f"`--quick` is {CompareOptions.QUICK_S:.0f} s"
+    as_good = race_record.AS_GOOD
+    yield f"certainly within {percent(as_good)}, and within {percent(as_good / 2)} by estimate"
     yield f"no other path of the race can be faster by {margin}"
     yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
     yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is certain"

@@ -2,11 +2,18 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
 
 from set_files import labelled
 
 from benchmarks.history import speed_series
-from benchmarks.history.release_ratios import LaunchRatio, StepRatioRecord
+from benchmarks.history.release_ratios import (
+    LaunchRatio,
+    OperationRatioRecord,
+    RatioRecord,
+    StepRatioRecord,
+)
 from benchmarks.history.speed_series import SpeedSeries
 from mjbench.counts.records import ExplainRecord, FunctionDifference, Pair
 from mjbench.releases.placement import Placement
@@ -48,6 +55,15 @@ def record(
         workload=workload,
         reference_s=2e-6,
     )
+
+
+def operation_record(operation: str, release: str, ratio: float, **others: Any) -> RatioRecord:
+    """Return a record of an operation, whose title is its first word."""
+    of_step = {
+        each.name: getattr(record(release, ratio), each.name) for each in fields(RatioRecord)
+    }
+    title = operation.partition(" ")[0]
+    return OperationRatioRecord(**{**of_step, "operation": operation, "title": title, **others})
 
 
 def history(ratios: Sequence[float]) -> SpeedSeries:

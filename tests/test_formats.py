@@ -31,7 +31,7 @@ def test_an_estimate_has_its_standard_error() -> None:
 def test_an_interval_has_its_unit_once() -> None:
     ratio = Interval(1.0, 0.98, 1.03)
     assert formats.ends(ratio) == "0.98–1.03"
-    assert formats.ends_in(formats.change)(ratio) == "-2.00–+3.00 %"
+    assert formats.ends_in(formats.change)(ratio) == "-2.00 to +3.00 %"
     assert formats.in_brackets(ratio, formats.change) == " (-2.00 to +3.00 %)"
 
 

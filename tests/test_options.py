@@ -69,7 +69,7 @@ KINDS: dict[str, type[Any]] = {
 MEASUREMENTS: dict[str, Callable[[Any], Measurement]] = {
     "checkup": lambda given: checkup.measurement(CARTPOLE, CheckupPlan.of(given)),
     "compare": lambda given: model_comparison.measurement(
-        [CARTPOLE], model_comparison.plans_of(given, None)
+        [CARTPOLE], model_comparison.plans_of(given, None), given.budget
     ),
     "env": lambda given: env.measurement(["Humanoid-v5"], given),
     "latency": lambda given: latency.measurement([CARTPOLE], given),
@@ -153,7 +153,7 @@ def test_a_function_knows_no_option_of_the_command_line_alone() -> None:
 
 def test_own_options_come_before_those_of_base_classes() -> None:
     names = [option.name for option in options_of(LatencyOptions)]
-    assert names[:6] == ["tick", "deadline_s", "rate_hz", "nstep", "budget_s", "findings"]
+    assert names[:6] == ["tick", "deadline_s", "rate_hz", "nstep", "findings", "budget_s"]
 
 
 @pytest.mark.parametrize(
@@ -163,12 +163,14 @@ def test_own_options_come_before_those_of_base_classes() -> None:
         (options.numbers(), "2,2,1", [2, 1]),
         (options.NAMES, "rollout, mjx", ["rollout", "mjx"]),
         (options.SHARE, "1%", 0.01),
-        (options.SHARE, "0.5", 0.005),
+        (options.SHARE, "0.5%", 0.005),
+        (options.SHARE, "1", 0.01),
         (options.share(below=math.inf), "250", 2.5),
         (options.SECONDS, "60s", 60.0),
         (options.SECONDS, "0.5", 0.5),
         (options.SECONDS, "1ms", 0.001),
         (options.SECONDS, "500us", 0.0005),
+        (options.SECONDS, "2min", 120.0),
         (options.LARGE_COUNT, "1e9", 10**9),
         (options.HERTZ, "500Hz", 500.0),
         (options.SECONDS_OR_ZERO, "0", 0.0),

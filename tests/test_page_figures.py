@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Callable, Iterator
 
-import click
 import method_figures
 import numpy as np
 import pytest
@@ -21,16 +20,20 @@ from test_docs import prose_of
 
 from benchmarks.studies import races
 from benchmarks.studies.tally_file import load
-from mjbench.cli import cli
 from mjbench.commands.checkup import driver as checkup
 from mjbench.commands.checkup import ranking
 from mjbench.commands.compare import advice
+from mjbench.commands.compare.options import CompareOptions
+from mjbench.commands.env.options import EnvironmentOptions
 from mjbench.commands.record import capture
 from mjbench.commands.run import show as program
+from mjbench.commands.run.options import PROGRAM_S
 from mjbench.commands.show import run_differences
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.tune import reference
+from mjbench.commands.tune.options import TuneOptions
 from mjbench.commands.versions import bisect
+from mjbench.commands.versions.options import TargetOptions, VersionsOptions
 from mjbench.counts import explain
 from mjbench.paired import call_results, outcomes, race_record
 from mjbench.results import runs
@@ -65,15 +68,13 @@ def readme() -> Iterator[str]:
 
 def durations() -> Iterator[str]:
     """Yield the times of README's table: the default budgets, up to the next half minute."""
-    for command, budgets in {"compare": 1, "env": 2, "versions": 1, "ab": 1, "tune": 1}.items():
-        (option,) = (each for each in cli.commands[command].params if "--budget" in each.opts)
-        assert isinstance(option, click.Option)
-        default = option.default if isinstance(option.default, str) else "23s"
-        seconds = 30 * math.ceil(budgets * float(default.removesuffix("s")) / 30)
+    for kind in (CompareOptions, EnvironmentOptions, VersionsOptions, TargetOptions, TuneOptions):
+        seconds = 30 * math.ceil(kind.EACH_S / 30)
         takes = f"{seconds} s" if seconds < 60 else f"{seconds // 60} min"
         yield f"| {takes} |"
-        if command == "compare":
+        if kind is CompareOptions:
             yield f"| {takes} and compiling |"
+    yield f"| {PROGRAM_S:.0f} s |"
     yield f"| {checkup.TOTAL_S / 60:.0f} min |"
 
 
@@ -171,13 +172,13 @@ def upgrades() -> Iterator[str]:
 
 
 def loop() -> Iterator[str]:
-    yield f"runs it for {checkup._FULL.program:.0f} seconds at most"
+    yield f"for {PROGRAM_S:.0f} seconds"
     yield f"if it grew by {program._LEAST_GROWTH_BYTES / 2**20:.0f} MiB or more"
 
 
 def checkup_guide() -> Iterator[str]:
     yield f"or {checkup.QUICK_S:.0f} seconds with `--quick`"
-    yield f"for {checkup._FULL.program:.0f} seconds at most"
+    yield f"for {PROGRAM_S:.0f} seconds"
     yield f"whose error exceeds {percent(ranking._MOST_ERROR)} of the motion"
 
 

@@ -66,12 +66,6 @@ class Right(_Wrong):
         return prepared
 
 
-class Elsewhere(Right):
-    """Right, and it says that it steps in other processes."""
-
-    name = "wrong_paths:Elsewhere"
-
-
 class ColdWarmStart(_Wrong):
     name = "wrong_paths:ColdWarmStart"
 

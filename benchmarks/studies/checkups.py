@@ -88,7 +88,7 @@ class Target:
 
     @property
     def checkup(self) -> tuple[str, ...]:
-        return (self.word, *(("--", *self.arguments) if self.arguments else ()))
+        return self.word, *self.arguments
 
     @property
     def closer(self) -> tuple[tuple[str, ...], ...]:

@@ -64,9 +64,9 @@ _NAMES = (
 )  # fmt: skip
 _VALUES = (
     "0", "1", "2", "-1", "nan", "inf", "1e300", "1e-300", "9" * 40, "", " ", "abc", "1,2", ",",
-    "1,,2", "1%", "99.9%", "200%", "1s", "soon", "python_loop", "rollout", "rolout", "c", "mjx9",
-    "slower", "tea", "pool=new", "pool=", "=", "solver=99", "timestep=0", "path=rollout,threads=0",
-    "path=rollout", "bad.xml,solver=cg", "rev=HEAD", "loop.py::f",
+    "1,,2", "1%", "0.5", "200%", "1s", "2min", "soon", "python_loop", "rollout", "rolout", "c",
+    "mjx9", "slower", "tea", "pool=new", "pool=", "=", "solver=99", "timestep=0",
+    "path=rollout,threads=0", "path=rollout", "bad.xml,solver=cg", "rev=HEAD", "loop.py::f",
     "loop:Path", "broken:Path", "time", "instructions", "\x1b[1m",
 )  # fmt: skip
 _OUTPUTS = ("-", "out.json", "good.xml", "run.jsonl", "loop.py", "folder", "no/such/file", "", "/")
@@ -80,8 +80,8 @@ OUTPUT_FLAGS = (
     *("--json", "--html", "--markdown", "--csv", "--junit", "--comment", "--github-benchmark"),
     *("--github", "--sarif"),
 )
-# Options that would wait for another command, or take long.
-NEVER = ("--wait", "--clock")
+# Options that would wait for another command, take long, or contradict --budget.
+NEVER = ("--wait", "--clock", "--quick")
 # Commands and subcommands that reach the network, write into the project or take long.
 _LEFT_OUT = {"update", "verify", "install", "remove"}
 

@@ -131,7 +131,7 @@ def advice(program: OwnProgram, count: int, mjbench: Command | None = None) -> A
 
     with tempfile.TemporaryDirectory() as folder:
         document = Path(folder) / "run.json"
-        options = ("--json", str(document), "--results", folder)
+        options = ("--seconds", "none", "--json", str(document), "--results", folder)
         run = mjbench or mjbench_process
         run("run", *options, str(program.file), str(count))
         (row,) = json.loads(document.read_text(encoding="utf-8"))["results"]

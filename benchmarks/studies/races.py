@@ -92,6 +92,7 @@ class ModelTally:
         of the loop for which it is larger.
       worst_regret: the same that one race in a hundred exceeds.
       decided: share of races and loops that were decided.
+      wrong: share of those whose advised path is slower than the fastest by more than `MARGIN`.
       covered_left: share of the intervals of paths that left which hold the truth.
       covered_final: the same of paths that were launched after the race.
       half_width: median of half the width of the latter, as a share of the speed-up.
@@ -108,6 +109,7 @@ class ModelTally:
     regret: float
     worst_regret: float
     decided: float
+    wrong: float
     covered_left: float
     covered_final: float
     half_width: float
@@ -212,9 +214,9 @@ def lines(tally: RaceTally) -> list[str]:
         f" slower than itself in {_percent(itself, 1)} of the races at most.",
         f"(MuJoCo {tally.mujoco}, {tally.cpu}.)",
         "",
-        "| model | paths | regret, % | in 1 of 100, % | dropped, % | decided, % | holds, left, % |"
-        " holds, final, % | ±, % | launches | seconds |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| model | paths | regret, % | in 1 of 100, % | dropped, % | decided, % |"
+        " wrong, % | holds, left, % | holds, final, % | ±, % | launches | seconds |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
         *(_line(row) for row in rows),
     ]
 
@@ -241,6 +243,7 @@ def _line(row: ModelTally) -> str:
         row.worst_regret,
         row.dropped,
         row.decided,
+        row.wrong,
         row.covered_left,
         row.covered_final,
         row.half_width,
@@ -278,6 +281,8 @@ class _Outcome:
       seconds: that it took.
       dropped: of each loop, whether the fastest path was dropped.
       decided: of each loop, whether it was decided.
+      wrong: of each decided loop, whether its advised path is slower than the fastest by more than
+        `MARGIN`.
       regret: of the loop for which it is larger.
       covered_left: of each path that left, whether its interval holds the truth.
       covered_final: the same of paths that were launched after the race.
@@ -288,6 +293,7 @@ class _Outcome:
     seconds: float
     dropped: Sequence[bool]
     decided: Sequence[bool]
+    wrong: Sequence[bool]
     regret: float
     covered_left: Sequence[bool]
     covered_final: Sequence[bool]
@@ -317,6 +323,7 @@ def tally(stored: "RaceRecord", races: int, rng: np.random.Generator) -> ModelTa
         regret=statistics.mean(regrets),
         worst_regret=float(np.quantile(regrets, 0.99)),
         decided=_share(each.decided for each in outcomes),
+        wrong=_share(each.wrong for each in outcomes),
         covered_left=_share(each.covered_left for each in outcomes),
         covered_final=_share(each.covered_final for each in outcomes),
         half_width=statistics.median(widths) if widths else math.nan,
@@ -340,18 +347,26 @@ def _outcome(stored: "RaceRecord", truth: Sequence[float], rng: np.random.Genera
       truth: speed-up of each variant over the plain loop.
       rng: draws launches.
     """
+    from mjbench.paired.race_record import MARGIN
+
     record, seconds = _one_race(stored, rng)
     standings = list(record.standings.values())
     best = [max(group, key=lambda i: truth[i]) for group in record.groups]
     ends = list(zip(best, standings, strict=True))
     final = {i for launch in record.launches if launch.is_final for i in launch.variants}
     bounded = [(i, s) for i, s in enumerate(record.speedups) if i and s and s.low is not None]
+    slower = [truth[i] / truth[record.advised(standing)] - 1 for i, standing in ends]
     return _Outcome(
         record,
         seconds,
         dropped=[i not in standing.contenders for i, standing in ends],
         decided=[standing.is_decided for standing in standings],
-        regret=max(truth[i] / truth[record.advised(standing)] - 1 for i, standing in ends),
+        wrong=[
+            each > MARGIN
+            for each, standing in zip(slower, standings, strict=True)
+            if standing.is_decided
+        ],
+        regret=max(slower),
         covered_left=[s.covers(truth[i]) for i, s in bounded if i not in final],
         covered_final=[s.covers(truth[i]) for i, s in bounded if i in final],
         half_widths=[
@@ -408,7 +423,8 @@ def _row(row: ModelTally) -> str:
     return (
         f"{row.model:20} regret {100 * row.regret:5.2f} %, {100 * row.worst_regret:.1f} % in one of"
         " a hundred"
-        f"  dropped {100 * row.dropped:.2f} %  decided {100 * row.decided:.0f} %"
+        f"  dropped {100 * row.dropped:.2f} %  decided {100 * row.decided:.0f} %,"
+        f" {100 * row.wrong:.1f} % of them wrong"
         f"  held {100 * row.covered_left:.1f} % left, {100 * row.covered_final:.1f} % final"
         f"  ±{100 * row.half_width:.1f} %  itself {100 * row.faster_than_itself:.1f} %"
         f"  {row.race_launches:.1f} launches, {row.race_s:.1f} s"

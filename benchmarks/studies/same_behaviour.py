@@ -54,7 +54,16 @@ def plain(program: OddProgram, folder: Path) -> Behaviour:
 def observed(program: OddProgram, folder: Path) -> Behaviour:
     """Run a program under `mjbench run`; the report is taken off what it printed."""
     with tempfile.TemporaryDirectory() as results:
-        command = [sys.executable, "-m", "mjbench", "run", "--results", results]
+        command = [
+            sys.executable,
+            "-m",
+            "mjbench",
+            "run",
+            "--seconds",
+            "none",
+            "--results",
+            results,
+        ]
         seen = _run([*command, *program.arguments], program, folder)
     name = program.arguments[program.arguments[0] == "-m"]
     own, _, _ = seen.error.partition(f"\n{name}: ")

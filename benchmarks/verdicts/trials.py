@@ -8,7 +8,7 @@ import contextlib
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -107,20 +107,20 @@ def _installed(model: ModelSource) -> Target:
 
 
 def run(
-    pool: WorkerPool, cases: Iterable[Case], plan: VerdictPlan
+    pool: WorkerPool, cases: Sequence[Case], plan: VerdictPlan
 ) -> Iterator[tuple[CaseRow, TrialRecord | Failure]]:
     """Yield a trial of each case, or how it failed.
 
     A model that failed is not tried again with the same builds and callback.
     """
-    failed: set[CaseRow] = set()
+    failed, shares = set[CaseRow](), plan.budget.divided(len(cases))
     for case in cases:
         row = case.row()
         at_any_slowdown = replace(row, slowdown=None)
         if at_any_slowdown in failed:
             continue
         try:
-            yield row, trial(pool, case, plan)
+            yield row, trial(pool, case, replace(plan, time_limit_s=shares.next_s()))
         except (InputError, MachineError) as error:
             failed.add(at_any_slowdown)
             yield row, failure_of(error)
@@ -245,7 +245,7 @@ def measurement(
 
     def items(earlier: Sequence[Record], observer: Observer) -> Items:
         done = [record for record in earlier if isinstance(record, TrialRecord)]
-        missing = remaining(all_cases, count, done)
+        missing = [*remaining(all_cases, count, done)]
         with (
             busy_neighbour_core() if is_busy else contextlib.nullcontext(),
             WorkerPool() as pool,

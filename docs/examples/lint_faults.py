@@ -2,14 +2,15 @@
 
     python lint_faults.py [CODE …]
 
-Needs mujoco and NumPy only, and jax for MJB013. Each line has the fault first, then what to write
-instead.
+Needs mujoco and NumPy only, jax for MJB013, a screen for MJB021 and mujoco-mjx for MJB022. Each
+line has the fault first, then what to write instead.
 """
 
 import copy
 import subprocess
 import sys
 import threading
+import time
 import timeit
 
 import mujoco
@@ -27,8 +28,8 @@ PENDULUM = """
 """
 
 
-# The argument with which the program lets threads share an MjData.
-SHARE = "share-data"
+# The arguments with which the program lets threads share an MjData, and opens a viewer.
+SHARE, SYNC = "share-data", "sync"
 
 # Boxes that fall on a plane, one of them with a site.
 BOXES = """
@@ -432,6 +433,89 @@ def contact_scan() -> str:
     )
 
 
+def finite_difference() -> str:
+    """MJB020: a step for each column of the linearized dynamics; one call computes them all."""
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    data, eps = mujoco.MjData(model), 1e-6
+    mujoco.mj_step(model, data, 50)
+    integration = mujoco.mjtState.mjSTATE_INTEGRATION
+    start = np.empty(mujoco.mj_stateSize(model, integration))
+    mujoco.mj_getState(model, data, start, integration)
+
+    def step(field: str, size: float) -> np.ndarray:
+        mujoco.mj_setState(model, data, start, integration)
+        getattr(data, field)[0] += size
+        mujoco.mj_step(model, data)
+        return np.concatenate([data.qpos, data.qvel])
+
+    def by_steps() -> np.ndarray:
+        unchanged = step("qpos", 0)
+        columns = [(step(field, eps) - unchanged) / eps for field in ("qpos", "qvel")]
+        mujoco.mj_setState(model, data, start, integration)
+        return np.transpose(columns)
+
+    def in_one_call() -> np.ndarray:
+        matrix = np.empty((2, 2))
+        mujoco.mjd_transitionFD(model, data, eps, False, matrix, None, None, None)
+        return matrix
+
+    assert np.allclose(by_steps(), in_one_call())
+    steps, one_call = _ns(by_steps, 500), _ns(in_one_call, 500)
+    return f"ns for two columns: {steps:.0f} by steps, {one_call:.0f} by mjd_transitionFD"
+
+
+def synced_viewer() -> str:
+    """MJB021: the viewer gets every step; a screen shows 60 frames a second."""
+    command = [sys.executable, __file__, SYNC]  # a process, which ends where there is no screen
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or "needs a screen"
+
+
+def _sync() -> str:
+    """Open a viewer, and return the time of a step with each way to sync it."""
+    import mujoco.viewer
+
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    data = mujoco.MjData(model)
+    with mujoco.viewer.launch_passive(model, data) as viewer:
+        synced = 0.0
+
+        def every_step() -> None:
+            mujoco.mj_step(model, data)
+            viewer.sync()
+
+        def at_the_screens_rate() -> None:
+            nonlocal synced
+            mujoco.mj_step(model, data)
+            if time.perf_counter() - synced > 1 / 60:
+                synced = time.perf_counter()
+                viewer.sync()
+
+        every, rate = _ns(every_step, 1000), _ns(at_the_screens_rate, 1000)
+    return f"ns a step: {every:.0f} with a sync each, {rate:.0f} with 60 a second"
+
+
+def new_device_copy() -> str:
+    """MJB022: each episode converts the model and the data; one state can be replaced."""
+    try:
+        from mujoco import mjx
+    except ImportError:
+        return "needs mujoco-mjx: pip install mujoco-mjx"
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    data = mujoco.MjData(model)
+    first = mjx.put_data(model, data)
+
+    def anew() -> tuple:
+        data.qpos[0] = 0.5
+        return mjx.put_model(model), mjx.put_data(model, data)
+
+    def replaced():
+        return first.replace(qpos=first.qpos.at[0].set(0.5))
+
+    assert anew()[1].qpos == replaced().qpos
+    return f"ns an episode: {_ns(anew, 5):.0f} to convert, {_ns(replaced, 5):.0f} to replace"
+
+
 FAULTS = {
     "MJB001": stored_view,
     "MJB002": named_access,
@@ -451,6 +535,9 @@ FAULTS = {
     "MJB017": steps_in_a_row,
     "MJB018": growing_array,
     "MJB019": contact_scan,
+    "MJB020": finite_difference,
+    "MJB021": synced_viewer,
+    "MJB022": new_device_copy,
 }
 
 
@@ -464,7 +551,7 @@ def _ns(call, number: int = 10_000) -> float:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == [SHARE]:
-        sys.exit(print(_share_data()))
+    if sys.argv[1:] in ([SHARE], [SYNC]):
+        sys.exit(print(_share_data() if sys.argv[1] == SHARE else _sync()))
     for code in sys.argv[1:] or FAULTS:
         print(code, FAULTS[code]())

@@ -81,7 +81,8 @@ def compare(
     """
     plans = plans_of(options, _own_path_folder(options.paths or ()))
     with model_sources.sources(models) as sources:
-        return Comparison.of(measurement(sources, plans), options.wait, on_progress)
+        work = measurement(sources, plans, options.budget)
+        return Comparison.of(work, options.wait, on_progress)
 
 
 def _own_path_folder(path_names: Sequence[str]) -> str | None:

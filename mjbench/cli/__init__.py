@@ -4,25 +4,6 @@ Exit codes: 0 nothing found; 1 a finding (paths disagree); 2 bad usage or input;
 failed (a crash, a time limit, a full disk); 130 interrupted (see `mjbench.status`).
 """
 
-from mjbench.cli import (  # each adds its command to the group
-    ab,
-    bisect,
-    checkup,
-    compare,
-    doctor,
-    env,
-    latency,
-    lint,
-    listings,
-    profile,
-    releases,
-    run,
-    show,
-    sweep,
-    tune,
-    versions,
-    versions_explain,
-)
 from mjbench.cli.group import cli
 
 __all__ = ["cli"]

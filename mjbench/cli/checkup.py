@@ -6,30 +6,44 @@ import click
 
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import takes
+from mjbench.cli.shared import ProgramCommand, takes
+from mjbench.command_names import NAMES
 from mjbench.commands.checkup.options import CheckupOptions
+from mjbench.errors import InputError
 
 
-@cli.command()
+class _TargetCommand(ProgramCommand):
+    """A command whose TARGET may be a program; a model or an environment has no arguments."""
+
+    def is_program(self, word: str) -> bool:
+        from mjbench.commands.checkup.targets import is_program
+
+        return is_program(word)
+
+
+@cli.command(cls=_TargetCommand)
 @click.argument("target", metavar="TARGET")
-@click.argument("arguments", nargs=-1, metavar="[-- ARGS…]", type=click.UNPROCESSED)
+@click.argument("arguments", nargs=-1, metavar="[ARGS]…", type=click.UNPROCESSED)
 @takes(CheckupOptions)
 def checkup(target: str, arguments: tuple[str, ...], options: CheckupOptions) -> None:
     """My simulation is slow: what can I do? One ranked list, in a minute.
 
     TARGET is a model, a Python program or an environment, as other commands take them. `mjbench
     TARGET` is the same. For a model, it races ways of stepping, tries settings, and measures
-    together the changes that keep results. A program runs unchanged, and its arguments follow --.
-    What it prints stays on standard output; the list goes to standard error. Where it fails,
-    its exit code is that of the check-up.
+    together the changes that keep results. A program is taken as by `mjbench run`: options of
+    mjbench come before it, its arguments follow it, and it runs unchanged, until --seconds are
+    over. The list then goes to standard error.
 
     Each item shows what it gains, what it changes in results, and which command looks closer. Wrong
     results come first.
 
+    The exit code is that of a program that fails.
+
     \b
     Examples:
       mjbench robot.xml
-      mjbench train.py -- --num-envs 4
+      mjbench train.py --num-envs 8
+      mjbench --seconds none -m package.train
       mjbench Humanoid-v5 --quick
       mjbench my_env:make --html checkup.html
     """
@@ -37,6 +51,8 @@ def checkup(target: str, arguments: tuple[str, ...], options: CheckupOptions) ->
     from mjbench.commands.checkup.driver import CheckupPlan, measurement
     from mjbench.commands.run.driver import exit_code_of
 
+    if target in NAMES:
+        raise InputError(f"options of a command follow its name: mjbench {target} …")
     source = targets.recognized(target, arguments, Path.cwd())
     run = measure_and_print(
         measurement(source, CheckupPlan.of(options)),

@@ -31,7 +31,7 @@ def compare(sources: list[ModelSource], options: CompareOptions) -> None:
 
     plans = plans_of(options, own_path_folder(options.paths))
     measure_and_print(
-        measurement(each_once(sources), plans),
+        measurement(each_once(sources), plans, options.budget),
         options,
         each=show.model_sections,
         summary=show.summary,

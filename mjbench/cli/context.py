@@ -244,6 +244,7 @@ def measure_and_print(
     """
     from mjbench.cli.progress import progress
     from mjbench.commands.show import kinds
+    from mjbench.results import runs
     from mjbench.session import Session
 
     if each is None and summary is None:
@@ -252,10 +253,9 @@ def measure_and_print(
         report_line(note)
     record_types = measurement.record_types or kinds.RECORD_TYPES
     measurement = replace(measurement, record_types=record_types)
-    session = Session(
-        measurement, output.wait, output.results, output.resume, command_line(), report_line
-    )
-    inputs = [*measurement.files, *([output.resume] if output.resume else [])]
+    resume = output.resume and runs.of_name(output.resume, output.results)
+    session = Session(measurement, output.wait, output.results, resume, command_line(), report_line)
+    inputs = [*measurement.files, *([resume] if resume else [])]
     with RunContext(output, inputs, session, to_stderr) as run:
         try:
             with (

@@ -1,7 +1,9 @@
 """`mjbench doctor`: what on this machine spoils measurements."""
 
+import time
+
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli
+from mjbench.cli.group import cli, command_line
 from mjbench.cli.shared import takes
 from mjbench.commands.doctor.options import DoctorOptions
 from mjbench.status import ExitCode
@@ -29,15 +31,16 @@ def doctor(options: DoctorOptions) -> None:
     from mjbench.results.content import Section
     from mjbench.results.terminal import print_lines
 
+    end_s = time.monotonic() + options.budget.whole_s
     with RunContext(options) as run:
         rows = all_conditions(neighbours.measuring_now())
         conditions = Section("This machine", facts=[*condition_lines(rows)])
         print_lines(run.out, conditions.facts)
-        noise = compare_with_itself(options.budget_s)
+        noise = compare_with_itself(end_s - time.monotonic())
         sections = [noise_section(noise, rows), conditions]
         run.show(sections[:1])
         document = DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise)
-        run.write_forms(forms.of_sections(sections, document, [*rows, noise]))
+        run.write_forms(forms.of_sections(command_line(), sections, document, [*rows, noise]))
     if noise.decidable is None:
         run.exit_with(ExitCode.ENVIRONMENT)
     is_fit = noise.trusted and all(row.grade != Grade.BAD for row in rows)

@@ -1,9 +1,11 @@
 """The group of all commands, and how an error becomes one line and an exit code."""
 
 import contextlib
+import importlib
 import os
 import sys
-from collections.abc import Iterator
+from collections import UserDict
+from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
 import click
@@ -11,8 +13,7 @@ import click
 import mjbench
 from mjbench.cli import standard_streams
 from mjbench.cli.command_help import Command
-from mjbench.command_names import LISTED, with_mode
-from mjbench.commands.checkup.targets import may_be_target
+from mjbench.command_names import LISTED, NAMES, module_of, with_mode
 from mjbench.errors import (
     MachineError,
     MjbenchError,
@@ -28,13 +29,37 @@ _HELP_NAMES = ["-h", "--help"]
 _COMMAND_LINE = "mjbench.command_line"
 
 
+class _Commands(UserDict[str, click.Command]):
+    """The commands by name; the module of one is imported when it is looked up."""
+
+    def __missing__(self, name: str) -> click.Command:
+        if name not in self:
+            raise KeyError(name)
+        importlib.import_module(f"mjbench.cli.{module_of(name)}")  # adds it to the group
+        return self.data[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in NAMES
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(NAMES)
+
+    def __len__(self) -> int:
+        return len(NAMES)
+
+
 class CommandGroup(click.Group):
     """A group of commands."""
 
     command_class = Command
 
     def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add a command, whose help has both names also where it runs without this group."""
+        """Add a command, whose help ends with how its times and percentages are written.
+
+        It has both names of help also where it runs without this group.
+        """
+        sentences = dict.fromkeys(getattr(each.type, "syntax", "") for each in cmd.params)
+        cmd.epilog = " ".join(filter(None, sentences))
         cmd.context_settings.setdefault("help_option_names", _HELP_NAMES)
         super().add_command(cmd, name)
 
@@ -63,31 +88,62 @@ class Cli(CommandGroup):
         context.meta[_COMMAND_LINE] = typed
         return context
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, self.with_command(args))
+
+    def with_command(self, words: list[str]) -> list[str]:
+        """Return a command line with the command that `help`, or an option first, stands for."""
+        names = {name for parameter in self.params for name in parameter.opts}
+        match words:
+            case ["help", *named]:
+                return self._help(named)
+            case [first, _, *_] if first.startswith("-") and first not in {*names, *_HELP_NAMES}:
+                return ["checkup", *words]
+        return words
+
+    def _help(self, words: Sequence[str]) -> list[str]:
+        """Return the command line that prints the help of what the words name."""
+        if not words:
+            return ["--help"]
+        name, *rest = words
+        if _is_target(name):
+            return ["checkup", "--help"]
+        if isinstance(self.commands.get(name), click.Group):
+            return [*words, "--help"]
+        return [name, "--help", *rest]  # before what would be a program's
+
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return a command with its arguments; refuse what cannot run here, but not its help."""
         words = with_mode(args, self.commands)
-        if words[0] not in self.commands and may_be_target(words[0]):
+        if _is_target(words[0]):
             words = ["checkup", *words]
         name, command, rest = super().resolve_command(ctx, words)
         if name is not None and not set(ctx.help_option_names) & set(rest):
             platforms.check_command(name)
         return name, command, rest
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands in groups, each in a line."""
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands in groups, each in a line; the text has the two options."""
         formatter.write_paragraph()
-        for heading, lines in LISTED.items():  # without empty lines, to fit on a screen
-            formatter.write_heading(heading)
-            with formatter.indentation():
-                formatter.write_dl([(name.ljust(8), line) for name, line in lines.items()])
+        for heading, commands in LISTED.items():  # without empty lines, to fit on a screen
+            formatter.write(f"{heading}:\n")
+            for name, command in commands.items():
+                formatter.write(f"  {name:8}  {command.does:41} {command.takes:>6}".rstrip() + "\n")
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; report its error in a line, and end with the error's exit code."""
         with _errors_reported():
             _check_folder()
             return super().invoke(ctx)
+
+
+def _is_target(word: str) -> bool:
+    """Return whether a word is no command, and may name what to check."""
+    from mjbench.commands.checkup.targets import may_be_target
+
+    return word not in NAMES and may_be_target(word)
 
 
 def command_line() -> tuple[str, ...]:
@@ -152,26 +208,32 @@ def report_line(text: str) -> None:
     click.echo(f"mjbench: {printable(text)}", err=True)
 
 
+_MORE = """
+A TARGET is a model (.xml, .urdf, .mjb, or a shipped one), a program (.py, which
+is run) with its arguments, or an environment such as Humanoid-v5.
+
+\b
+Examples:
+  mjbench robot.xml                        # what makes this model faster?
+  mjbench train.py --num-envs 8            # what should this program change?
+  mjbench compare robot.xml --scaling      # which number of threads is best?
+  mjbench versions 3.4.0 3.5.0 robot.xml   # is 3.5.0 slower than 3.4.0?
+  mjbench ab HEAD WORKTREE bench.py::step  # is my worktree slower than HEAD?
+  mjbench show --html report.html          # the last results as a page
+
+\b
+Exit codes: 0 success; 1 finding; 2 bad input; 3 failure; 130 interrupted.
+`mjbench help COMMAND` shows its options, `mjbench --version` the version.
+"""
+
+
 @click.group(
     cls=Cli,
+    commands=_Commands(),
     context_settings={"help_option_names": _HELP_NAMES},
-    subcommand_metavar="TARGET | COMMAND [ARGS]...",
+    subcommand_metavar="TARGET | COMMAND [ARGS]…",
+    epilog=_MORE,
 )
 @click.version_option(mjbench.__version__, message="mjbench %(version)s")
 def cli() -> None:
-    """Measure MuJoCo in Python: your program, ways of stepping, releases.
-
-    A TARGET is a model (.xml, .urdf, .mjb, a shipped model, or PACKAGE:NAME), a Python program, or
-    an environment such as Humanoid-v5.
-
-    \b
-    Examples:
-      mjbench robot.xml                        what can I do?
-      mjbench run --seconds 30 train.py        what to change?
-      mjbench compare robot.xml --scaling      thread count?
-      mjbench versions 3.17.0 4.0.0 robot.xml  4.0.0 slower?
-      mjbench ab HEAD WORKTREE bench.py::step  am I slower?
-      mjbench show --html report.html          results as HTML
-
-    Exit codes: 0 success; 1 finding; 2 bad input; 3 failure; 130 interrupted.
-    """
+    """Measure how fast MuJoCo steps in Python, and find what makes it slow."""

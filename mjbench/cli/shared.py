@@ -10,8 +10,9 @@ from typing import Any
 
 import click
 
+from mjbench.cli.command_help import Command
 from mjbench.errors import one_line
-from mjbench.options import Kind, Option, WordError, options_of
+from mjbench.options import Kind, Option, TextError, options_of
 from mjbench.simulation import models
 
 
@@ -19,7 +20,7 @@ class Text(click.ParamType[Any]):
     """A text that stands for a value of a kind."""
 
     def __init__(self, kind: Kind):
-        self.name, self._kind = kind.metavar, kind
+        self.name, self.syntax, self._kind = kind.metavar, kind.syntax, kind
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return the value; a default may be one already."""
@@ -28,10 +29,9 @@ class Text(click.ParamType[Any]):
         try:
             return self._kind.parse(value)
         except ValueError as error:
-            is_part = isinstance(error, WordError) and error.word != value
-            word = f": {one_line(repr(error.args[0]), 60)}" if is_part else ""
+            more = f": {error}" if isinstance(error, TextError) and str(error) else ""
             expected = self._kind.expected
-            self.fail(f"{one_line(repr(value), 60)} is not {expected}{word}", param, ctx)
+            self.fail(f"{one_line(repr(value), 60)} is not {expected}{more}", param, ctx)
 
 
 class FileName(click.Path):
@@ -49,6 +49,28 @@ class FileName(click.Path):
 
 
 FILE = FileName(path_type=Path)
+
+
+class ProgramCommand(Command):
+    """A command that takes a program, and leaves all words after it to the program."""
+
+    def is_program(self, word: str) -> bool:
+        """Return whether the first word that is no option, or `-m`, begins a program."""
+        return True
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        flags = {
+            name
+            for option in self.get_params(ctx)
+            if isinstance(option, click.Option) and option.is_flag
+            for name in option.opts
+        }
+        i = 0
+        while i < len(args) and args[i].startswith("-") and args[i] not in ("-m", "--"):
+            i += 1 if args[i] in flags or "=" in args[i] else 2
+        if i < len(args) and args[i] != "--" and self.is_program(args[i]):
+            args = [*args[:i], "--", *args[i:]]
+        return super().parse_args(ctx, args)
 
 
 def own_path_folder(path_names: Sequence[str] | None) -> str | None:

@@ -1,7 +1,8 @@
-"""`mjbench show`: run files again, printed, as a page, or beside an earlier run."""
+"""`mjbench show`: run files again, printed, written to files, or two of them side by side."""
 
 import functools
 import itertools
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ import click
 
 from mjbench.cli import output_file
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli, report_line
+from mjbench.cli.group import cli, command_line, report_line
 from mjbench.cli.shared import FILE, takes
 from mjbench.commands.show.options import ShowOptions
 from mjbench.errors import InputError
@@ -18,70 +19,137 @@ from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
     from mjbench.commands.show.reports import NamedRun
+    from mjbench.commands.show.side_by_side import Pair
     from mjbench.results.runs import Run
 
 # Runs that are printed; of more there is a list.
 _MOST_RUNS = 20
+# Files that `FormOptions` names.
+_FORMS = {"--html", "--markdown", "--csv", "--json"}
 
 
-@cli.command()
+class _ShowCommand(click.Command):
+    """A command whose arguments may be numbers of stored runs, such as -2."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        return super().parse_args(
+            ctx, [f"./{word}" if re.fullmatch(r"-\d+", word) else word for word in args]
+        )
+
+
+@cli.command(cls=_ShowCommand)
 @click.argument("files", nargs=-1, metavar="[RUN]…", type=FILE)
 @takes(ShowOptions)
 def show(files: tuple[Path, ...], options: ShowOptions) -> None:
-    """Show run files again; without a RUN, the newest in results/runs.
+    """Show run files again: the newest, or each RUN, printed or written to files.
 
-    They are printed, or written to the files that options name. Runs of several machines start with
-    one table, a column a machine.
+    RUN is a file, or -1 for the newest in results/runs, -2 for the one before it, and so on.
 
-    --html is one file, which needs no network and nothing beside it. It needs the extra `report`.
+    Two RUNs of one kind and one machine are put side by side, the older as the baseline. They were
+    measured at different times: of `compare`, only what certainly differs by more than 5 % is
+    slower or faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
 
-    --against compares two runs of `compare`. They were measured at different times, so only what
-    certainly differs by more than 5 % is slower or faster. `mjbench versions` and `mjbench ab`
-    alternate both, and find smaller changes.
+    Other RUNs are shown one after the other. Those of several machines start with one table, a
+    column a machine.
 
-    With --against, --fail-on judges these differences; without, the verdicts that `versions` or
-    `ab` stored in RUN.
+    --fail-on judges the verdicts that `versions` or `ab` stored, or two runs of `compare`.
 
     \b
     Examples:
-      mjbench show
-      mjbench show results/runs/run.jsonl --code
+      mjbench show --list
+      mjbench show -2 --code
       mjbench show --html report.html --csv results.csv
       mjbench show results/runs/*.jsonl --html all.html
       mjbench show --markdown - >> "$GITHUB_STEP_SUMMARY"
       mjbench show --comment comment.md --junit junit.xml
-      mjbench show new.jsonl --against old.jsonl --fail-on slower
+      mjbench show old.jsonl new.jsonl --fail-on slower
     """
-    from mjbench.commands.show import reports
+    from mjbench.commands.show import reports, side_by_side
     from mjbench.results import runs
 
-    against = options.against
-    if options.code and (against or output_file.of_options(options)):
-        raise InputError("--code prints the code of a RUN: leave it out with a file, or --against")
-    if against is not None and len(files) > 1:
-        raise InputError("--against compares one RUN with OLD")
-    chosen = files or (runs.latest(options.results),)
-    if against is not None:
-        _show_differences(against, chosen[0], options)
+    if options.lists_runs:
+        if files:
+            raise InputError("--list takes no RUN: it lists those in --results")
+        _list(runs.newest_first(options.results), options)
         return
+    if options.code and output_file.of_options(options):
+        raise InputError("--code is for what is printed: leave it out with a file")
+    chosen = [runs.of_name(name, options.results) for name in files or [Path("-1")]]
     with RunContext(options, chosen) as run:
         named_runs = reports.read(chosen)
         stored = [named.run for named in named_runs]
-        if run.files:
-            _write(run, named_runs)
-        elif len(stored) == 1:
-            _print(run, stored[0], options.code)
+        if pair := side_by_side.pair_of(named_runs, options.across):
+            code = _show_pair(run, pair, options)
+        elif options.across:
+            raise InputError("--across compares two RUNs of one kind")
         else:
-            _print_several(run, stored, options.code)
-    if options.findings:
-        run.exit_with(_exit_code(stored, options))
+            _show_each(run, named_runs, options.code)
+            code = _exit_code(stored, options) if options.findings else ExitCode.OK
+        _name_files(run)
+    run.exit_with(code)
 
 
-def _write(run: RunContext, named_runs: "Sequence[NamedRun]") -> None:
-    """Write runs to files; say what to know before their numbers."""
+def _name_files(run: RunContext) -> None:
+    for file in run.files.values():
+        if not file.is_stdout:
+            run.out.print(f"Written: {file.name}", soft_wrap=True)
+
+
+def _list(files: Sequence[Path], options: ShowOptions) -> None:
+    from mjbench.commands.show import forms, reports, stored_runs
+    from mjbench.results.content import Section
+    from mjbench.results.json_form import ResultsDocument
+
+    named_runs, numbers = [], []
+    with RunContext(options, files) as run:
+        for number, file in enumerate(files, 1):
+            try:
+                named_runs += reports.read([file])
+                numbers.append(-number)
+            except InputError as error:
+                report_line(str(error))
+        rows = stored_runs.stored_runs(named_runs, numbers)
+        section = Section("Run files", tables=[stored_runs.table(rows)])
+        if not run.files:
+            run.table(stored_runs.table(rows))
+        run.write_forms(
+            forms.of_sections(command_line(), [section], ResultsDocument(results=rows), rows)
+        )
+        _name_files(run)
+
+
+def _show_pair(run: RunContext, pair: "Pair", options: ShowOptions) -> int:
+    """Show two runs side by side; return the exit code."""
+    from mjbench.commands.show import forms, side_by_side
+    from mjbench.commands.show.run_differences import RunDifference
+    from mjbench.results.json_form import ResultsDocument
+
+    if flags := sorted({*run.files} - _FORMS):
+        raise InputError(f"{flags[0]} takes one RUN")
+    rows = side_by_side.differences(pair, options.across)
+    sections = [side_by_side.section(pair, rows)]
+    if not run.files:
+        run.show(sections)
+    run.write_forms(
+        forms.of_sections(command_line(), sections, ResultsDocument(results=rows), rows)
+    )
+    timed = [row for row in rows if isinstance(row, RunDifference)]
+    if options.findings and not timed:
+        return _exit_code([pair.old.run, pair.new.run], options)
+    code = options.exit_code_of_models([(row.model, row.verdict) for row in timed])
+    return exit_code(row.status for row in timed) or code
+
+
+def _show_each(run: RunContext, named_runs: "Sequence[NamedRun]", code: bool) -> None:
     from mjbench.commands.show import exports, forms
 
     stored = [named.run for named in named_runs]
+    if not run.files:
+        if len(stored) == 1:
+            _print(run, stored[0], code)
+        else:
+            _print_several(run, named_runs, code)
+        return
     for caution in dict.fromkeys(itertools.chain.from_iterable(map(exports.cautions, stored))):
         report_line(caution)
     run.write_forms(forms.of_runs(named_runs))
@@ -89,13 +157,6 @@ def _write(run: RunContext, named_runs: "Sequence[NamedRun]") -> None:
         if len(stored) > 1 and flag in run.files:
             raise InputError(f"{flag} takes one RUN")
         run.write(flag, functools.partial(text_of, stored[0]))
-    _name_files(run)
-
-
-def _name_files(run: RunContext) -> None:
-    for file in run.files.values():
-        if not file.is_stdout:
-            run.out.print(f"Written: {file.name}", soft_wrap=True)
 
 
 def _exit_code(stored: "Sequence[Run]", options: ShowOptions) -> int:
@@ -105,7 +166,9 @@ def _exit_code(stored: "Sequence[Run]", options: ShowOptions) -> int:
 
     judged = [run for run in stored if run.of_type(VerdictRecord)]
     if not judged:
-        raise InputError("--fail-on is about verdicts of `versions` and `ab`, or add --against OLD")
+        raise InputError(
+            "--fail-on is about verdicts of `versions` and `ab`, or two runs of `compare`"
+        )
 
     def code(run: "Run") -> int:
         return options.exit_code_of_run(run, family.confidence_of(run.header))
@@ -117,25 +180,25 @@ def _exit_code(stored: "Sequence[Run]", options: ShowOptions) -> int:
     return exit_code
 
 
-def _print_several(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
+def _print_several(run: RunContext, named_runs: "Sequence[NamedRun]", code: bool) -> None:
     """Print what machines answer side by side, and each run after it; of many runs, a list."""
-    from mjbench.commands.show import machines
+    from mjbench.commands.show import machines, stored_runs
 
+    stored = [named.run for named in named_runs]
     compared = machines.of_runs(stored)
     if compared.has_several:
         for line in compared.cautions:
             run.out.print(line, soft_wrap=True)
         run.show(filter(None, [machines.section(compared)]))
-    names = [machine.name for machine in compared.identities]
     if len(stored) > _MOST_RUNS:
         run.out.print()
-        run.table(machines.runs_table(stored, names))
+        run.table(stored_runs.table(stored_runs.stored_runs(named_runs)))
         report_line(f"{len(stored)} runs: only listed; --html FILE has a section of each")
-    else:
-        for number, (each, name) in enumerate(zip(stored, names, strict=True), 1):
-            run.out.print()
-            run.out.rule(f"Run {number} of {len(stored)}: {each.header.command} on {name}")
-            _print(run, each, code)
+        return
+    for number, (each, machine) in enumerate(zip(stored, compared.identities, strict=True), 1):
+        run.out.print()
+        run.out.rule(f"Run {number} of {len(stored)}: {each.header.command} on {machine.name}")
+        _print(run, each, code)
 
 
 def _print(run: RunContext, stored: "Run", code: bool) -> None:
@@ -143,29 +206,5 @@ def _print(run: RunContext, stored: "Run", code: bool) -> None:
 
     if not stored.records:
         report_line("the run ended before anything was measured")
-    kind = kinds.kind_of(stored)
-    run.show(kind.sections(stored), code)
+    run.show(kinds.kind_of(stored).sections(stored), code)
     run.hint_at_code()
-
-
-def _show_differences(old: Path, new: Path, options: ShowOptions) -> None:
-    from mjbench.commands.show import forms
-    from mjbench.commands.show.kinds import RECORD_TYPES
-    from mjbench.commands.show.run_differences import differences, differences_section
-    from mjbench.results import runs
-    from mjbench.results.json_form import ResultsDocument
-
-    with RunContext(options, [old, new]) as run:
-        rows = differences(
-            runs.load(old, RECORD_TYPES), runs.load(new, RECORD_TYPES), options.across
-        )
-        if not rows:
-            raise InputError(
-                f"{old} and {new} have no timed row of `compare` in common; of verdicts,"
-                " `mjbench show RUN --fail-on slower` judges one run"
-            )
-        sections = [differences_section(rows)]
-        run.show(sections)
-        run.write_forms(forms.of_sections(sections, ResultsDocument(results=rows), rows))
-    code = options.exit_code_of_models([(row.model, row.verdict) for row in rows])
-    run.exit_with(exit_code(row.status for row in rows) or code)

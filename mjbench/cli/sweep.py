@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli
+from mjbench.cli.group import cli, command_line
 from mjbench.cli.shared import FILE, takes
 from mjbench.commands.sweep.options import SweepOptions
 from mjbench.errors import InputError, MjbenchError, writing
@@ -68,7 +68,9 @@ def sweep(plan: Path, options: SweepOptions) -> None:
             run.interrupt(is_saved=any(map(Path.is_file, files.values())))
         rows = [SweepRow.of(cell, files[cell], ended.get(cell)) for cell in cells]
         run.show([_section(rows)])
-        run.write_forms(forms.of_sections([_section(rows)], ResultsDocument(results=rows), rows))
+        run.write_forms(
+            forms.of_sections(command_line(), [_section(rows)], ResultsDocument(results=rows), rows)
+        )
         run.out.print(f"\nRun files: {target}", soft_wrap=True)
         run.exit(result.status for result in ended.values())
 

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import click
@@ -62,11 +62,13 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
         with WorkerPool() as pool, InstructionCounter(plan.sizes) as counter:
             # workloads last as long as the pool
             times: list[VerdictRow | None] = []
+            shares = plan.budget.divided(2 * len(remaining))  # counts take as long, about
             for number, source in enumerate(remaining):
                 observer(f"{source.name}: time", number / len(remaining) / 2)
                 targets = [Target(spec, source) for spec in specs]
+                timed = replace(plan, time_limit_s=shares.next_s())
                 times.append(
-                    _compare_times(pool, counter, targets, plan) if options.clock else None
+                    _compare_times(pool, counter, targets, timed) if options.clock else None
                 )
             observer("instructions", 0.5)
             baselines, candidates = (list(counter.count(spec, remaining)) for spec in specs)

@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
+from mjbench.measuring.budget import Budget
 from mjbench.options import (
     COUNT,
     FLAG,
@@ -74,8 +75,8 @@ class RunFileOptions:
     resume: Path | None = option(
         None,
         file("RUN"),
-        "Continue this run file: what is finished in it is not measured again. The rest of the"
-        " command must be as it was.",
+        "Continue this run file (-1 is the newest): what is finished in it is not measured again."
+        " The rest of the command must be as it was.",
         of_functions=False,
     )
     wait: bool | None = option(
@@ -209,9 +210,44 @@ def fail_on_option(finding: type[StrEnum], help_text: str) -> Any:
     return option(None, kind, help_text, "--fail-on", of_functions=False)
 
 
-def budget_option(default_s: float, help_text: str, kind: Kind = SECONDS) -> Any:
-    """Return the option `--budget`."""
-    return option(default_s, kind, help_text)
+_WHOLE = "Time of the whole command"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetOptions:
+    """How long a command takes.
+
+    Attributes:
+      EACH_S: seconds for each THING that it measures, unless the user says; QUICK_S: with --quick.
+    """
+
+    EACH_S: ClassVar[float]
+    QUICK_S: ClassVar[float]
+    THING: ClassVar[str] = "model"
+    budget_s: float | None = option(
+        None,
+        SECONDS,
+        f"{_WHOLE}, divided among its {{0.THING}}s",
+        unset="{0.EACH_S:g}s for each {0.THING}",
+    )
+    quick: bool = option(
+        False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s for each {0.THING}."
+    )
+
+    @property
+    def budget(self) -> Budget:
+        """Return the time of the command; InputError where it is given twice."""
+        if self.quick and self.budget_s is not None:
+            raise InputError("--quick is a short --budget: give one of the two")
+        return Budget(self.QUICK_S if self.quick else self.EACH_S, self.budget_s, self.THING)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeBudgetOptions(BudgetOptions):
+    """How long a command takes that measures one thing."""
+
+    budget_s: float | None = option(None, SECONDS, _WHOLE, unset="{0.EACH_S:g}s")
+    quick: bool = option(False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s.")
 
 
 def top_option() -> Any:

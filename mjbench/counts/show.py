@@ -132,7 +132,7 @@ def _move_lines(row: ExplainRecord) -> list[str]:
 
 
 def _describe_time(time: VerdictRow, ratio: Interval) -> str:
-    interval = formats.ends(ratio, formats.change, " to ") or "interval unknown"
+    interval = formats.ends(ratio, formats.change) or "interval unknown"
     change = formats.change(ratio.estimate)
     return f"{time.verdict}, time {change} ({interval.removesuffix(' %')})"
 

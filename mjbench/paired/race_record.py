@@ -7,7 +7,7 @@ loop (see `race`). All that is shown is computed here, so it can be computed aga
 import functools
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import ClassVar
@@ -23,14 +23,16 @@ from mjbench.simulation import engine_clock
 from mjbench.status import Status
 from mjbench.verification.plan import WITHOUT_TIMER, Variant
 
-# A path may be this much slower than the fastest and still be as good: the race does not go on to
-# tell the two apart.
-MARGIN = 0.02
+# A race is decided where no path can be faster than the fastest by more than this: nobody would do
+# much better by waiting.
+MARGIN = 0.05
+# A simpler path that is slower than the fastest by less than this is as good.
+AS_GOOD = 0.02
 # Probability that a race drops a path which is the fastest, over all looks and pairs of paths.
 ERROR = 0.05
 # Of the interval of a speed-up.
 CONFIDENCE = 0.95
-_LOG_MARGIN = float(np.log1p(MARGIN))
+_LOG_MARGIN, _LOG_AS_GOOD = float(np.log1p(MARGIN)), float(np.log1p(AS_GOOD))
 # Launches of a race at least, because fewer decide nothing, and at most.
 MIN_LAUNCHES, MAX_LAUNCHES = 3, 100
 # Launches after a race; fewer give no figures of their own.
@@ -105,11 +107,12 @@ class Standing:
     """What a race says of the paths that compete with each other, by their positions.
 
     Attributes:
-      chosen: the simplest contender that is as good as the fastest: within `MARGIN` certainly, and
+      chosen: the simplest contender that is as good as the fastest: within `AS_GOOD` certainly, and
         within half of it by estimate.
       contenders: all that are not certainly slower than the fastest, itself included.
       most_gain: share by which a contender may be faster than the fastest, at most; infinity where
-        launches are too few to say.
+        launches are too few to say. Twins of the fastest (see `Variant.is_twin_of`) that are within
+        `AS_GOOD` of it by estimate do not count: they are the same advice.
     """
 
     fastest: int
@@ -191,7 +194,7 @@ class RaceRecord:
 
         Winners of both loops are timed after the race. Where the race was not decided, that of the
         other loop takes the place of this one's if it is a contender, and its figure is better by
-        more than `MARGIN`.
+        more than `AS_GOOD`.
         """
 
         def speedup(position: int) -> float:
@@ -201,15 +204,17 @@ class RaceRecord:
         if standing.is_decided:
             return standing.chosen
         winners = {each.chosen for each in self.standings.values()}
-        least = (1 + MARGIN) * speedup(standing.chosen)
+        least = (1 + AS_GOOD) * speedup(standing.chosen)
         better = [i for i in winners.intersection(standing.contenders) if speedup(i) > least]
         return max(better, key=speedup, default=standing.chosen)
 
     def advised(self, standing: Standing) -> int:
-        """Return the winner; the plain loop where that one is not certainly faster."""
+        """Return the winner; the plain loop where that one is not even likely to be faster."""
         winner = self.winner(standing)
         speedup = self.speedups[winner]
-        return winner if speedup is not None and speedup.is_above(1.0) else 0
+        if speedup is None or not (speedup.is_above(1.0) or speedup.estimate > 1 + AS_GOOD):
+            return 0
+        return winner
 
     def speedup(self, variant: Variant) -> Interval | None:
         """Return the speed-up of a variant over the plain loop; None where it was not timed.
@@ -270,7 +275,7 @@ class RaceRecord:
         left = timed & self.able
         groups = ([i for i in group if i in left] for group in self.groups)
         return {
-            loop: standing_of(race, group, len(self.variants))
+            loop: standing_of(race, group, self.variants)
             for loop, group in zip(Loop, groups, strict=True)
             if group
         }
@@ -318,21 +323,28 @@ class RaceRecord:
         if all(launch.is_final for launch in launches):
             ratios = [launch.log_ratio(baseline, candidate) for launch in launches]
             return launch_stats.student_interval(ratios, CONFIDENCE).exponential
-        return Interval.around(*log_ratio(launches, baseline, candidate, CONFIDENCE)).exponential
+        mean, half_width = log_ratio(launches, baseline, candidate)
+        return Interval.around(mean, half_width(CONFIDENCE)).exponential
 
 
-def standing_of(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int) -> Standing:
+def standing_of(
+    launches: Sequence[RaceLaunch], group: Sequence[int], variants: Sequence[Variant]
+) -> Standing:
     """Return what the launches of a race say of variants that compete with each other.
 
     A variant is out once it is certainly slower than the fastest. The error of that is spent over
-    all ordered pairs of entrants, because which is the fastest follows from the same launches; the
-    intervals may be looked at after every launch (see `launch_stats`).
+    all ordered pairs of entrants, because which is the fastest follows from the same launches. By
+    how much a contender may be faster is a one-sided bound, whose error is spent over the rivals
+    of the fastest. The intervals may be looked at after every launch (see `launch_stats`).
 
     Args:
       launches: of the race; the first timed all of the group.
-      group: the variants that are not out, from the simplest on.
+      group: the positions of variants that are not out, from the simplest on.
     """
-    confidence = 1 - ERROR / max(1, entrants * (entrants - 1))
+    entrants = len(variants)
+    out_confidence = 1 - ERROR / max(1, entrants * (entrants - 1))
+    # one side for each rival of the fastest, because none of them is to be faster
+    gain_confidence = 1 - 2 * ERROR / max(2, len(group) - 1)
     shared = [launch for launch in launches if set(group) <= set(launch.variants)]
     # the median, because a few launches cannot say which of them were disturbed
     medians = {i: statistics.median(each.log_ratio(0, i) for each in shared) for i in group}
@@ -341,21 +353,23 @@ def standing_of(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: 
     for i in reversed(group):
         if i == fastest:
             continue
-        mean, half_width = log_ratio(launches, fastest, i, confidence)
-        if mean - half_width > 0:
+        mean, half_width_at = log_ratio(launches, fastest, i)
+        if mean - half_width_at(out_confidence) > 0:
             continue
         contenders.append(i)
-        most_gain = max(most_gain, float(np.expm1(half_width - mean)))
+        half_width = half_width_at(gain_confidence)
+        if not (variants[i].is_twin_of(variants[fastest]) and mean < _LOG_AS_GOOD):
+            most_gain = max(most_gain, float(np.expm1(half_width - mean)))
         is_simpler = group.index(i) < group.index(fastest)
-        if is_simpler and mean <= _LOG_MARGIN / 2 and mean + half_width <= _LOG_MARGIN:
+        if is_simpler and mean <= _LOG_AS_GOOD / 2 and mean + half_width <= _LOG_AS_GOOD:
             chosen = i
     return Standing(fastest, chosen, sorted(contenders), most_gain)
 
 
 def log_ratio(
-    launches: Sequence[RaceLaunch], baseline: int, candidate: int, confidence: float
-) -> tuple[float, float]:
-    """Return the log ratio of two variants' times over launches, and half of its interval's width.
+    launches: Sequence[RaceLaunch], baseline: int, candidate: int
+) -> tuple[float, Callable[[float], float]]:
+    """Return the log ratio of two variants' times, and half its interval's width by confidence.
 
     The spread of launches is pooled over all variants that those launches timed, unless that of the
     two is larger: so three launches of many variants have an interval, and a variant whose times
@@ -370,7 +384,7 @@ def log_ratio(
     variance = max(2 * pooled, float(fitted.squares[0]) / max(1, own_freedom))
     freedom = max(freedom, own_freedom)
     spread = replace(fitted, freedom=np.array([freedom]), squares=np.array([freedom * variance]))
-    return float(fitted.mean[0]), float(spread.half_width(confidence)[0])
+    return float(fitted.mean[0]), lambda confidence: float(spread.half_width(confidence)[0])
 
 
 def _pooled_variance(launches: Sequence[RaceLaunch], variants: Sequence[int]) -> tuple[float, int]:

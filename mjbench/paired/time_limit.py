@@ -1,8 +1,9 @@
 """What a verdict costs, and what its time limit allows.
 
-The limit counts from when both models are loaded. Nothing is begun that would exceed it, with one
-exception: the first launch, where that is brief. A model too heavy for its limit thus ends as
-inconclusive, before the workload is drawn, and in a sentence that names a limit that would do.
+The limit counts from when both models are loaded, or from the start where it is a share of a whole
+command. Nothing is begun that would exceed it, with one exception: the first launch, where that is
+brief. A model too heavy for its limit thus ends as inconclusive, before the workload is drawn, and
+in a sentence that says how long a verdict takes.
 """
 
 import math
@@ -84,14 +85,16 @@ class TimeLimit:
         min_launches: int = 1,
         clock: Callable[[], float] = time.monotonic,
         purpose: str = "a verdict",
+        counts_loading: bool = False,
     ):
-        """Set the limit; it begins to count with `start`."""
+        """Set the limit; it begins to count with `start`, or now if it counts loading."""
         self._purpose, self._seconds, self._clock = purpose, seconds, clock
         self.min_launches = min_launches
-        self._begin_s: float | None = None
+        self._begin_s = clock() if counts_loading else None
 
     def start(self) -> None:
-        self._begin_s = self._clock()
+        if self._begin_s is None:
+            self._begin_s = self._clock()
 
     def spent_s(self) -> float:
         return 0.0 if self._begin_s is None else self._clock() - self._begin_s
@@ -129,7 +132,7 @@ class TimeLimit:
         launches = f"{count} launch{'es' if count > 1 else ''}"
         return (
             f"a launch takes about {float(f'{launch_s:.2g}'):g} s, and {self._purpose} needs at"
-            f" least {launches}: give --budget {_rounded_up(enough_s)}s or more"
+            f" least {launches}, {_rounded_up(enough_s)} s in all: give a longer --budget"
         )
 
 

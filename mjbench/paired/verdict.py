@@ -14,6 +14,7 @@ import numpy as np
 from mjbench.errors import Failure
 from mjbench.interval import Interval
 from mjbench.measuring import launch_stats
+from mjbench.measuring.budget import Budget
 from mjbench.measuring.launch_stats import Evidence
 from mjbench.paired import outcomes
 from mjbench.paired.launches import launch
@@ -52,6 +53,7 @@ class VerdictPlan:
       precision: half-width of the interval at which to stop in any case.
       time_limit_s: seconds from when the models are loaded, after which no launch begins; see
         `time_limit`.
+      counts_loading: whether these count from the start.
       as_shipped: whether code stays where each build has it, instead of being moved from launch to
         launch, so that its placement averages out.
       family: number of comparisons that are decided together; a change needs more evidence.
@@ -64,6 +66,13 @@ class VerdictPlan:
     sizes: Sizes = field(default_factory=Sizes)
     as_shipped: bool = False
     family: int = 1
+    counts_loading: bool = False
+
+    @property
+    def budget(self) -> Budget:
+        """The time of a command: of each verdict, or, where that counts loading, of all."""
+        total_s = self.time_limit_s if self.counts_loading else None
+        return Budget(self.time_limit_s, total_s, "verdict")
 
 
 def judge(
@@ -210,7 +219,7 @@ def decide_pair(
       use_workload: called with the file of the baseline's workload, if there is one.
     """
     begin_s = clock()
-    limit = TimeLimit(plan.time_limit_s, MIN_LAUNCHES, clock, "a verdict")
+    limit = TimeLimit(plan.time_limit_s, MIN_LAUNCHES, clock, counts_loading=plan.counts_loading)
     targets = baseline, candidate
     pair = pair_of(pool, targets, plan.sizes, limit, plan.as_shipped)
     rule, ending = launch_until_certain(pair, plan, limit, on_launch)

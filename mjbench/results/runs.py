@@ -10,6 +10,7 @@ import hashlib
 import io
 import itertools
 import json
+import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -210,8 +211,20 @@ def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> An
         raise InputError(f"{path}, line {number}: {one_line(error)}") from error
 
 
-def latest(folder: Path) -> Path:
-    """Return the newest run file of a folder that has a record, else the newest; or InputError."""
+def of_name(name: Path, folder: Path) -> Path:
+    """Return a run file: -1 is the newest of a folder, -2 the one before it, and so on."""
+    if not re.fullmatch(r"-[1-9]\d*", str(name)):
+        return name
+    stored, number = newest_first(folder), -int(str(name))
+    if number > len(stored):
+        raise InputError(
+            f"{name}: {folder} has {len(stored)} run files; `mjbench show --list` lists them"
+        )
+    return stored[number - 1]
+
+
+def newest_first(folder: Path) -> list[Path]:
+    """Return the run files of a folder that have a record, or all if none has; or InputError."""
     written: list[tuple[float, Path]] = []
     for path in folder.glob("*.jsonl"):
         with contextlib.suppress(OSError):  # a link to nothing, or no permission
@@ -220,8 +233,8 @@ def latest(folder: Path) -> Path:
                 written.append((status.st_mtime, path))
     if not written:
         raise InputError(f"no run file in {folder}; `mjbench compare` writes one")
-    newest_first = [path for _, path in sorted(written, reverse=True)]
-    return next((path for path in newest_first if _has_record(path)), newest_first[0])
+    stored = [path for _, path in sorted(written, reverse=True)]
+    return [path for path in stored if _has_record(path)] or stored
 
 
 def _has_record(file: Path) -> bool:

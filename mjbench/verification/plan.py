@@ -14,8 +14,8 @@ from mjbench.simulation import compat
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product, whole_holds
 
-# Seconds for each model, agreement included, that paths which run C may take; and with --quick.
-BUDGET_S, QUICK_BUDGET_S = 23.0, 5.0
+# Seconds for each model, agreement included, that paths which run C may take.
+BUDGET_S = 23.0
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
 # LONG_BLOCK_S, they shrink until it takes about BLOCK_S: first the steps, then the simulations, to
@@ -28,6 +28,10 @@ LONG_BLOCK_S, BLOCK_S = 0.02, 0.015
 MIN_NBATCH_PER_THREAD = 4
 
 
+# Options that say who owns the MjData, or the pool of threads.
+_OWNERS = ("data", "pool")
+
+
 @dataclass(frozen=True)
 class Variant:
     """A path with its options set."""
@@ -37,6 +41,14 @@ class Variant:
 
     def __str__(self) -> str:
         return f"{self.path} {describe_options(self.options)}".rstrip()
+
+    def is_twin_of(self, other: "Variant") -> bool:
+        """Return whether two differ at most in who owns the MjData, or the pool of threads."""
+        own, others = (
+            {name: value for name, value in each.options.items() if name not in _OWNERS}
+            for each in (self, other)
+        )
+        return self.path == other.path and own == others
 
 
 def describe_options(options: Mapping[str, Any]) -> str:

@@ -59,7 +59,7 @@ def test_the_examples_of_a_program_run(
     assert "no model 'humanoit' (did you mean humanoid?)" in printed
     assert "1,000 steps" in printed
     assert names["table"] == names["comparison"].rows()
-    assert runs.latest(Path("results/runs")) == names["file"]
+    assert runs.newest_first(Path("results/runs"))[0] == names["file"]
 
 
 def test_the_examples_of_tests_run(tmp_path: Path) -> None:

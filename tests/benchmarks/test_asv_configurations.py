@@ -25,13 +25,6 @@ def test_committed_results_are_read_by_a_configuration_that_differs_in_folders_a
     assert reference_folders["results_dir"] == ROOT / "results/asv"
 
 
-def test_own_results_are_ignored_by_git() -> None:
-    ignored = (ROOT / ".gitignore").read_text().splitlines()
-    assert ".asv/" in ignored
-    _, folders = configuration(ROOT / "asv.conf.json")
-    assert folders["results_dir"].is_relative_to(ROOT / ".asv")
-
-
 def test_a_release_brings_its_own_mjx_and_takes_it_away() -> None:
     values, _ = configuration(ROOT / "asv.conf.json")
     assert any("jax==" in command for command in values["install_command"])

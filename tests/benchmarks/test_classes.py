@@ -188,14 +188,6 @@ def reference_release() -> None:
         pytest.skip(f"the package index cannot be reached: {error}")
 
 
-def test_pip_without_a_network_reaches_no_index(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
-    monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
-    for name in ("PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS"):
-        monkeypatch.delenv(name, raising=False)
-    assert not index_has_mujoco()
-
-
 def test_time(timed: Case, benchmark: Any) -> None:
     method = timed.bound()
     is_raw = timed.method.startswith("timeraw_")
@@ -327,19 +319,11 @@ def test_no_module_declares_a_benchmark_of_another() -> None:
             assert not is_benchmark or kind.__module__ == module.__name__, f"{info.name}.{name}"
 
 
-def test_every_benchmark_has_an_explicit_version_and_a_name_for_readers() -> None:
+def test_every_benchmark_has_an_explicit_version_a_name_for_readers_and_its_unit() -> None:
     for case in cases(*PREFIXES):
         assert case.kind.version, case
         assert case.function.pretty_name, case
-
-
-def test_every_number_that_is_tracked_has_a_unit() -> None:
-    for case in cases("track_"):
-        assert case.function.unit, case
-
-
-def test_the_units_of_what_may_be_zero_are_units_of_benchmarks() -> None:
-    assert {case.function.unit for case in cases("track_")} >= ZERO_IS_POSSIBLE
+        assert not case.method.startswith("track_") or case.function.unit, case
 
 
 def test_committed_results_are_of_benchmarks_that_exist() -> None:

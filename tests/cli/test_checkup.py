@@ -66,8 +66,12 @@ def test_it_is_one_run_file_that_show_and_load_read(checked: tuple[Path, Complet
         (["broken.xml"], "cannot load it"),
         (["broken.py"], "broken.py"),
         (["robot.xml", "other.xml"], "one thing at a time"),
+        (["robot.xml", "--num-envs", "8"], "No such option '--num-envs'"),
+        (["--quick", "compare", "robot.xml"], "follow its name: mjbench compare"),
+        (["--verison"], "Did you mean '--version'?"),
+        (["help", "comapre"], "Did you mean 'compare'?"),
         (["robot.xml", "--html", "robot.xml"], "is a file that this command reads"),
-        (["broken.py", "--settle", "1s"], "start states are of a model"),
+        (["--settle", "1s", "broken.py"], "start states are of a model"),
         ([], "Usage: mjbench"),
     ],
 )
@@ -93,9 +97,27 @@ def test_a_program_that_fails_ends_its_check_up_with_its_own_code(
     tmp_path: Path, text: str, code: int, says: str
 ) -> None:
     (tmp_path / "program.py").write_text(text)
-    done = mjbench("program.py", "--quick", cwd=tmp_path)
+    done = mjbench("--quick", "program.py", cwd=tmp_path)
     assert done.returncode == code, done.stderr
     assert says in done.stderr
+
+
+@pytest.mark.parametrize("words", [["program.py"], ["-m", "program"]], ids=" ".join)
+@pytest.mark.parametrize("command", [[], ["run"]], ids=["checkup", "run"])
+def test_options_before_a_program_are_those_of_mjbench_and_all_after_it_its_own(
+    tmp_path: Path, command: list[str], words: list[str]
+) -> None:
+    (tmp_path / "program.py").write_text("import sys\nopen('words', 'w').write(str(sys.argv[1:]))")
+    done = mjbench(*command, "--seconds", "none", *words, "--seconds", "--help", "--", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "words").read_text() == "['--seconds', '--help', '--']"
+
+
+def test_help_of_a_program_does_not_run_it(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text("raise SystemExit(7)")
+    for words in (["program.py"], ["run", "program.py"]):
+        done = mjbench("help", *words, cwd=tmp_path)
+        assert (done.returncode, done.stdout[:6]) == (0, "Usage:")
 
 
 def test_a_check_up_that_is_interrupted_keeps_what_it_has(tmp_path: Path) -> None:

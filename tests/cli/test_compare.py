@@ -12,8 +12,9 @@ from commands import mjbench
 from example_races import BATCH_STEP, ROLLOUT, THREADS, invent_comparisons
 
 from mjbench.cli import cli
+from mjbench.measuring.budget import AROUND_S
 from mjbench.status import Status
-from mjbench.verification.plan import BUDGET_S, QUICK_BUDGET_S, WITHOUT_TIMER
+from mjbench.verification.plan import WITHOUT_TIMER
 
 # Small enough to be quick; what is tested is what the command says, not how fast it is.
 QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0.1", "--results", "runs"]
@@ -150,7 +151,7 @@ def test_sizes_are_measured_one_after_the_other_and_shown_in_one_table(
 
 @pytest.mark.parametrize(
     ("words", "budget_s"),
-    [([], BUDGET_S), (["--quick"], QUICK_BUDGET_S), (["--budget", "60s"], 60.0)],
+    [([], 23.0), (["--quick"], 5.0), (["--budget", "60s"], pytest.approx(60 - AROUND_S, abs=1))],
 )
 def test_the_budget_bounds_each_model(
     folder: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], budget_s: float
@@ -164,7 +165,7 @@ def test_the_budget_bounds_each_model(
     ("words", "message"),
     [
         (["--budget", "0"], "'0' is not a time such as 60s, above 0"),
-        (["--quick", "--budget", "3s"], "--quick is a budget of 5 s"),
+        (["--quick", "--budget", "3s"], "--quick is a short --budget: give one of the two"),
     ],
 )
 def test_a_budget_that_is_none_or_given_twice_is_refused(words: list[str], message: str) -> None:

@@ -1,5 +1,6 @@
 """What a command prints and stores of what it measures, and what it says of the machine."""
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from mjbench.cli.context import RunContext, measure_and_print
 from mjbench.commands.profile.habit_timing import OverheadRow
 from mjbench.commands.shared_options import OutputOptions
-from mjbench.commands.show import kinds
+from mjbench.commands.show import forms, kinds, reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.errors import Failure, MachineError
 from mjbench.host import machine, neighbours
@@ -97,6 +98,39 @@ def test_an_interrupt_leaves_what_was_measured(tmp_path: Path, is_raised: bool) 
     assert stored(tmp_path)[0] == "a"
     with pytest.raises(SystemExit, match="130"):
         run.exit()
+
+
+def test_files_have_what_was_measured_before_an_interrupt_as_show_writes_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.13)
+
+    def items(earlier: Sequence[Record], observer: Observer) -> Items:
+        yield Item([row("a")])
+        raise KeyboardInterrupt
+
+    names = {"csv_file": "a.csv", "markdown_file": "a.md", "json_file": "a.json"}
+    options = OutputOptions(
+        results=tmp_path, **{key: str(tmp_path / name) for key, name in names.items()}
+    )
+    run = measure_and_print(Measurement("overhead", {}, [], items), options)
+    with pytest.raises(SystemExit, match="130"):
+        run.exit()
+    forms_of_show = forms.of_runs(reports.read([*tmp_path.glob("*.jsonl")]))
+    assert "the host took 13 %" in forms_of_show.markdown()
+    assert (tmp_path / "a.md").read_text() == forms_of_show.markdown()
+    assert (tmp_path / "a.csv").read_bytes() == forms_of_show.csv().encode()
+    assert (tmp_path / "a.json").read_text() == forms_of_show.json()
+
+
+def test_a_page_that_cannot_be_drawn_is_refused_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    options = OutputOptions(results=tmp_path / "runs", html_file=str(tmp_path / "a.html"))
+    with pytest.raises(MachineError, match="--html needs jinja2: python -m pip install"):
+        measure_and_print(Measurement("overhead", {}, [], nothing), options)
+    assert not [*tmp_path.iterdir()]
 
 
 def test_an_interrupt_while_results_are_printed_names_where_they_are(

@@ -133,9 +133,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_file_with_other_values_is_shown_or_refused(folder: Path, text: str) -> None:
     (folder / "damaged.jsonl").write_text(text)
     check_ends_well("show", str(folder / "damaged.jsonl"), "--json", str(folder / "out.json"))
-    check_ends_well(
-        *("show", str(folder / "damaged.jsonl"), "--against", str(folder / "whole.jsonl"))
-    )
+    check_ends_well("show", str(folder / "damaged.jsonl"), str(folder / "whole.jsonl"))
 
 
 @settings(max_examples=50, deadline=None)

@@ -29,7 +29,7 @@ def test_a_machine_is_described_and_checked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(detectable_change, "MIN_LAUNCHES", 2)
-    done = mjbench("doctor", "--budget", "4s", "--json", "out.json", cwd=tmp_path)
+    done = mjbench("doctor", "--budget", "8s", "--json", "out.json", cwd=tmp_path)
     assert done.returncode in (0, 1), done.stderr  # what it can decide depends on its noise
     document = json.loads((tmp_path / "out.json").read_text())
     assert {c["name"] for c in document["conditions"]} >= {"cores", "load", "Python", "clock"}

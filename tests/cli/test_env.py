@@ -9,7 +9,7 @@ from commands import mjbench
 
 from mjbench.commands.env import vectors
 
-QUICK = ["--nstep", "40", "--budget", "0", "--threads", "1", "--no-vector"]
+QUICK = ["--nstep", "40", "--budget", "0.1", "--threads", "1", "--no-vector"]
 
 
 def test_it_measures_and_writes_json_and_show_prints_it_again(tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_environments_of_gymnasium_are_measured_with_each_of_their_wrappers(
 ) -> None:
     monkeypatch.setattr(vectors, "LEAST_LAUNCHES", 2)
     (tmp_path / "stack.py").write_text(STACK)
-    quick = ["--nstep", "50", "--budget", "0", "--json", "out.json"]
+    quick = ["--nstep", "50", "--budget", "0.1", "--json", "out.json"]
     rows = []
     for words in (["InvertedPendulum-v5", "--no-vector"], ["stack:make", "--nbatch", "2"]):
         done = mjbench("env", *words, *quick, cwd=tmp_path)

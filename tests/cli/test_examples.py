@@ -23,10 +23,10 @@ COMMANDS = dict(commands(cli))
 
 def examples(command: click.Command) -> list[str]:
     """Return the example lines of a command, without what a shell adds to them."""
-    _, _, after = (command.help or "").partition("Example")
+    _, _, after = f"{command.help}{command.epilog}".partition("Example")
     lines = [line.strip() for line in after.splitlines()]
     shown = [line for line in lines if line.startswith("mjbench ")]
-    return [re.split(r"\s(?:>>|&&|\|)\s|\s{3,}", line)[0] for line in shown]
+    return [re.split(r"\s(?:>>|&&|\||#)\s|\s{3,}", line)[0] for line in shown]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -41,7 +41,7 @@ def test_a_command_that_takes_arguments_shows_an_example(name: str) -> None:
     "line", sorted({line for c in (cli, *COMMANDS.values()) for line in examples(c)})
 )
 def test_an_example_is_parsed_by_its_command(line: str) -> None:
-    words = shlex.split(line)[1:]
+    words = cli.with_command(shlex.split(line)[1:])
     command: click.Command = cli
     context = click.Context(cli, **cli.context_settings)
     while isinstance(command, click.Group):

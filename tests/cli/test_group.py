@@ -55,7 +55,7 @@ def test_a_character_that_the_output_lacks_costs_no_table(env: dict[str, str]) -
     assert "cartpole: 64 simulations \\xd7 61 steps" in done.stdout
 
 
-@pytest.mark.parametrize("words", [("lint", ""), ("show", ""), ("show", "--against", "")])
+@pytest.mark.parametrize("words", [("lint", ""), ("show", ""), ("show", "--results", "")])
 def test_an_empty_name_of_a_file_is_said_to_be_empty(words: tuple[str, ...]) -> None:
     done = CliRunner().invoke(group.cli, words)
     assert done.exit_code == 2

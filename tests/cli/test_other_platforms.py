@@ -17,7 +17,7 @@ RUN = "run.jsonl"
 WORDS = {
     "lint": ["lint", "script.py"],
     "show": ["show", RUN],
-    "diff": ["show", RUN, "--against", RUN],
+    "diff": ["show", "--list", "--results", "."],
 }
 QUICK = ["--nbatch", "4", "--nstep", "20"]
 MACOS = {

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import click
 import pytest
+from click.testing import CliRunner
 
 from mjbench import options
 from mjbench.cli.group import cli
@@ -21,6 +22,7 @@ from mjbench.options import Kind
         (options.SHARE, "much", "not a percentage"),
         (options.SHARE, "0", "above 0% and below 100%"),
         (options.SHARE, "100%", "above 0% and below 100%"),
+        (options.SHARE, "0.5", r"below 100%: 0\.5% or 50%\?"),
         (options.SECONDS, "soon", "not a time such as 60s"),
         (options.SECONDS, "0s", "above 0 and at most 86400, a day"),
         (options.SECONDS, "inf", "at most 86400, a day in seconds"),
@@ -44,12 +46,32 @@ def options_of_commands(flag: str) -> dict[str, click.Parameter]:
     }
 
 
-def test_every_command_that_measures_times_has_a_budget() -> None:
-    options = options_of_commands("--budget")
-    everyday = {"checkup", "run", "env", "compare", "tune", "versions", "ab", "bisect", "doctor"}
-    closer = {"profile", "profile --habits", "latency"}
-    assert everyday | closer <= set(options)
-    assert {name for name, o in options.items() if o.type.name != "SECONDS"} == set()
+BUDGETS = {
+    "checkup": ["cartpole"],
+    "env": ["Humanoid-v5"],
+    "compare": ["cartpole"],
+    "tune": ["cartpole"],
+    "versions": ["installed", "installed", "cartpole"],
+    "versions --explain": ["installed", "installed", "cartpole"],
+    "ab": ["path=rollout", "path=processes"],
+    "bisect": ["3.3.0", "3.4.0", "cartpole"],
+    "doctor": [],
+    "profile": ["cartpole"],
+    "profile --habits": ["cartpole"],
+    "latency": ["cartpole"],
+}
+
+
+@pytest.mark.parametrize("command", BUDGETS)
+def test_a_budget_is_of_the_whole_command_and_a_quick_form_is_one(command: str) -> None:
+    words = [*command.split(" "), *BUDGETS[command]]
+    help_text = " ".join(CliRunner().invoke(cli, [*words, "--help"]).output.split())
+    assert "Time of the whole command" in help_text
+    assert "A first impression, often uncertain: " in help_text
+    assert "SECONDS is 60 or 60s; also with ms, us or min: 5ms." in help_text
+    done = CliRunner().invoke(cli, [*words, "--quick", "--budget", "3s"])
+    assert done.exit_code == 2
+    assert done.stderr == "mjbench: --quick is a short --budget: give one of the two\n"
 
 
 def number_options() -> Iterator[tuple[str, click.Option]]:

@@ -1,6 +1,7 @@
 """`mjbench show` of several run files: what machines answer, and each run after it."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from set_files import labelled, run_file
 from verdict_records import OPEN, SAME, SLOWER, of_model
 
 from mjbench.cli import cli
+from mjbench.host.disturbance import Disturbance
 
 
 def show(*words: object) -> Result:
@@ -70,17 +72,55 @@ def test_of_very_many_runs_there_is_a_list(tmp_path: Path) -> None:
     assert "Run 1 of" not in done.stdout
 
 
-def test_runs_of_one_machine_have_nothing_side_by_side(tmp_path: Path) -> None:
-    done = show(*(run_file(tmp_path, labelled("a"), verdict) for verdict in (SAME, SLOWER)))
+def test_three_runs_of_one_machine_are_shown_one_after_the_other(tmp_path: Path) -> None:
+    done = show(*(run_file(tmp_path, labelled("a"), each) for each in (SAME, SLOWER, SAME)))
     assert done.exit_code == 0
     assert "together" not in done.stdout
-    assert "Run 2 of 2" in done.stdout
+    assert "Run 3 of 3" in done.stdout
+
+
+def test_the_number_of_a_stored_run_stands_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for age_s, verdict in enumerate((SLOWER, SAME)):
+        file = run_file(tmp_path / "results/runs", labelled("a"), verdict, command="versions")
+        os.utime(file, (1e9 - age_s, 1e9 - age_s))
+    assert show("-1").stdout == show().stdout
+    assert "slower" in show("-1").stdout
+    assert "slower" not in show("-2").stdout
+    assert show("-2", "-1").exit_code == 0
+    done = show("-3")
+    assert done.exit_code == 2
+    assert "-3: results/runs has 2 run files; `mjbench show --list` lists them" in done.stderr
+
+
+def test_stored_runs_are_listed_newest_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "results/runs"
+    records = [[SAME], [SLOWER, Disturbance([], 0.2)]]
+    for age_s, each in enumerate(records):
+        file = run_file(folder, labelled("a"), *each, command="versions", began="2026-11-29T03:04")
+        os.utime(file, (1e9 - age_s, 1e9 - age_s))
+    (folder / "broken.jsonl").write_text("1\n2\n")
+    os.utime(folder / "broken.jsonl", (1e9 - 9, 1e9 - 9))
+    done = show("--list")
+    assert done.exit_code == 0
+    _, first, second = (line.split() for line in done.stdout.splitlines())
+    began = ["2026-11-29", "03:04"]
+    assert first == ["-1", *began, "versions", "'a", "model'", "m", "a", "1"]
+    assert second == ["-2", *began, "versions", "'a", "model'", "m", "a", "1", "yes"]
+    assert "broken.jsonl" in done.stderr
+    assert show("--list", "--csv", "-").stdout.count("\n") == 3
+    assert "--list takes no RUN" in show("--list", file).stderr
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--against", "OLD"], "--against compares one RUN with OLD"),
+        (["--across"], "--across compares two RUNs of one kind"),
         (["--csv", "-"], "--csv takes one RUN"),
     ],
 )

@@ -1,9 +1,8 @@
-"""`mjbench show --against`: two run files of `compare`."""
+"""`mjbench show OLD NEW`: two run files of one kind."""
 
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -32,30 +31,36 @@ def stored_run(folder: Path, jax: str, seconds: float) -> str:
     return str(file.path)
 
 
-def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Path) -> None:
+def test_the_order_of_two_runs_is_that_of_their_times(tmp_path: Path) -> None:
+    early, late = (
+        run_file(tmp_path / began, labelled("a"), *compared(raced(steps=steps)), began=began)
+        for began, steps in (("2026-11-01", 1000), ("2026-11-02", 500))
+    )
+    for files in ((early, late), (late, early)):
+        done = CliRunner().invoke(cli, ["show", *map(str, files)])
+        assert f"OLD: {early}" in done.stdout
+        assert "2.000" in done.stdout
+
+
+def test_it_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Path) -> None:
     old = stored_run(tmp_path / "old", "1", 1.0)
     new = stored_run(tmp_path / "new", "2", 1.5)
-    refused = mjbench("show", new, "--against", old)
+    refused = mjbench("show", old, new)
     assert refused.returncode == 2
     assert "they differ in jax (2, 1)" in refused.stdout
-    compared = mjbench("show", new, "--against", old, "--across", "--json", "-")
+    compared = mjbench("show", old, new, "--across", "--json", "-")
     assert compared.returncode == 0, compared.stderr
     assert json.loads(compared.stdout)["results"][0]["ratio"]["estimate"] == pytest.approx(1.5)
 
 
 def test_run_files_with_nothing_in_common_are_bad_input(tmp_path: Path) -> None:
-    old = stored_run(tmp_path, "1", 1.0)
-    done = mjbench("show", "--against", old, str(RUNS / "reference-checkup-humanoid.jsonl"))
-    assert done.returncode == 2
-    assert "no timed row" in done.stderr
+    files = [str(run_file(tmp_path, labelled("a"), model_record())) for _ in range(2)]
+    done = CliRunner().invoke(cli, ["show", *files])
+    assert done.exit_code == 2
+    assert "have no timed row in common" in done.stderr
 
 
 # what fails a command
-
-
-def rows(folder: Path) -> list[dict[str, Any]]:
-    result: list[dict[str, Any]] = json.loads((folder / "out.json").read_text())["results"]
-    return result
 
 
 def raced_run(folder: Path, factor: float, cores: float = 2.0) -> Path:
@@ -82,10 +87,12 @@ def test_what_is_certainly_slower_than_an_earlier_run_fails_in_ci(
 ) -> None:
     old, new = raced_run(tmp_path / "old", 1.0), raced_run(tmp_path / "new", factor)
     findings, _, flag = fail_on.partition(",--")
-    words = ["show", str(new), "--against", str(old), "--fail-on", findings]
-    words += [f"--{flag}"] * bool(flag) + ["--json", str(tmp_path / "out.json")]
+    words = ["show", str(old), str(new), "--fail-on", findings]
+    words += [f"--{flag}"] * bool(flag)
     done = CliRunner().invoke(cli, words)
-    verdicts = [row["verdict"] for row in rows(tmp_path)]
+    written = CliRunner().invoke(cli, [*words, "--json", "-"])
+    assert written.exit_code == done.exit_code
+    verdicts = [row["verdict"] for row in json.loads(written.stdout)["results"]]
     assert set(verdicts) == {verdict, None}  # the slow paths leave the race early
     assert done.exit_code == code, done.output
     assert done.stdout.splitlines()[1].startswith(f"Of 4 rows: {4 - verdicts.count(None)} ")
@@ -106,7 +113,7 @@ def test_of_several_runs_the_one_that_decides_is_named() -> None:
 
 def test_a_disturbed_run_decides_nothing(tmp_path: Path) -> None:
     old, new = raced_run(tmp_path / "old", 1.0), raced_run(tmp_path / "new", 2.0, cores=0.5)
-    words = ["show", str(new), "--against", str(old), "--fail-on", "slower"]
+    words = ["show", str(old), str(new), "--fail-on", "slower"]
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 3
     assert "undecided" in done.stdout
@@ -115,11 +122,9 @@ def test_a_disturbed_run_decides_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--fail-on", "slower", f"{RUNS}/reference-mujoco-4.0.0.jsonl"], "add --against OLD"),
-        (["--code", "--html", "x"], "--code prints the code of a RUN"),
-        (["--code", "--against", "old"], "--code prints the code of a RUN"),
+        (["--fail-on", "slower", f"{RUNS}/reference-mujoco-4.0.0.jsonl"], "two runs of `compare`"),
+        (["--code", "--html", "x"], "--code is for what is printed"),
         (["--markdown", "-", "--json", "-"], "--json - is what --markdown writes, too"),
-        (["a", "b", "--against", "old"], "compares one RUN"),
     ],
 )
 def test_options_of_show_that_do_not_go_together_are_refused(

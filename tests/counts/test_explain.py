@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from commands import mjbench
+from example_counts import counted
 
 from mjbench.cli import cli
 from mjbench.counts import explain, instructions
@@ -16,7 +17,6 @@ from mjbench.counts import show as counts
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
     ExplainRecord,
-    FunctionCount,
     FunctionDifference,
 )
 from mjbench.interval import Interval
@@ -25,21 +25,8 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.reference_run import Work
 from mjbench.simulation.state_drift import Followed
 from mjbench.status import Status
-
-
-def counted(release: str, **functions: float) -> ModelCount:
-    return ModelCount(
-        model="pile",
-        release=release,
-        instructions_per_step=sum(functions.values()),
-        outside_per_step=1.0,
-        functions=[FunctionCount(name, cost, cost) for name, cost in functions.items()],
-        stages={"solver": sum(functions.values())},
-        work=Work(contacts=4.0, constraints=16.0, solver_iterations=3.0),
-    )
 
 
 def timed(ratio: Interval | None, status: Status = Status.OK, detail: str = "") -> VerdictRow:
@@ -82,7 +69,6 @@ def test_a_verdict_on_instructions_is_exact(candidate: float, expected: Verdict)
     row = explain.instruction_verdict(counted("1.0", a=1000.0), counted("2.0", a=candidate), 0.005)
     assert row.metric is Metric.INSTRUCTIONS
     assert row.verdict is expected
-    assert row.ratio is not None
     assert row.ratio.low is not None
     assert row.ratio.high is not None
     assert row.ratio.low < candidate / 1000 < row.ratio.high
@@ -184,9 +170,7 @@ def test_the_command_compares_functions_and_writes_json(
     assert row["time"] is None
 
 
-@pytest.mark.parametrize(
-    ("factor", "verdict", "code"), [(1.0, "same", 0), (1.02, "slower", 1), (0.9, "faster", 0)]
-)
+@pytest.mark.parametrize(("factor", "verdict", "code"), [(1.0, "same", 0), (1.02, "slower", 1)])
 def test_instructions_can_gate_an_upgrade(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, factor: float, verdict: str, code: int
 ) -> None:

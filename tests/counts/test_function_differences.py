@@ -3,26 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
+from example_counts import counted
+
 from mjbench.counts.function_differences import (
     function_differences,
     largest_differences,
     moved_cost,
     moved_groups,
 )
-from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import FunctionCount, FunctionDifference
-
-
-def counted(
-    release: str, calls: frozenset[tuple[str, str]] = frozenset(), **functions: float
-) -> ModelCount:
-    return ModelCount(
-        model="pile",
-        release=release,
-        instructions_per_step=sum(functions.values()),
-        functions=[FunctionCount(name, cost, cost) for name, cost in functions.items()],
-        calls=calls,
-    )
+from mjbench.counts.records import FunctionDifference
 
 
 def test_functions_are_sorted_by_contribution() -> None:

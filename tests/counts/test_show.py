@@ -3,25 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
+from example_counts import counted
+
 from mjbench.counts import show as counts
 from mjbench.counts.explain import explain_change
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import FunctionCount, FunctionDifference
+from mjbench.counts.records import FunctionDifference
 from mjbench.results import terminal
 from mjbench.results.content import Section, Tone
 from mjbench.status import Status
-
-
-def counted(release: str, **functions: float) -> ModelCount:
-    total = sum(functions.values())
-    return ModelCount(
-        model="pile",
-        release=release,
-        instructions_per_step=total,
-        outside_per_step=1.0,
-        functions=[FunctionCount(name, cost, cost) for name, cost in functions.items()],
-        stages={"solver": total, "sensors": 0.0},
-    )
 
 
 def explanation(baseline: ModelCount, candidate: ModelCount) -> list[str]:

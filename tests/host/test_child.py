@@ -46,7 +46,6 @@ def test_children_die_with_a_parent_that_is_killed(tmp_path: Path, task: str, co
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": PYTHONPATH},
     )
-    assert parent.stdout is not None
     processes = [os.pidfd_open(int(parent.stdout.readline())) for _ in range(count)]
     parent.kill()
     parent.wait()
@@ -75,7 +74,6 @@ def test_a_program_that_knows_nothing_of_it_ends_with_its_parent() -> None:
     parent = subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=environment
     )
-    assert parent.stdout is not None
     process = os.pidfd_open(int(parent.stdout.readline()))
     parent.kill()
     parent.communicate()
@@ -129,6 +127,5 @@ def test_an_interrupt_waits_until_a_process_has_started_and_then_ends_it(
         assert signal.getsignal(number) is signal.default_int_handler
     finally:
         signal.signal(number, before)
-    assert started[0].stdin is not None
     assert started[0].stdin.closed
     assert [process.returncode for process in started] == [-signal.SIGKILL]

@@ -63,7 +63,6 @@ def test_where_the_kernel_does_not_end_a_child_it_ends_soon_after_its_parent() -
         text=True,
         env=other_platforms.environment("darwin"),
     )  # fmt: skip
-    assert parent.stdout is not None
     process = os.pidfd_open(int(parent.stdout.readline()))
     assert select.select([process], [], [], 0)[0] == []
     parent.kill()
@@ -71,7 +70,6 @@ def test_where_the_kernel_does_not_end_a_child_it_ends_soon_after_its_parent() -
     ready, _, _ = select.select([process], [], [], 60.0)  # the wait is only for a test that fails
     os.close(process)
     parent.stdout.close()
-    assert parent.stdin is not None
     parent.stdin.close()
     assert ready
 

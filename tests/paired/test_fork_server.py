@@ -284,15 +284,6 @@ def test_a_server_that_cannot_be_asked_has_no_worker_to_wait_for(tmp_path: Path)
     assert server.has_ended
 
 
-def test_a_worker_that_dies_is_named_with_the_signal() -> None:
-    with WorkerPool() as pool:
-        worker = pool.start(INSTALLED, name="worker")
-        pool.wait_for(worker, INSTALLED)
-        os.kill(worker.pid, signal.SIGSEGV)
-        with pytest.raises(ChildError, match=r"worker: killed by signal 11 \(SIGSEGV\)"):
-            worker.call(Worker.count_cores, 1)
-
-
 def test_a_worker_that_raises_ends_and_does_not_go_on_as_its_server() -> None:
     """In a program of its own, where pytest's other threads and files are not forked."""
     code = r"""

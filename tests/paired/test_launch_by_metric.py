@@ -52,13 +52,11 @@ def test_a_target_against_itself_does_the_same_by_every_metric(launched: TargetP
     assert abs(launch.log_ratio) < 1.0
     if launched._sizes.metric == Metric.MEMORY:
         assert launched.results is None
-        assert launched.work is not None
         assert not launched.work.changes
         assert is_of_memory(launch)
         assert abs(launch.log_ratio) < 0.1
     else:
         assert launched.work is None
-        assert launched.results is not None
         assert launched.results.outcome == ResultsOutcome.SAME
 
 

@@ -3,24 +3,9 @@
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.paired import operations, targets
-from mjbench.paired.metrics import METRICS, Measured, Metric
+from mjbench.paired import targets
+from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import Verdict
-
-
-def test_every_metric_is_declared_once_and_says_what_it_means() -> None:
-    assert list(METRICS) == list(Metric)
-    meanings = [spec.meaning for spec in METRICS.values()]
-    assert all(meanings)
-    assert len(set(meanings)) == len(meanings)
-
-
-def test_only_the_usual_metric_is_of_all_paths_and_has_no_name_of_its_own() -> None:
-    usual = METRICS[Metric.TIME]
-    assert not usual.refusal
-    assert not usual.suffix
-    others = [spec for spec in METRICS.values() if spec != usual]
-    assert all(spec.refusal and spec.suffix for spec in others)
 
 
 @pytest.mark.parametrize("metric", [m for m, s in METRICS.items() if not s.of_compiling_paths])
@@ -57,12 +42,6 @@ def test_other_settings_are_compared_by_any_metric() -> None:
     for metric in (Metric.MEMORY, Metric.RESET):
         targets.check_targets(metric, targets.parse("pile", "solver=cg"))
     targets.check_targets(Metric.TIME, targets.parse("pile", "clock=off"))
-
-
-def test_operations_that_are_compared_can_be_done_on_any_model() -> None:
-    compared = [m for m, spec in METRICS.items() if spec.measured == Measured.OPERATION]
-    assert compared == [m for m, spec in METRICS.items() if spec.operation]
-    assert all(callable(operations.prepare_of(metric)) for metric in compared)
 
 
 def test_a_verdict_is_said_in_the_words_of_its_metric() -> None:

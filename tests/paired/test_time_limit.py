@@ -52,7 +52,7 @@ def test_a_launch_of_long_blocks_has_fewer_layouts() -> None:
     assert layout_count(0.0101) == LONG_LAYOUTS
 
 
-def test_a_launch_that_would_exceed_the_limit_is_refused_with_a_limit_that_would_do(
+def test_a_launch_that_would_exceed_the_limit_is_refused_with_the_time_that_it_needs(
     clock: Clock,
 ) -> None:
     limit = TimeLimit(2.0, min_launches=6, clock=clock)
@@ -60,8 +60,8 @@ def test_a_launch_that_would_exceed_the_limit_is_refused_with_a_limit_that_would
     with pytest.raises(OutOfTimeError) as caught:
         limit.check_first_launch(launch_s=36.0, preparation_s=48.0)
     assert str(caught.value) == (
-        "a launch takes about 36 s, and a verdict needs at least 6 launches:"
-        " give --budget 330s or more"
+        "a launch takes about 36 s, and a verdict needs at least 6 launches, 330 s in all:"
+        " give a longer --budget"
     )
     TimeLimit(330.0, 6, clock).check_first_launch(36.0, 48.0)
 
@@ -95,8 +95,15 @@ def test_time_that_ends_before_there_are_enough_launches_is_said(clock: Clock) -
     limit = TimeLimit(0.1, min_launches=6, clock=clock)
     limit.start()
     clock.now += 0.75
-    with pytest.raises(OutOfTimeError, match="--budget 4s or more"):
+    with pytest.raises(OutOfTimeError, match="4 s in all: give a longer --budget"):
         limit.allows_another(launches=1, before_s=0.35, can_judge=False)
+
+
+def test_a_limit_that_counts_loading_begins_at_once(clock: Clock) -> None:
+    limit = TimeLimit(60.0, 6, clock, counts_loading=True)
+    clock.now += 20.0
+    limit.start()
+    assert limit.spent_s() == 20.0
 
 
 def test_without_a_limit_nothing_is_refused() -> None:

@@ -33,15 +33,12 @@ from mjbench.simulation.starts import KEYFRAME_STARTS, Starts
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 
-SIDES = CARTPOLE.row(), CARTPOLE.row()
-
 
 def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> None:
     candidate = replace(CARTPOLE, slowdown=1.0)
     plan = replace(BRIEF, sizes=Sizes(4, 50, starts=KEYFRAME_STARTS))
     result = verdict.decide_pair(pool, CARTPOLE, candidate, plan)
     assert result.status == Status.OK
-    assert result.ratio is not None
     assert result.ratio.estimate > 1.5  # twice the work
 
 
@@ -65,7 +62,7 @@ def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
     row = verdict.decide_pair(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert (row.status, row.samples) == (Status.OK, [])
     assert (row.verdict, row.ratio) == (Verdict.INCONCLUSIVE, None)
-    assert "a verdict needs at least 8 launches: give --budget" in row.detail
+    assert "a verdict needs at least 8 launches, " in row.detail
     sentence = verdicts.describe_verdict(row)
     assert ": inconclusive: a launch takes about" in sentence
 
@@ -140,14 +137,6 @@ def test_a_comparison_that_cannot_begin_says_why(monkeypatch: pytest.MonkeyPatch
     result = invented_decision(monkeypatch, fail)
     assert (result.status, result.detail) == (Status.FAILED, "it fell over")
     assert (result.samples, result.placement, result.work) == ([], None, None)
-
-
-def test_a_comparison_that_measured_nothing_says_so_with_none() -> None:
-    row = VerdictRecord.of(SIDES, Metric.TIME, Failure(Status.FAILED, "killed"))
-    assert (row.status, row.detail, row.model) == (Status.FAILED, "killed", "cartpole")
-    assert (row.verdict, row.ratio, row.changed_work, row.work) == (None, None, None, None)
-    assert (row.drift, row.diverged, row.nbatch, row.nstep) == (None, None, None, None)
-    assert (row.launches, row.pairs) == (0, 0)
 
 
 # The decision, on launches whose truth is known.
@@ -306,9 +295,7 @@ def test_a_difference_of_two_builds_has_the_cause_that_its_launches_show(
 def test_the_placement_adds_what_is_there_only_as_shipped() -> None:
     as_shipped = judgement(Verdict.SLOWER, 1.05, 0.002)
     effect = builds(judgement=SAME, as_shipped=as_shipped).placement
-    assert effect is not None
     assert effect.averaged
-    assert effect.effect is not None
     assert effect.as_shipped == as_shipped.ratio
     assert effect.effect.estimate == pytest.approx(1.05 / 1.001)
     assert effect.effect.low == pytest.approx(1.048 / 1.004)
@@ -318,15 +305,12 @@ def test_the_placement_adds_what_is_there_only_as_shipped() -> None:
 def test_few_launches_as_shipped_give_an_effect_without_an_interval() -> None:
     few = Judgement(Verdict.INCONCLUSIVE, Interval(1.05, None, None), 2, False)
     effect = builds(judgement=SAME, as_shipped=few).placement
-    assert effect is not None
-    assert effect.effect is not None
     assert (effect.effect.low, effect.effect.high) == (None, None)
 
 
 def test_builds_that_cannot_be_moved_are_compared_as_shipped_and_the_row_says_why() -> None:
     control = PlacementControl(False, "MuJoCo 3.5.0: no reason")
     row = builds(judgement=SLOWER, placement=control)
-    assert row.placement is not None
     assert (row.placement.averaged, row.placement.problem) == (False, "MuJoCo 3.5.0: no reason")
     sentence = verdicts.describe_verdict(row)
     assert "because of its code or of where that lies in memory, same work" in sentence
@@ -348,8 +332,6 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
         judged(launches, plan, 0.0)
         for judged in (verdict.judge_launches, verdict._judge_as_shipped)
     )
-    assert averaged is not None
-    assert shipped is not None
     assert (averaged.verdict, averaged.launches) == (Verdict.SAME, 8)
     # the others help to estimate how far launches spread
     assert (shipped.verdict, shipped.launches) == (Verdict.SLOWER, 11)
@@ -359,6 +341,5 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
 def test_steps_alike_of_twice_the_timestep_are_twice_as_fast() -> None:
     launches = [launch(0.001 * k, AS_SHIPPED) for k in range(-4, 5)]
     judged = verdict.judge_launches(launches, VerdictPlan(), log_scale=-math.log(2))
-    assert judged is not None
     assert judged.verdict == Verdict.FASTER
     assert judged.ratio.estimate == pytest.approx(0.5)

@@ -5,7 +5,6 @@ import importlib
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import cast
@@ -19,7 +18,6 @@ from paired_examples import CUBES, INSTALLED
 from mjbench.errors import MachineError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired.loop_sections import LoopSection
-from mjbench.paired.target_pair import pair_of
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.moved_install import ImmovableError
@@ -37,16 +35,6 @@ def test_a_worker_imports_neither_mujoco_nor_numpy_before_it_has_mapped_other_me
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
-
-
-def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    target = replace(CUBES, path="wrong_paths:ColdWarmStart")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
-    with WorkerPool(limit_s=30.0) as pool:
-        pair = pair_of(pool, (target, target))
-        pair.prepare()
-        with pytest.raises(ChildError, match="does not reach the final states"):
-            pair.launch()
 
 
 def test_a_task_whose_module_is_missing_in_the_release_is_a_failure_that_names_it(

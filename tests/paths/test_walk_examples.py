@@ -19,7 +19,7 @@ def test_the_search_by_a_batch_has_the_scores_of_the_one_in_gymnasium() -> None:
 
 
 def _run(program: str) -> str:
-    command = [sys.executable, program, "--generations", "2"]
+    command = [sys.executable, program, "--generations", "1"]
     folder = ROOT / "docs/examples"
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
     return done.stdout

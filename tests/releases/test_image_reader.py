@@ -4,7 +4,6 @@ import io
 import struct
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import capstone
@@ -260,11 +259,6 @@ def test_a_missing_package_is_named(
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImmovableError, match=f"^{name} is not installed$"):
         image_reader.read(content)
-
-
-def test_a_file_of_python_is_no_library() -> None:
-    with pytest.raises(ImmovableError, match="no shared library"):
-        image_reader.read(Path(__file__).read_bytes())
 
 
 @pytest.mark.parametrize(

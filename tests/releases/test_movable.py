@@ -10,8 +10,6 @@ from mjbench.errors import MachineError
 from mjbench.releases import image_reader, installs, movable
 from mjbench.releases.moved_install import ImmovableError, MovableImage
 
-NOWHERE = np.empty((0, 2), np.int64)
-
 
 @pytest.fixture
 def site(tmp_path: Path) -> Path:

@@ -19,7 +19,6 @@ def test_a_difference_is_the_first_entry_of_the_first_simulation() -> None:
     got[2, 0] += 1
     got[1, 4] = np.nextafter(got[1, 4], 99)
     difference = agreement.first_differing_entry(got, states(), COLUMNS)
-    assert difference is not None
     assert (difference.field, difference.index, difference.simulation) == ("qvel", 1, 1)
     assert "after step 7" in str(difference.at(7))
 

@@ -3,7 +3,6 @@
 import contextlib
 import subprocess
 import sys
-import threading
 
 import mujoco
 import numpy as np
@@ -77,25 +76,6 @@ def test_the_last_call_decides_among_blocks_that_have_not_ended(model: mujoco.Mj
         assert has_clock(model)
         of_on.close()
         assert not has_clock(model)
-    assert has_clock(model)
-
-
-def test_blocks_of_three_threads_leave_it_as_it_was(model: mujoco.MjModel) -> None:
-    ready, seen = threading.Barrier(3), []
-
-    def block() -> None:
-        for _ in range(20):
-            with contextlib.suppress(RuntimeError), mjbench.engine_clock(False):
-                ready.wait()
-                seen.append(has_clock(model))
-                raise RuntimeError("ends the block")
-
-    threads = [threading.Thread(target=block) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert seen == 60 * [False]
     assert has_clock(model)
 
 

@@ -118,14 +118,6 @@ def test_states_that_do_not_fit_are_refused(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"qpos", b"PK\x03\x04 cut short"])
-def test_a_file_that_is_no_npz_is_refused(tmp_path: Path, content: bytes) -> None:
-    file = tmp_path / "states.npz"
-    file.write_bytes(content)
-    with pytest.raises(InputError, match=r"cannot read states from states\.npz"):
-        state_file.read(file, CARTPOLE)
-
-
 def test_a_single_array_and_a_pickle_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "states.npz"
     with file.open("wb") as stream:

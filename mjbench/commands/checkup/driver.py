@@ -4,6 +4,7 @@ A check-up asks the commands that look closer, each for a short time, and stores
 """
 
 import contextlib
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -11,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from mjbench.commands.checkup import combination, targets
-from mjbench.commands.checkup.options import QUICK_S, TOTAL_S, CheckupOptions
+from mjbench.commands.checkup.options import CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import CheckedSource, ProgramFile
 from mjbench.commands.compare import driver as model_comparison
@@ -22,6 +23,7 @@ from mjbench.commands.lint import check as lint
 from mjbench.commands.profile import measure as profile
 from mjbench.commands.run import launch
 from mjbench.commands.run import measure as run_measure
+from mjbench.commands.run.options import PROGRAM_S
 from mjbench.commands.tune.c_search import LEAST_LAUNCHES, SearchPlan
 from mjbench.commands.tune.driver import tune
 from mjbench.commands.tune.result import TuneRecord
@@ -45,6 +47,8 @@ from mjbench.verification import selection
 from mjbench.verification.plan import ComparisonPlan
 from mjbench.verification.records import ModelRecord
 
+TOTAL_S, QUICK_S = CheckupOptions.EACH_S, CheckupOptions.QUICK_S
+
 
 @dataclass(frozen=True)
 class _Times:
@@ -54,24 +58,23 @@ class _Times:
       end: from the beginning to when nothing begins any more.
       paths: of the race.
       together: of what is measured as a whole, once the models are loaded.
-      steps: for which a program steps; program: in all.
-      rounds: of an environment, and again of its vectorised forms.
+      program: of a program in all, unless --seconds alone says it.
+      environment: in all.
     """
 
     end: float
     paths: float
     together: float
-    steps: float
     program: float
-    rounds: float
+    environment: float
 
     def scaled(self, factor: float) -> "_Times":
         """Return these times for a longer or shorter check-up."""
         return _Times(**{name: factor * seconds for name, seconds in vars(self).items()})
 
 
-_FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, steps=25.0, program=40.0, rounds=8.0)
-_QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, steps=6.0, program=9.0, rounds=3.0)
+_FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, program=40.0, environment=20.0)
+_QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, program=9.0, environment=8.0)
 # Seconds that a race, and measuring something as a whole, take beside their time limit: processes
 # start, and end.
 _STARTING_S = 4.0
@@ -79,6 +82,8 @@ _STARTING_S = 4.0
 _LEAST_TUNING_S, _LEAST_TOGETHER_S = 5.0, 2.0
 # Ways of stepping that race, beside the plain loop: others rarely win, and cost each of these time.
 _PATHS, _OPTIONS = ("rollout", "batch_step", "batch_rollout"), ("pool=kept", "data=shared")
+# Seconds of a program, its start included, for each that it steps.
+_WITH_START = 1.5
 # Changes that are measured together, at least: one alone has its figure.
 _SEVERAL = 2
 
@@ -91,22 +96,44 @@ class CheckupPlan:
 
     Attributes:
       limit_s: a child process that is silent for longer is killed.
-      budget_s: for all parts of one that is not quick.
+      budget_s: for all parts; None for the usual time.
+      is_timed: whether a program is ended within that time, too.
+      program_s: for which a program steps before it is ended; None to let it run.
+      python: runs the program.
     """
 
     is_quick: bool = False
     starts: StartPlan = DEFAULT_STARTS
     limit_s: float = TIME_LIMIT_S
-    budget_s: float = TOTAL_S
+    budget_s: float | None = None
+    is_timed: bool = False
+    program_s: float | None = PROGRAM_S
+    python: str = sys.executable
 
     @classmethod
     def of(cls, options: CheckupOptions) -> "CheckupPlan":
         """Return the plan; InputError if a file of start states is not there."""
-        return cls(options.quick, options.starts, options.time_limit_s, options.budget_s)
+        return cls(
+            options.quick,
+            options.starts,
+            options.time_limit_s,
+            options.budget.whole_s,
+            options.quick or options.budget_s is not None,
+            options.seconds,
+            options.python or sys.executable,
+        )
 
     @property
     def times(self) -> _Times:
-        return _QUICK if self.is_quick else _FULL.scaled(self.budget_s / TOTAL_S)
+        times = _QUICK if self.is_quick else _FULL
+        return times if self.budget_s is None else times.scaled(self.budget_s / times.end)
+
+    @property
+    def most_program_s(self) -> float:
+        """Seconds after which a program is ended, whether it has stepped for `program_s` or not."""
+        if self.is_timed:
+            return self.times.program
+        return math.inf if self.program_s is None else _WITH_START * self.program_s
 
 
 def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
@@ -118,7 +145,8 @@ def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
     is_model = isinstance(source, ModelSource)
     if not is_model and plan.starts != DEFAULT_STARTS:
         raise InputError(f"start states are of a model, and {source.name} is none")
-    files = [source.path] if isinstance(source, ModelSource | ProgramFile) else []
+    path = source.path if isinstance(source, ModelSource | ProgramFile) else None
+    files = [] if path is None else [path]
     kind = targets.kind_of(source)
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
@@ -198,7 +226,11 @@ def _model_items(source: ModelSource, parts: _Parts) -> Items:
     def profiled(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         parts.progress("where a step's time goes")
         steps = isolate.call(
-            profile.step, source, plan.starts, profile.BUDGET_S, limit_s=plan.limit_s
+            profile.step,
+            source,
+            plan.starts,
+            profile.STEP_SHARE * profile.BUDGET_S,
+            limit_s=plan.limit_s,
         )
         return part, [profile.ProfileRow(source.name, steps=steps, frames=[])]
 
@@ -284,25 +316,26 @@ def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Items:
 
 def _program_items(source: ProgramFile, parts: _Parts) -> Items:
     """Yield what lint finds, and where the program's time goes."""
-    times = parts.plan.times
+    plan = parts.plan
 
     def read(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
-        return replace(part, findings=lint.check(source.name)), []
+        return replace(part, findings=lint.check(str(source.path))), []
 
     def ran(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
-        program = launch.Program((source.name, *source.arguments), sys.executable)
+        program = launch.Program(source.words, plan.python)
         launch.check(program)
-        seen = launch.run(program, times.steps, most_s=times.program, ends_on_signal=True)
+        seen = launch.run(program, plan.program_s, most_s=plan.most_program_s, ends_on_signal=True)
         if not seen.was_interrupted:
             with contextlib.suppress(KeyboardInterrupt):
                 return part, [run_measure.record(program.name, seen)]
         ended = replace(part, status=Status.INTERRUPTED)
         return ended, [run_measure.record(program.name, replace(seen, models=()))]
 
-    first = parts.measured(CheckupPart.SOURCE, "reading it", read)
-    yield first
+    if source.path is not None:
+        yield parts.measured(CheckupPart.SOURCE, "reading it", read)
     if not any(part.status == Status.INPUT for part in parts.parts):
-        doing = f"running it, for {times.program:.0f} s at most"
+        most_s = plan.most_program_s
+        doing = "running it" + (f" for {most_s:.0f} s at most" if most_s < math.inf else "")
         yield parts.measured(CheckupPart.PROGRAM, doing, ran)
 
 
@@ -317,7 +350,7 @@ def _environment_items(source: EnvironmentSource, parts: _Parts) -> Items:
         threads = tuple(sorted({1, cores}))
         counts = () if plan.is_quick else tuple(sorted({2, cores}))
         record = environments.measure(
-            source, EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s)
+            source, EnvironmentPlan(None, 0, threads, counts, plan.times.environment, plan.limit_s)
         )
         is_stored = record.facts is not None or record.status == Status.INTERRUPTED
         records: list[Record] = [record] if is_stored else []

@@ -86,7 +86,7 @@ def _items(run: Run) -> Iterator[CheckupItem]:
     for row in rows:
         yield from _of_program(row, target)
     for part in parts:
-        yield from _of_source(part.findings, rows, target)
+        yield from _of_source(part.findings, rows)
     for environment_record in run.of_type(EnvironmentRecord):
         yield from _of_environment(environment_record, target)
 
@@ -308,9 +308,7 @@ def placed(remedy: Remedy) -> str:
     return f"{place}{subject}{remedy.text}{code}"
 
 
-def _of_source(
-    findings: Sequence[Finding], rows: Sequence[ProgramRow], target: str
-) -> Iterator[CheckupItem]:
+def _of_source(findings: Sequence[Finding], rows: Sequence[ProgramRow]) -> Iterator[CheckupItem]:
     """Yield what `lint` finds, unless the program ran: `run` then says what it costs."""
     if any(row.loops or row.wrong for row in rows):
         return
@@ -319,7 +317,7 @@ def _of_source(
         yield CheckupItem(
             action=f"{place}: {finding.message} ({finding.code})",
             change=ResultChange.CORRECTED if finding.is_wrong_result else ResultChange.NONE,
-            command=f"mjbench lint {target}",
+            command=f"mjbench lint {finding.file}",
         )
 
 

@@ -231,7 +231,7 @@ def _why_no_path(results: ModelResults) -> str:
     if not rows:
         return "other ways of stepping were not timed"
     if all(row.is_certain for row in rows):
-        return "no other way of stepping is faster by 2 %"
+        return "no other way of stepping is faster by 5 %"
     return "no other way of stepping is certainly faster"
 
 
@@ -352,7 +352,7 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
             yield from _step_lines(run.of_type(ProfileRow))
         case CheckupPart.PATHS:
             for results in derive_all(run.records):
-                yield from map(advice.conclusion, results.advice)
+                yield from map(advice.conclusion, reversed(results.advice))
                 if (clock := results.clock_advice) is not None:
                     yield advice.clock_conclusion(clock)
         case CheckupPart.SETTINGS:
@@ -363,6 +363,7 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
         case CheckupPart.PROGRAM:
             for row in run.of_type(ProgramRow):
                 yield from filter(None, (program.ending(row), program.conclusion(row)))
+                yield from program.end_lines(row)
         case CheckupPart.SOURCE:
             yield f"lint has {count_of(len(part.findings), 'finding')}"
         case CheckupPart.ENVIRONMENT:

@@ -23,7 +23,7 @@ FORMS = (
     " Humanoid-v5, or MODULE:FUNCTION, which returns an environment"
 )
 _MODELS = (".xml", ".urdf", ".mjb")
-_PROGRAM = ".py"
+_PROGRAM, _MODULE = ".py", "-m"
 # What has commands of its own, by what its name ends in.
 _OTHER_FILES = {
     ".ipynb": "is a notebook: save it as a Python file (jupyter nbconvert --to script)",
@@ -43,11 +43,19 @@ class TargetKind(StrEnum):
 
 @dataclass(frozen=True)
 class ProgramFile:
-    """A Python program with its arguments."""
+    """A Python program with its arguments.
 
-    name: str
-    path: Path
-    arguments: tuple[str, ...] = ()
+    Attributes:
+      words: what follows `python`: a file, or -m and a module, and the arguments.
+      path: its file; None for a module that is not in the current folder.
+    """
+
+    words: tuple[str, ...]
+    path: Path | None
+
+    @property
+    def name(self) -> str:
+        return " ".join(self.words[: 2 if self.words[0] == _MODULE else 1])
 
 
 CheckedSource = ModelSource | EnvironmentSource | ProgramFile
@@ -60,6 +68,11 @@ def kind_of(source: CheckedSource) -> TargetKind:
         case EnvironmentSource():
             return TargetKind.ENVIRONMENT
     return TargetKind.PROGRAM
+
+
+def is_program(word: str) -> bool:
+    """Return whether a word is the name of a program, or says that one follows."""
+    return word == _MODULE or Path(word).suffix == _PROGRAM
 
 
 def may_be_target(word: str) -> bool:
@@ -76,6 +89,8 @@ def recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSo
     Raises:
       InputError: it stands for nothing that can be checked, or for more than one thing.
     """
+    if name == _MODULE:
+        return _module(arguments, folder)
     source = _recognized(name, arguments, folder)
     if arguments and not isinstance(source, ProgramFile):
         raise InputError(
@@ -94,7 +109,7 @@ def _recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedS
             raise InputError(f"no such file: {shown(name)}")
         if not path.is_file():
             raise InputError(f"{shown(name)} is not a regular file")
-        return ProgramFile(name, path, arguments)
+        return ProgramFile((name, *arguments), path)
     if path.suffix.lower() in _MODELS or name in models.shipped():
         return models.resolve(name)
     if _exists(path):
@@ -107,6 +122,14 @@ def _recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedS
     if not colon or "://" in name:
         return models.resolve(name)
     return _model_or_function(name, module, folder)
+
+
+def _module(words: tuple[str, ...], folder: Path) -> ProgramFile:
+    if not words:
+        raise InputError("-m needs the name of a module")
+    path = folder.joinpath(*words[0].split("."))
+    files = [path.with_suffix(_PROGRAM), path / f"__main__{_PROGRAM}"]
+    return ProgramFile((_MODULE, *words), next(filter(_exists, files), None))
 
 
 def _model_or_function(name: str, module: str, folder: Path) -> CheckedSource:

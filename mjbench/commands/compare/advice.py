@@ -23,7 +23,6 @@ if TYPE_CHECKING:  # results have their advice
 ENOUGH = 0.95
 # Of two numbers, one and all cores, the table says it all.
 _LEAST_COUNTS = 3
-_PLAIN_LOOP = "the plain loop"
 # Paths that a sentence names as perhaps faster, at most.
 _MOST_RIVALS = 2
 _LOOPS = {
@@ -37,19 +36,25 @@ class Reason(StrEnum):
 
     FASTER = "faster"
     """It is the fastest, and certainly faster than the plain loop."""
+    LIKELY = "likely"
+    """It is the fastest by estimate, but not certainly faster than the plain loop."""
     SIMPLER = "simpler"
-    """It is as good as the fastest, within 2 %, and simpler."""
+    """It is as good as the fastest, within `AS_GOOD`, and simpler."""
     NO_GAIN = "no gain"
-    """It is the plain loop, and no path is certainly faster."""
+    """It is the plain loop, and no path is likely to be faster."""
     ALONE = "alone"
     """It is the plain loop; no other path was timed for this loop."""
     PAYS = "pays"
     """It compiles, and what that takes pays within the steps asked for."""
 
 
+# Why paths are advised that no race has compared with others.
+_UNRIVALLED = (Reason.ALONE, Reason.PAYS)
+
+
 @in_json(
     *("model", "nbatch", "loop", "path", "options", "speedup", "reason", "is_certain"),
-    *("rivals", "rival_speedup", "most_gain", "unable", "break_even", "difference"),
+    *("rivals", "most_gain", "unable", "break_even", "difference"),
     *("realtime_factor", "snippet"),
     **{name: f"result.{name}" for name in ("model", "difference", "realtime_factor")},
     nbatch="result.nbatch",
@@ -61,7 +66,7 @@ class Advice:
 
     Attributes:
       result: of the path.
-      is_certain: whether no other path can be faster by 2 %, and nothing disturbed the race.
+      is_certain: whether no other path can be faster by `MARGIN`, and nothing disturbed the race.
       rivals: results of paths that may be as fast, the fastest by estimate first.
       most_gain: share by which one of them may be faster than the fastest, at most; None where
         launches are too few to say.
@@ -105,12 +110,6 @@ class Advice:
     @property
     def rival_variants(self) -> list[Variant]:
         return [each.variant for each in self.rivals]
-
-    @property
-    def rival_speedup(self) -> float | None:
-        """How many times as fast as the plain loop the first rival was."""
-        speedup = self.rivals[0].speedup if self.rivals else None
-        return speedup.estimate if speedup else None
 
 
 @dataclass(frozen=True)
@@ -194,8 +193,9 @@ def _choose(
         chosen, reason = base, Reason.NO_GAIN
     elif chosen == base and reason == Reason.FASTER:
         reason = Reason.NO_GAIN
+    elif chosen != base and not (chosen.speedup and chosen.speedup.is_above(1.0)):
+        reason, is_certain = Reason.LIKELY, False
     contenders = (model_results.timed(race.variants[i]) for i in standing.contenders)
-    # a path is only chosen where it is certainly faster than the plain loop
     rivals = [each for each in contenders if each is not None and each not in (chosen, base)]
     rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
     most_gain = standing.most_gain if math.isfinite(standing.most_gain) else None
@@ -288,10 +288,11 @@ def _thread_advice(race: RaceRecord, own: Sequence["PathResult"]) -> ThreadAdvic
 
 def conclusion(advice: Advice, names_size: bool = False) -> str:
     """Return which path to use, and why; `names_size`: for how many simulations."""
-    gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
+    gain = f", {formats.as_fast(advice.speedup)}" if advice.speedup is not None else ""
     begin = f"{_LOOPS[advice.loop]}{_size(advice.result.nbatch, names_size)}"
+    probably = "" if advice.is_certain or advice.reason in _UNRIVALLED else "probably "
     path = described(advice.variant)
-    return "; ".join([f"{begin}: {path}{gain}", *_reasons(advice)])
+    return "; ".join([f"{begin}: {probably}{path}{gain}", *_reasons(advice)])
 
 
 def _size(nbatch: int | None, names_size: bool) -> str:
@@ -325,11 +326,10 @@ def _reasons(advice: Advice) -> list[str]:
     reasons = []
     match advice.reason:
         case Reason.SIMPLER | Reason.NO_GAIN if advice.is_certain:
-            reasons.append("no other path is faster by 2 %")
+            reasons.append(f"no other path is faster by {formats.whole_percent(MARGIN)}")
         case Reason.ALONE:
             reasons.append("no other path was timed for it")
-    if not advice.is_certain and advice.reason != Reason.PAYS:
-        reasons.append(f"not certain{_doubt(advice)}")
+    reasons += filter(None, [_doubt(advice)])
     if advice.result.difference:
         reasons.append(f"close to C, not the same: {advice.result.difference}")
     return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
@@ -337,22 +337,13 @@ def _reasons(advice: Advice) -> list[str]:
 
 def _doubt(advice: Advice) -> str:
     """Return which paths may be faster than the one that is advised, and by how much."""
-    if not advice.rivals:
+    if advice.is_certain or advice.reason in _UNRIVALLED or not advice.rivals:
         return ""
     rivals = f"{len(advice.rivals)} other paths"
     if len(advice.rivals) <= _MOST_RIVALS:
         rivals = " or ".join(map(described, advice.rival_variants))
     most = f" by up to {max(1, round(100 * advice.most_gain))} %" if advice.most_gain else ""
-    doubt, factor = f": {rivals} may be faster{most}", advice.rival_speedup
-    if advice.reason == Reason.NO_GAIN and factor is not None and factor >= 1 + MARGIN:
-        name = described(advice.rivals[0].variant)
-        verb = "were" if name[0].isdigit() else "was"  # such as "2 worker processes"
-        doubt += f"; {name} {verb} {formats.factor(factor)} times as fast, but not certainly"
-    return doubt
-
-
-def _times(speedup: Interval, baseline: str) -> str:
-    return f"{formats.factor(speedup.estimate)} times {baseline}{formats.in_brackets(speedup)}"
+    return f"{rivals} may be faster{most}"
 
 
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
@@ -365,9 +356,9 @@ def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
     is_most = row.nthread == row.most_tried
     most = "" if is_most else f"; {row.most_tried} threads gain less than 5 % more"
     chunk = f" (chunk={row.chunk})" if row.chunk else ""
-    return f"{begin}{chunk}, {_times(row.over_one, 'one thread')}{most}{doubt}"
+    return f"{begin}{chunk}, {formats.as_fast(row.over_one)} as one thread{most}{doubt}"
 
 
 def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> str:
     begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {engine_clock.TIMER_NAME}"
-    return f"{begin} ({engine_clock.OFF_CODE}), {_times(clock.speedup, _PLAIN_LOOP)}"
+    return f"{begin} ({engine_clock.OFF_CODE}), {formats.as_fast(clock.speedup)}"

@@ -19,9 +19,10 @@ from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
 from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.compare.results import ModelComparison, comparisons, derive_all
 from mjbench.commands.shared_options import check_holds
-from mjbench.errors import Failure, InputError, failure_of
+from mjbench.errors import Failure, failure_of
 from mjbench.host import isolate, machine
 from mjbench.host.disturbance import Watch
+from mjbench.measuring.budget import Budget, Shares
 from mjbench.paired import launches
 from mjbench.paired.race import RaceBudget, RaceLaunches, RaceRule, enter
 from mjbench.paired.race_record import RaceRecord
@@ -33,7 +34,7 @@ from mjbench.simulation.workload import Product
 from mjbench.status import FINISHED, Status
 from mjbench.verification import selection
 from mjbench.verification.path_verification import AgreementReport, ModelFiles, verify_in_child
-from mjbench.verification.plan import BUDGET_S, QUICK_BUDGET_S, ComparisonPlan
+from mjbench.verification.plan import ComparisonPlan
 from mjbench.verification.records import ModelRecord, VariantRecord
 
 # Share of a model's progress that verification stands for; the race is the rest.
@@ -47,8 +48,6 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
       import_from: folder of the user's own paths; None without any.
     """
     check_holds(options.nstep, options.hold)
-    if options.quick and options.budget_s is not None:
-        raise InputError("--quick is a budget of 5 s: give it, or --budget")
     names, threads, chunk = options.paths or [], options.threads, options.chunk
     plan = ComparisonPlan(
         variants=(),
@@ -57,7 +56,7 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
         seed=options.seed,
         starts=options.starts,
         returns=Product(options.returns),
-        budget_s=options.budget_s or (QUICK_BUDGET_S if options.quick else BUDGET_S),
+        budget_s=options.budget.each_s,
         limit_s=options.time_limit_s,
         import_from=import_from,
         named=tuple(name for name in names if name != selection.USUAL_PATHS),
@@ -70,20 +69,23 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
     return selection.plans(plan, names, threads, chunk, options.options or (), options.nbatch)
 
 
-def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan]) -> Measurement:
+def measurement(
+    sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan], budget: Budget
+) -> Measurement:
     """Return the measurement of each model at one size after the other, which `plans` differ in."""
     arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
-    arguments["nbatch"] = [plan.nbatch for plan in plans]
+    arguments |= {"nbatch": [plan.nbatch for plan in plans], "total_s": budget.total_s}
     files = [source.path for source in sources]
     files += paths.user_module_files(variant.path for variant in plans[0].variants)
     files += plans[0].starts.files
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         count = len(sources) * len(plans)
+        remaining = budget.divided(count - len(comparisons(earlier)), observer.begin)
         with WorkerPool(plans[0].limit_s) as pool:
             for position, source in enumerate(sources):
                 shares = [(position * len(plans) + i) / count for i in range(len(plans) + 1)]
-                yield from measure_model(pool, source, plans, shares, earlier, observer)
+                yield from measure_model(pool, source, plans, shares, earlier, observer, remaining)
 
     return Measurement(
         "compare",
@@ -101,6 +103,7 @@ def measure_model(
     shares: Sequence[float],
     earlier: Sequence[Record],
     observer: Observer,
+    time_shares: Shares | None = None,
 ) -> Items:
     """Yield what a model comes to at one size after the other.
 
@@ -109,13 +112,16 @@ def measure_model(
 
     Args:
       shares: of all work that is done before each plan, and after the last.
+      time_shares: of the time of the command; None where plans have their own.
     """
     of_sizes, stored = list[Record](), comparisons(earlier)
     for plan, of_work in zip(plans, itertools.pairwise(shares), strict=True):
         size, is_interrupted = (source.name, plan.nbatch), False
         known = next((each for each in stored if each.model.size == size), None)
         if known is None:
-            compared = ComparedModel(pool, source, plan, of_work, of_sizes, observer)
+            budget_s = time_shares.next_s() if time_shares else plan.budget_s
+            timed = replace(plan, budget_s=budget_s)
+            compared = ComparedModel(pool, source, timed, of_work, of_sizes, observer)
             try:
                 compared.run()
             except KeyboardInterrupt:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from mjbench.commands.shared_options import (
+    BudgetOptions,
     OutputOptions,
     TimeLimitOptions,
     WorkOptions,
@@ -14,7 +15,6 @@ from mjbench.options import (
     FLAG,
     LARGE_COUNT,
     NAMES,
-    SECONDS,
     SETTINGS,
     choice,
     numbers,
@@ -23,9 +23,10 @@ from mjbench.options import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(WorkOptions, TimeLimitOptions, OutputOptions):
+class CompareOptions(BudgetOptions, WorkOptions, TimeLimitOptions, OutputOptions):
     """Which ways of stepping are compared, and how."""
 
+    EACH_S, QUICK_S = 23.0, 5.0
     paths: list[str] | None = option(
         None,
         NAMES,
@@ -54,18 +55,6 @@ class CompareOptions(WorkOptions, TimeLimitOptions, OutputOptions):
         " of every step, too, which are of the state before it.",
     )
     nstep: int | None = option(None, COUNT, "Steps of each simulation", unset="up to 100")
-    budget_s: float | None = option(
-        None,
-        SECONDS,
-        "Time for each model, agreement included; what compiles comes on top",
-        unset="23s",
-    )
-    quick: bool = option(
-        False,
-        FLAG,
-        "The same as --budget 5s: a first impression, mostly not certain.",
-        of_functions=False,
-    )
     total_steps: int | None = option(
         None,
         LARGE_COUNT,

@@ -149,7 +149,7 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         if result.status == Status.DISAGREES:
             text = f"{result.variant} does other work than the plain loop: {result.agreement}"
             yield Conclusion(f"{sized}{text}", Tone.BAD, subject)
-    for advice in model_results.advice:
+    for advice in reversed(model_results.advice):
         tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
         tone = tone if advice.is_certain else Tone.UNSURE
         yield Conclusion(conclusion(advice, names_size), tone, subject)
@@ -177,7 +177,7 @@ def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
 
 
 def advice_table(models: Sequence[ModelResults]) -> DataTable:
-    advice = [row for model_results in models for row in model_results.advice]
+    advice = [row for model_results in models for row in reversed(model_results.advice)]
     sizes = {(row.result.model, row.result.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
     names = formats.short_names([row.result.model for row in advice])

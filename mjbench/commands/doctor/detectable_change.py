@@ -87,9 +87,7 @@ def noise(pool: WorkerPool, seconds: float) -> Noise:
     if result.status != Status.OK:
         raise MachineError(result.detail)
     if len(ratios) < MIN_LAUNCHES:
-        raise MachineError(
-            f"{len(ratios)} launches in {seconds:g} s are too few: give a longer --budget"
-        )
+        raise MachineError(f"{len(ratios)} launches are too few: give a longer --budget")
     return Noise(
         launches=len(ratios),
         deviation=statistics.stdev(ratios),

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from mjbench.commands.shared_options import FormOptions, budget_option
+from mjbench.commands.shared_options import FormOptions, WholeBudgetOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class DoctorOptions(FormOptions):
+class DoctorOptions(WholeBudgetOptions, FormOptions):
     """How the machine is examined."""
 
-    budget_s: float = budget_option(12.0, "Time for comparing the cart-pole with itself.")
+    EACH_S, QUICK_S = 18.0, 12.0

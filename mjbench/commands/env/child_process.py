@@ -53,7 +53,7 @@ class EnvironmentPlan:
     Attributes:
       nstep: steps of it in a pass; None to choose them.
       nenv: numbers of environments in vectorised forms; none for no such forms.
-      budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.
+      budget_s: seconds for all, of which rounds of the environment leave half to vectorised forms.
       limit_s: a child that is silent for longer is killed.
     """
 
@@ -80,6 +80,7 @@ class EnvironmentRequest:
 
 def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     """Measure one environment; each message is its record so far, an `EnvironmentRecord`."""
+    begin_s = time.monotonic()
     channel.doing("making the environment")
     adapter = adapters.adapt(construction.make(request.source))
     channel.doing("stepping the environment")
@@ -110,7 +111,9 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
             physics, request.variants, progress.add_path, channel
         )
     turns = _Turns(passes, comparison, request, progress)
-    time_rounds(turns.round, progress.send, request.plan.budget_s, channel)
+    share = 0.5 if request.plan.nenv else 1.0
+    left_s = share * request.plan.budget_s - (time.monotonic() - begin_s)
+    time_rounds(turns.round, progress.send, left_s, channel)
     if comparison is not None:
         record = progress.record
         wrong = {

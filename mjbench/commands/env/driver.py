@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mjbench.commands.env import measurement as environments
@@ -28,21 +29,21 @@ def measurement(names: Sequence[str], options: EnvironmentOptions) -> Measuremen
         options.seed,
         tuple(options.threads or sorted({1, cores})),
         tuple(counts),
-        options.budget_s,
+        options.budget.each_s,
         options.time_limit_s,
     )
 
-    def measure(source: EnvironmentSource, _: Progress) -> Item:
+    def measure(source: EnvironmentSource, budget_s: float, _: Progress) -> Item:
         try:
-            record = environments.measure(source, plan)
+            record = environments.measure(source, replace(plan, budget_s=budget_s))
         except MjbenchError as error:
             record = EnvironmentRecord.failed(source.name, failure_of(error))
         if record.facts is None and record.status != Status.INTERRUPTED:
             return Item([record], Failure(record.status, f"{source.name}: {record.detail}"))
         return Item([record])
 
-    items = functools.partial(in_turn, sources, measure, attribute="environment")
-    arguments = {"environments": list(names), "plan": plan}
+    items = functools.partial(in_turn, sources, measure, options.budget, attribute="environment")
+    arguments = {"environments": list(names), "plan": plan, "budget_s": options.budget_s}
     return Measurement("env", arguments, [], items, finished)
 
 

@@ -5,6 +5,7 @@ for its vectorised forms. The record also holds what a child sent before it fail
 """
 
 import dataclasses
+import time
 from typing import Any
 
 from mjbench.commands.env import vectors
@@ -20,6 +21,7 @@ from mjbench.verification import selection
 def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentRecord:
     """Return what was measured of an environment; after Ctrl-C, what was until then."""
     request = EnvironmentRequest(source, plan, selection.variants(PATHS, plan.threads, CHOICES))
+    begin_s = time.monotonic()
     records: list[Any] = [EnvironmentRecord(environment=source.name)]
     try:
         ended = isolate.run(measure_in_child, (request,), records.append, plan.limit_s)
@@ -29,4 +31,5 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     record: EnvironmentRecord = dataclasses.replace(records[-1], status=status, detail=detail)
     if record.status != Status.OK or not plan.nenv:
         return record
-    return vectors.added(record, source, plan)
+    left_s = plan.budget_s - (time.monotonic() - begin_s)
+    return vectors.added(record, source, dataclasses.replace(plan, budget_s=left_s))

@@ -3,22 +3,23 @@
 from dataclasses import dataclass
 
 from mjbench.commands.shared_options import (
+    BudgetOptions,
     OutputOptions,
     TimeLimitOptions,
-    budget_option,
     threads_option,
 )
 from mjbench.limits import Bounds
-from mjbench.options import FLAG, SECONDS_OR_ZERO, SEED, THREADS, count, option
+from mjbench.options import FLAG, SEED, THREADS, count, option
 
 # Steps of an environment that are recorded at most: each holds two states and its controls.
 MAX_NSTEP = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnvironmentOptions(TimeLimitOptions, OutputOptions):
+class EnvironmentOptions(BudgetOptions, TimeLimitOptions, OutputOptions):
     """How an environment is measured."""
 
+    EACH_S, QUICK_S, THING = 24.0, 10.0, "environment"
     nstep: int | None = option(
         None,
         count(Bounds(1, MAX_NSTEP)),
@@ -34,10 +35,5 @@ class EnvironmentOptions(TimeLimitOptions, OutputOptions):
         THREADS,
         "Numbers of environments in vectorised forms",
         unset="1, 2, 4, … usable cores",
-    )
-    budget_s: float = budget_option(
-        10.0,
-        "Time for the rounds of each environment, and as much again for vectorised forms.",
-        SECONDS_OR_ZERO,
     )
     no_vector: bool = option(False, FLAG, "Leave out vectorised forms.")

@@ -43,7 +43,9 @@ from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
 # Ticks to measure unless the user says, as far as the budget allows; no fewer than LEAST_NTICK.
-NTICK, LEAST_NTICK = 10_000, 1_000
+NTICK, LEAST_NTICK = 10_000, 100
+# Share of the time for free-running ticks; drawing start states takes as long.
+FREE_SHARE = 0.25
 # Steps after which a simulation starts again, so that it stays where the model usually is.
 RUN_NSTEP = 100
 # Ticks before the first that counts.
@@ -164,16 +166,21 @@ def measurement(sources: Sequence[ModelSource], options: LatencyOptions) -> Meas
     check_holds(options.nstep, options.tick, "--tick")
     starts = options.starts
 
-    def measure_model(source: ModelSource) -> list[LatencyRow]:
-        samples = measure(source, starts, options)
+    def measure_model(source: ModelSource, budget_s: float) -> list[LatencyRow]:
+        samples = measure(source, starts, options, budget_s)
         return [row(source.name, of_pace, options.deadline_s) for of_pace in samples]
 
-    return of_each_model("latency", sources, starts, LatencyRow, measure_model, stored(options))
+    return of_each_model(
+        "latency", sources, starts, LatencyRow, measure_model, options.budget, stored(options)
+    )
 
 
-def measure(source: ModelSource, plan: StartPlan, options: LatencyOptions) -> list[TickSamples]:
+def measure(
+    source: ModelSource, plan: StartPlan, options: LatencyOptions, budget_s: float
+) -> list[TickSamples]:
     """Return the ticks of a model at each pace, measured in a child process."""
-    return isolate.call(measure_in_child, source, plan, options, limit_s=options.time_limit_s)
+    limit_s, end_s = options.time_limit_s, time.monotonic() + budget_s
+    return isolate.call(measure_in_child, source, plan, options, end_s, limit_s=limit_s)
 
 
 def row(model: str, samples: TickSamples, deadline_s: float | None) -> LatencyRow:
@@ -236,14 +243,20 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
 
 
 def measure_in_child(
-    source: ModelSource, plan: StartPlan, options: LatencyOptions, channel: Channel
+    source: ModelSource,
+    plan: StartPlan,
+    options: LatencyOptions,
+    end_s: float,
+    channel: Channel,
 ) -> list[TickSamples]:
+    """Draw a workload and time its ticks, until a time of the system's monotonic clock."""
     channel.doing("loading the model")
     model = models.load(source)
     channel.doing("drawing start states")
     step_s = reference_run.step_s(model)
     tick_step_s = options.tick * step_s
-    affordable = max(LEAST_NTICK, int(options.budget_s / tick_step_s))
+    free_s = FREE_SHARE * (end_s - time.monotonic())
+    affordable = max(LEAST_NTICK, int(free_s / tick_step_s))
     ntick = (options.nstep or 0) // options.tick or min(NTICK, affordable)
     run_nstep, max_nstep = whole_holds(RUN_NSTEP, options.tick), starts.max_settling_nstep(step_s)
     nrun = -(-(ntick + WARM_UP_NTICK) * options.tick // run_nstep)
@@ -260,7 +273,8 @@ def measure_in_child(
         is_paced = pace == Pace.PACED
         count = ntick
         if is_paced and options.nstep is None:
-            count = max(LEAST_NTICK, min(ntick, int(options.budget_s * rate_hz)))
+            affordable = int((end_s - time.monotonic()) * rate_hz) - WARM_UP_NTICK
+            count = max(LEAST_NTICK, min(ntick, affordable))
         total = count + WARM_UP_NTICK
         channel.allow_silence(_PATIENCE * tick_step_s * total + 2 * total / rate_hz)
         measured = record_ticks(sample.workload, count, 1e9 / rate_hz if is_paced else 0.0)

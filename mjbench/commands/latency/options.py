@@ -6,10 +6,10 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from mjbench.commands.shared_options import (
+    BudgetOptions,
     OutputOptions,
     StartOptions,
     TimeLimitOptions,
-    budget_option,
     fail_on_option,
 )
 from mjbench.options import COUNT, HERTZ, SECONDS, option
@@ -26,9 +26,10 @@ class LatencyFinding(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LatencyOptions(StartOptions, TimeLimitOptions, OutputOptions):
+class LatencyOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOptions):
     """How single ticks are measured."""
 
+    EACH_S, QUICK_S = 15.0, 5.0
     tick: int = option(
         1,
         COUNT,
@@ -44,9 +45,6 @@ class LatencyOptions(StartOptions, TimeLimitOptions, OutputOptions):
     rate_hz: float | None = option(None, HERTZ, "Paced ticks per second", unset="real time")
     nstep: int | None = option(
         None, COUNT, "Steps at each pace", unset="10,000 ticks, or what the budget allows"
-    )
-    budget_s: float = budget_option(
-        10.0, "Time for the ticks of each pace, if there are more than 1,000."
     )
     findings: Sequence[LatencyFinding] | None = fail_on_option(
         LatencyFinding, "`missed`: a tick missed its deadline, free-running or paced."

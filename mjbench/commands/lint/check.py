@@ -3,6 +3,7 @@
 The rules are in rules.py; stepping_script.py describes a script to them.
 """
 
+import ast
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -75,7 +76,9 @@ def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
 
 def _finding(file: str, program: PythonProgram, rule: Rule, match: Match) -> Finding:
     message = match.message or rule.message
-    if match.loop is not None:
+    if isinstance(match.loop, ast.FunctionDef):
+        message += f"; {match.loop.name}() in line {match.loop.lineno} calls this"
+    elif match.loop is not None:
         message += f"; the loop in line {match.loop.lineno} calls this in every iteration"
     return Finding(
         file=file,

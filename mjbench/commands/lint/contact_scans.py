@@ -56,7 +56,8 @@ def contact_scans(script: SteppingScript) -> Iterator[Match]:
     Results: none change, up to the order of sums.
     """
     scans = [n for n in script.nodes if isinstance(n, ast.For | COMPREHENSIONS)]
-    for loop, each in in_steps(script, scans, [*script.loops, *script.environment_loops]):
+    loops = [*script.loops, *script.environment_loops]
+    for loop, each in in_steps(script, scans, loops, or_methods=True):
         message = _message(script, loop)
         if message and not _is_conditional(script, loop):
             yield Match(loop, message=message, loop=each.calling_loop)

@@ -64,9 +64,10 @@ def growing_arrays(script: SteppingScript) -> Iterator[Match]:
     targets = {growth.target for growth in growths}
     loops = [*script.loops, *script.environment_loops]
     by_statement = {growth.statement: growth for growth in growths}
-    for statement, each in in_steps(script, by_statement, loops):
+    for statement, each in in_steps(script, by_statement, loops, or_methods=True):
         growth = by_statement[statement]
-        is_kept = isinstance(growth.target, ast.Attribute) or not each.functions
+        is_direct = isinstance(each.loop, ast.For | ast.While) and not each.functions
+        is_kept = isinstance(growth.target, ast.Attribute) or is_direct
         if is_kept and not (
             script.is_conditional(statement)
             or _is_short(each.loop)

@@ -1,19 +1,22 @@
 """What a script creates anew in every iteration of a loop, where one from before it would do."""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from mjbench.commands.lint.data_uses import DataUses, uses_of, uses_of_parameter
-from mjbench.commands.lint.repeats import Iteration, creates_model, iterations
+from mjbench.commands.lint.repeats import Iteration, creates_model, following, iterations
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
     COPIES,
     dotted_name,
+    is_bound,
     is_call,
     last_name,
     name_nodes,
     names_in,
     nodes_inside,
+    parameters_of,
+    peeled,
 )
 from mjbench.commands.lint.stepping_script import STORING_METHODS, SteppingScript
 
@@ -22,6 +25,8 @@ _LOADERS = {
     "Physics": ("from_mjcf_model", "from_xml_path", "from_xml_string"),
 }
 _RESETS = ("mj_resetData", "mj_resetDataKeyframe", "reset")
+_DEVICES = {"mujoco.mjx", "mujoco_warp"}
+_DEVICE_STEPS = {f"{module}.step" for module in _DEVICES}
 _RENDERERS = {"mujoco.Renderer", "mujoco.renderer.Renderer"}
 
 
@@ -173,18 +178,94 @@ def new_jitted_functions(script: SteppingScript) -> Iterator[Match]:
         for gain in gains:
             data = move(data, gain)
 
+    The same holds in a function that the loop calls, such as one that resets.
+
     Results: up to rounding the same; as an argument, `gain` is no constant of the compiled program.
     """
     for call in script.calls:
         if _is_jit(script, call.func) and call.args and _is_called(script, call):
             yield from _if_constant(script, call, call.args[0])
-    for function in script.nodes:
-        if isinstance(function, ast.FunctionDef) and any(
-            _is_jit(script, d) or _is_partial_jit(script, d) for d in function.decorator_list
-        ):
-            around = next(script.loops_around(function), None)
-            if around is not None and _calls_name(around, function.name):
-                yield from _if_constant(script, function, function)
+    for function in (node for node in script.nodes if isinstance(node, ast.FunctionDef)):
+        decorators = function.decorator_list
+        is_jitted = any(_is_jit(script, d) or _is_partial_jit(script, d) for d in decorators)
+        if is_jitted and _calls_name(_repeated_around(script, function), function.name):
+            yield from _if_constant(script, function, function)
+
+
+@rule(
+    "MJB022",
+    "a model or an MjData goes to the device anew in every iteration; put it there once, before the"
+    " loop, and replace in it what differs",
+)
+def new_device_copies(script: SteppingScript) -> Iterator[Match]:
+    """Yield put_model and put_data of MJX or MuJoCo Warp in a loop that steps on the device.
+
+    `mjx.put_model` and `mjx.put_data` convert every field, which takes as long as many steps. The
+    next step needs only the state.
+
+        for episode in range(100):
+            mujoco.mj_resetData(model, data)
+            data.qpos[0] = starts[episode]
+            mx, dx = mjx.put_model(model), mjx.put_data(model, data)
+
+        mx, first = mjx.put_model(model), mjx.put_data(model, data)           # instead
+        for episode in range(100):
+            dx = first.replace(qpos=first.qpos.at[0].set(starts[episode]))
+
+    In MuJoCo Warp, `mujoco_warp.reset_data` resets in place, and arrays such as `d.qpos` are
+    assigned.
+
+    There is no finding where the model is another one or is changed in the loop.
+
+    Results: none change, but what follows from the state, such as `xpos`, is that of before until a
+    step or `mjx.forward` computes it.
+    """
+    steps = _device_step_names(script)
+    for call in script.calls:
+        module, _, function = script.bindings.origin(dotted_name(call.func)).rpartition(".")
+        if module not in _DEVICES or function not in ("put_model", "put_data") or not call.args:
+            continue
+        for each in iterations(script, call):
+            is_same = not (
+                _has_new_model(script, each, call)
+                or _varies_in(script, each, call.keywords)
+                or (function == "put_model" and _changes_model(script, each, call.args[0]))
+            )
+            if is_same and any(_calls_name(each.loop, name) for name in steps):
+                yield Match(call, callee=function, loop=each.calling_loop)
+                break
+
+
+def _device_step_names(script: SteppingScript) -> set[str]:
+    """Return the names of functions that step on a device, such as `jax.jit(mjx.step)`."""
+
+    def steps(node: ast.AST) -> bool:
+        origins = (script.bindings.origin(dotted_name(n)) for n in ast.walk(node))
+        return any(each in _DEVICE_STEPS for each in origins)
+
+    functions = (n for n in script.nodes if isinstance(n, ast.FunctionDef))
+    named = {dotted_name(target) for target, value in script.values.items() if steps(value)}
+    direct = {dotted_name(call.func) for call in script.calls if steps(call.func)}
+    return (named | direct | {each.name for each in functions if steps(each)}) - {""}
+
+
+def _varies_in(script: SteppingScript, each: Iteration, nodes: Iterable[ast.AST]) -> bool:
+    varying = each.varying_names(script)
+    return any(not names_in(node).isdisjoint(varying) for node in nodes)
+
+
+def _changes_model(script: SteppingScript, each: Iteration, model: ast.AST) -> bool:
+    """Return whether an iteration may assign to a model, or hand it to code that may."""
+    names = {dotted_name(model), *script.model_names}
+    beginnings = tuple(f"{name}." for name in names - {""})
+    for node in (node for body in (each.loop, *each.functions) for node in nodes_inside(body)):
+        if is_bound(node) and f"{dotted_name(peeled(node))}.".startswith(beginnings):
+            return True
+        if isinstance(node, ast.Call) and any(dotted_name(a) in names for a in node.args):
+            origin = script.bindings.origin(dotted_name(node.func))
+            if not (origin.startswith(("mujoco", "jax")) or script.functions.called(node)):
+                return True
+    return False
 
 
 @rule(
@@ -303,13 +384,17 @@ def _is_called(script: SteppingScript, call: ast.Call) -> bool:
         case ast.Call(func=function):
             return function is call
         case ast.Assign(targets=[ast.Name(id=name)]):
-            around = next(script.loops_around(call), None)
-            return around is not None and _calls_name(around, name)
+            return _calls_name(_repeated_around(script, call), name)
     return False
 
 
-def _calls_name(loop: ast.AST, name: str) -> bool:
-    return any(isinstance(n, ast.Call) and dotted_name(n.func) == name for n in nodes_inside(loop))
+def _repeated_around(script: SteppingScript, node: ast.AST) -> ast.AST:
+    """Return the loop around a node, or the function, which a loop may call."""
+    return next(script.loops_around(node), None) or script.bindings.scope_of(node)
+
+
+def _calls_name(body: ast.AST, name: str) -> bool:
+    return any(isinstance(n, ast.Call) and dotted_name(n.func) == name for n in nodes_inside(body))
 
 
 def _if_constant(
@@ -317,24 +402,25 @@ def _if_constant(
 ) -> Iterator[Match]:
     """Yield a node if its function is new in each iteration, and one function would do for all."""
     for each in iterations(script, node):
-        if each.functions:
-            return
-        body = _new_function(function, each)
+        caller = each.functions[-1] if each.functions else None
+        body = _new_function(function, caller or each.loop)
         if body is None:
             return
-        varying = _varying_inside(body, each.varying_names(script))
+        given = set(parameters_of(caller)) if caller else set()
+        varies = following(script, caller, given) if caller else each.varying_names(script)
+        varying = _varying_inside(body, varies)
         read = (n for n in name_nodes(body) if isinstance(n.ctx, ast.Load) and n.id in varying)
         if all(_is_number(script, name) for name in read):
-            yield Match(node, callee="jit")
+            yield Match(node, callee="jit", loop=each.calling_loop)
             return
 
 
-def _new_function(function: ast.AST, each: Iteration) -> ast.AST | None:
+def _new_function(function: ast.AST, scope: ast.AST) -> ast.AST | None:
     """Return the function that an expression creates in the iteration; None for one from before."""
     if isinstance(function, ast.Lambda | ast.FunctionDef) or is_call(function, "partial"):
         return function
     if isinstance(function, ast.Name):
-        defined = (n for n in ast.walk(each.loop) if isinstance(n, ast.FunctionDef))
+        defined = (n for n in ast.walk(scope) if isinstance(n, ast.FunctionDef))
         return next((n for n in defined if n.name == function.id), None)
     return None
 

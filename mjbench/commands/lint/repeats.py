@@ -37,18 +37,18 @@ _CREATE_MODEL = (
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """A loop, or a comprehension, in whose every iteration something runs.
+    """A loop, a comprehension, or a method that steps, in whose every iteration something runs.
 
     Attributes:
       inside: what stands in the loop itself: the part, or the call that leads to it.
     """
 
-    loop: Repetition
+    loop: Repetition | ast.FunctionDef
     inside: ast.expr | ast.stmt
     functions: tuple[ast.FunctionDef, ...] = ()
 
     @property
-    def calling_loop(self) -> Repetition | None:
+    def calling_loop(self) -> Repetition | ast.FunctionDef | None:
         """The loop, where the part stands in a function that it calls."""
         return self.loop if self.functions else None
 
@@ -56,10 +56,10 @@ class Iteration:
         """Return the names that the loop runs over, and those whose values follow from them."""
         if isinstance(self.loop, ast.For):
             names = names_in(self.loop.target)
-        elif isinstance(self.loop, ast.While):
-            names = set()
-        else:
+        elif isinstance(self.loop, COMPREHENSIONS):
             names = {name for each in self.loop.generators for name in names_in(each.target)}
+        else:
+            names = set()
         return following(script, self.loop, names)
 
     def makes_model(self) -> bool:
@@ -85,9 +85,16 @@ def following(
 
 
 def in_steps(
-    script: SteppingScript, nodes: Iterable[_Node], loops: Sequence[Loop]
+    script: SteppingScript,
+    nodes: Iterable[_Node],
+    loops: Sequence[Loop],
+    or_methods: bool = False,
 ) -> Iterator[tuple[_Node, Iteration]]:
-    """Yield the nodes that run in every step of a loop, directly or in a function that it calls."""
+    """Yield the nodes that run in every step of a loop, directly or in a function that it calls.
+
+    Where asked, also those of methods that step, as `step` of an environment does in others' loops.
+    """
+    methods = {each for each in script.methods if or_methods and "step" in each.name}
     inside = {loop: {*nodes_inside(loop)} for loop in loops}
     for node in nodes:
         loop = script.step_loop_around(node)
@@ -95,6 +102,9 @@ def in_steps(
             yield node, Iteration(loop, node)
         elif (each := step_loop_of_helper(script, node)) is not None and each.loop in inside:
             yield node, each
+        elif methods:
+            around = iterations(script, node, or_functions=True)
+            yield from ((node, each) for each in around if each.loop in methods)
 
 
 def step_loop_of_helper(script: SteppingScript, node: ast.expr | ast.stmt) -> Iteration | None:
@@ -116,9 +126,15 @@ def _steps_once(script: SteppingScript, function: ast.FunctionDef) -> bool:
 
 
 def iterations(
-    script: SteppingScript, node: ast.expr | ast.stmt, functions: tuple[ast.FunctionDef, ...] = ()
+    script: SteppingScript,
+    node: ast.expr | ast.stmt,
+    functions: tuple[ast.FunctionDef, ...] = (),
+    or_functions: bool = False,
 ) -> Iterator[Iteration]:
-    """Yield the loops in whose every iteration a node runs, the innermost of each way first."""
+    """Yield the loops in whose every iteration a node runs, the innermost of each way first.
+
+    Where asked, also the functions of which every call runs it.
+    """
     child: ast.AST = node
     for parent in script.above(node):
         if isinstance(parent, ast.Lambda | ast.ClassDef):
@@ -131,8 +147,10 @@ def iterations(
             if not isinstance(parent, ast.FunctionDef) or parent in functions:
                 return
             if not _may_run_once(script, node, parent):
+                if or_functions:
+                    yield Iteration(parent, node, functions)
                 for call in script.functions.calls_of(parent):
-                    yield from iterations(script, call, (parent, *functions))
+                    yield from iterations(script, call, (parent, *functions), or_functions)
             return
         child = parent
 

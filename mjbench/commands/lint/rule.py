@@ -18,8 +18,8 @@ class Match:
       callee: what is called, such as "mj_forward"; empty where the rule is not about a call.
       instead: functions of the engine, called with the model and the MjData, that do enough in its
         place; none where the call moves out of the loop or is deleted.
-      loop: that calls the function of the node in every iteration; None where the node stands in
-        the loop itself.
+      loop: that calls the function of the node in every iteration, or method that calls it in every
+        step; None where the node stands in the loop itself.
     """
 
     node: ast.expr | ast.stmt

@@ -5,9 +5,11 @@ line of `RULES`.
 """
 
 import ast
+import re
 from collections.abc import Iterator
 
 from mjbench.commands.lint.contact_scans import contact_scans, names_contact
+from mjbench.commands.lint.finite_differences import finite_differences
 from mjbench.commands.lint.forward import forward_after_step
 from mjbench.commands.lint.growing_arrays import growing_arrays
 from mjbench.commands.lint.moments import rows_of_two_moments
@@ -15,6 +17,7 @@ from mjbench.commands.lint.new_objects import (
     compiled_models,
     copied_data,
     new_data_per_episode,
+    new_device_copies,
     new_jitted_functions,
     new_renderers,
     new_rollout_pools,
@@ -55,6 +58,8 @@ ALLOCATIONS = {
     **dict.fromkeys(("concatenate", "append", "tile"), "concatenate"),
     **dict.fromkeys(("hstack", "vstack", "stack"), "hstack"),
 }
+# Calls that wait, or read a clock.
+_KEEPS_RATE = re.compile(r"sleep|wait|tick|time|clock|pause|perf_counter|monotonic|rate|input")
 # Calls that begin an episode.
 _EPISODE_STARTS = ("mj_resetData", "mj_resetDataKeyframe", "mj_setState", "MjData")
 
@@ -208,6 +213,53 @@ def steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
             yield Match(call, callee="mj_step")
 
 
+@rule(
+    "MJB021",
+    "the viewer gets every step, which no screen can show; sync about 60 times a second",
+)
+def synced_viewers(script: SteppingScript) -> Iterator[Match]:
+    """Yield viewer.sync() in every step of a loop that keeps no rate.
+
+    `sync` waits for the thread that draws, and copies the state for it. With a timestep of 2 ms, a
+    simulated second has 500 steps, and a screen shows 60 frames.
+
+        while viewer.is_running():
+            mujoco.mj_step(model, data)
+            viewer.sync()
+
+        while viewer.is_running():      # instead
+            mujoco.mj_step(model, data)
+            if time.perf_counter() - synced > 1 / 60:
+                synced = time.perf_counter()
+                viewer.sync()
+
+    There is no finding where the loop sleeps, waits or reads a clock, takes several steps in an
+    iteration, or syncs under a condition.
+
+    Results: none change; what the user drags in the viewer takes effect at each `sync`.
+    """
+    viewers = {dotted_name(t) for t, v in script.values.items() if is_call(v, "launch_passive")}
+    syncs = [call for call in script.calls if is_call(call, "sync")]
+    of_viewers = [c for c in syncs if dotted_name(c.func).removesuffix(".sync") in viewers - {""}]
+    for call, each in in_steps(script, of_viewers, script.loops):
+        if not script.is_conditional(call) and _takes_single_steps(script, each.loop):
+            yield Match(call, callee="sync", loop=each.calling_loop)
+
+
+def _takes_single_steps(script: SteppingScript, loop: ast.AST) -> bool:
+    """Return whether a loop takes one step in each iteration, and keeps no rate."""
+    body = [node for statement in getattr(loop, "body", []) for node in ast.walk(statement)]
+    calls = [node for node in body if isinstance(node, ast.Call)]
+    called = [n for call in calls for f in script.functions.called(call) for n in nodes_inside(f)]
+    calls += [node for node in called if isinstance(node, ast.Call)]
+    steps = [call for call in calls if is_step(call)]
+    is_single = len(steps) == 1 and len(steps[0].args) == 2 and not steps[0].keywords
+    is_inner = any(isinstance(node, ast.For | ast.While) for node in (*body, *called))
+    return (
+        is_single and not is_inner and not any(_KEEPS_RATE.search(last_name(c.func)) for c in calls)
+    )
+
+
 RULES = (
     logged_views,
     named_access,
@@ -227,6 +279,9 @@ RULES = (
     steps_in_a_row,
     growing_arrays,
     contact_scans,
+    finite_differences,
+    synced_viewers,
+    new_device_copies,
 )
 
 

@@ -83,9 +83,11 @@ def peeled(node: ast.AST) -> ast.AST:
 
 
 def assignments(tree: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
-    """Yield the target and the value of every assignment, those of tuples one by one."""
+    """Yield the target and the value of every assignment and `with`, those of tuples one by one."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.AnnAssign) and node.value is not None:
+        if isinstance(node, ast.withitem) and node.optional_vars is not None:
+            yield node.optional_vars, node.context_expr
+        elif isinstance(node, ast.AnnAssign) and node.value is not None:
             yield node.target, node.value
         elif isinstance(node, ast.Assign):
             for target in node.targets:

@@ -87,6 +87,7 @@ class SteppingScript:
 
     Attributes:
       values: that are assigned, by their targets.
+      model_names: of what is an MjModel.
       environment_loops: those of the others that step an environment.
       episode_loops: those of `loops`, all `for`, that have another one inside.
     """
@@ -109,7 +110,7 @@ class SteppingScript:
         created = self._assigned_names(lambda call: is_call(call, "MjData"))
         self._data_names = created | ({dotted_name(a[1]) for a in arguments if len(a) > 1} - {""})
         loaded = self._assigned_names(lambda c: bool(_LOADS_MODEL.match(last_name(c.func))))
-        self._model_names = loaded | ({dotted_name(a[0]) for a in arguments if a} - {""})
+        self.model_names = loaded | ({dotted_name(a[0]) for a in arguments if a} - {""})
         steps = (n for n in self.nodes if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self.loops_around(node), None) for node in steps}
@@ -225,7 +226,7 @@ class SteppingScript:
         match node:
             case ast.Call(func=ast.Attribute(value=owner, attr=accessor)):
                 is_of_model = (
-                    accessor in _MODEL_ACCESSORS and dotted_name(owner) in self._model_names
+                    accessor in _MODEL_ACCESSORS and dotted_name(owner) in self.model_names
                 )
                 return is_of_model or self.is_access_to_data(node)
         return False

@@ -12,7 +12,7 @@ import ast
 import re
 from collections.abc import Iterator
 
-from mjbench.commands.lint.repeats import Repetition, iterations
+from mjbench.commands.lint.repeats import iterations
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
     attributes_in,
@@ -117,7 +117,7 @@ def shared_data(script: SteppingScript) -> Iterator[Match]:
     Results: each thread simulates its own state.
     """
     starts = [call for call in script.calls if is_call(call, "Thread", "submit", "map")]
-    executors = _executor_names(script) if starts else set()
+    executors = {dotted_name(t) for t, v in script.values.items() if _is_thread_pool(v)} - {""}
     for call in starts:
         work = _work(call, executors)
         function = script.functions.named(work[0]) if work else None
@@ -129,13 +129,6 @@ def shared_data(script: SteppingScript) -> Iterator[Match]:
             continue
         if _steps_shared_data(script, function, loop, work):
             yield Match(call, callee=last_name(call.func))
-
-
-def _executor_names(script: SteppingScript) -> set[str]:
-    created: list[tuple[ast.AST, ast.AST]] = list(script.values.items())
-    items = (item for n in script.nodes if isinstance(n, ast.With) for item in n.items)
-    created += [(i.optional_vars, i.context_expr) for i in items if i.optional_vars is not None]
-    return {dotted_name(target) for target, value in created if _is_thread_pool(value)} - {""}
 
 
 def _is_thread_pool(node: ast.AST) -> bool:
@@ -164,13 +157,13 @@ def _is_locked(function: ast.FunctionDef) -> bool:
     return has_context or not attributes_in(function).isdisjoint(("acquire", "wait", "get"))
 
 
-def _waits(loop: Repetition) -> bool:
+def _waits(loop: ast.AST) -> bool:
     """Return whether a loop waits for a thread that it started before it starts the next."""
     return not attributes_in(loop).isdisjoint(("join", "result"))
 
 
 def _steps_shared_data(
-    script: SteppingScript, function: ast.FunctionDef, loop: Repetition | None, work: list[ast.expr]
+    script: SteppingScript, function: ast.FunctionDef, loop: ast.AST | None, work: list[ast.expr]
 ) -> bool:
     """Return whether a function steps a variable from outside, or the same argument each time."""
     given = dict(zip(parameters_of(function), work[1:], strict=False))

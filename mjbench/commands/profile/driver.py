@@ -19,23 +19,26 @@ from mjbench.simulation.models import ModelSource
 
 def measurement(sources: Sequence[ModelSource], options: ProfileOptions) -> Measurement:
     """Return the measurement of where the time of each model's steps goes."""
-    starts = options.starts
+    starts, budget = options.starts, options.budget
 
-    def measure_model(source: ModelSource) -> list[ProfileRow]:
-        return [measure.measure(source, options.time_limit_s, starts, options.budget_s)]
+    def measure_model(source: ModelSource, budget_s: float) -> list[ProfileRow]:
+        return [measure.measure(source, options.time_limit_s, starts, budget_s)]
 
-    return of_each_model("profile", sources, starts, ProfileRow, measure_model, stored(options))
+    return of_each_model(
+        "profile", sources, starts, ProfileRow, measure_model, budget, stored(options)
+    )
 
 
 def of_habits(sources: Sequence[ModelSource], options: HabitOptions) -> Measurement:
     """Return the measurement of what habits of a loop cost, `mjbench profile --habits`."""
-    starts = options.starts
+    starts, limit_s, budget = options.starts, options.time_limit_s, options.budget
 
-    def measure_model(source: ModelSource) -> list[OverheadRow]:
-        limit_s, budget_s = options.time_limit_s, options.budget_s
+    def measure_model(source: ModelSource, budget_s: float) -> list[OverheadRow]:
         return [habit_timing.measure(source, limit_s, starts=starts, budget_s=budget_s)]
 
-    return of_each_model("overhead", sources, starts, OverheadRow, measure_model, stored(options))
+    return of_each_model(
+        "overhead", sources, starts, OverheadRow, measure_model, budget, stored(options)
+    )
 
 
 def of_instructions(sources: Sequence[ModelSource], options: InstructionOptions) -> Measurement:

@@ -39,10 +39,10 @@ from mjbench.status import Status
 
 # A block, in seconds; the fewest and most rounds of blocks.
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS = 0.004, 15, 200
-# Seconds for the steps of a model; the shares of the loop, and of each kind of parts; what the
-# frames of a backend may take on top, as a share.
-BUDGET_S = ProfileOptions().budget_s
-LOOP_SHARE, PART_SHARE, FRAME_SHARE = 0.5, 0.125, 0.5
+# Seconds for a model; the share that its steps have of it, and, of that, the loop and each kind of
+# parts. Frames have what is left, except for the seconds in which a process starts.
+BUDGET_S = ProfileOptions.EACH_S
+STEP_SHARE, LOOP_SHARE, PART_SHARE, START_S = 0.4, 0.5, 0.125, 1.0
 # Seconds for the sensors of a stage, where only stages are asked for.
 BRIEF_S = 0.05
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
@@ -150,17 +150,19 @@ def measure(
     limit_s: float = TIME_LIMIT_S,
     starts: StartPlan = DEFAULT_STARTS,
     budget_s: float = BUDGET_S,
+    clock: timing.Clock = time.monotonic,
 ) -> ProfileRow:
     """Return the profile of a model; a child that is silent for `limit_s` seconds is killed.
 
     Args:
-      budget_s: for the steps; the frames of each backend have half as much.
+      budget_s: for steps and frames, loading included.
     """
-    steps = isolate.call(step, source, starts, budget_s, limit_s=limit_s)
-    frame_s = FRAME_SHARE * budget_s
-    frames = [
-        rendering.measure(source, backend, limit_s, frame_s) for backend in rendering.BACKENDS
-    ]
+    end_s, backends = clock() + budget_s, rendering.BACKENDS
+    steps = isolate.call(step, source, starts, STEP_SHARE * budget_s, limit_s=limit_s)
+    frames = []
+    for number, backend in enumerate(backends):
+        frame_s = (end_s - clock()) / (len(backends) - number) - START_S
+        frames.append(rendering.measure(source, backend, limit_s, frame_s))
     return ProfileRow(source.name, steps=steps, frames=frames)
 
 

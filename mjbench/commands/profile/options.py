@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 from mjbench.commands.shared_options import (
+    BudgetOptions,
     LoopStartOptions,
     OutputOptions,
     SizeOptions,
     TimeLimitOptions,
-    budget_option,
     code_option,
     top_option,
 )
@@ -15,20 +15,18 @@ from mjbench.options import NAMES, SECONDS, option
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProfileOptions(LoopStartOptions, TimeLimitOptions, OutputOptions):
+class ProfileOptions(BudgetOptions, LoopStartOptions, TimeLimitOptions, OutputOptions):
     """How the parts of a step are timed."""
 
-    budget_s: float = budget_option(
-        4.0, "Time for the steps of each model, and half of it for the frames of each backend."
-    )
+    EACH_S, QUICK_S = 10.0, 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class HabitOptions(LoopStartOptions, TimeLimitOptions, OutputOptions):
+class HabitOptions(BudgetOptions, LoopStartOptions, TimeLimitOptions, OutputOptions):
     """How habits of a loop are timed."""
 
+    EACH_S, QUICK_S = 30.0, 10.0
     code: bool = code_option("Print each habit's loop, and its cheaper form.")
-    budget_s: float = budget_option(30.0, "About how long to time the habits of each model.")
 
 
 @dataclass(frozen=True, kw_only=True)

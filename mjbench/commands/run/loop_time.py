@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from mjbench.bounds import NonNegativeInt, PositiveFloat, Share
-from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.activities import WAITING, Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook.call_clock import COMPILE, DISPATCH, PROCESS_START
 from mjbench.commands.run.source_loops import SourceLoop
@@ -117,6 +117,11 @@ class LoopTime:
     @property
     def has_physics(self) -> bool:
         return Activity.PHYSICS in self.activities
+
+    @property
+    def waiting_share(self) -> float:
+        """The share in which it waits for other processes or threads."""
+        return sum(self.activities.get(each, 0.0) for each in WAITING)
 
     @property
     def is_mostly_physics(self) -> bool:

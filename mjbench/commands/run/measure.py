@@ -45,7 +45,7 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
         physics = physics_cost.measure(observation.models, stages)
     loops = []
     for time in times:
-        busy_s = others_busy_s(time, calls, of_main)
+        busy_s = others_busy_s(time, times, calls, of_main)
         listed = listing.remedies(time, findings, measured, incidents, busy_s)
         loops.append(LoopReport(time, listed))
     return ProgramRow(
@@ -76,14 +76,18 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
 
 
 def others_busy_s(
-    time: LoopTime, calls: Sequence[CallTime], of_main: Collection[SourceLoop]
+    time: LoopTime,
+    times: Sequence[LoopTime],
+    calls: Sequence[CallTime],
+    of_main: Collection[SourceLoop],
 ) -> float:
-    """Return the seconds of a loop for which other processes or threads step, at least.
+    """Return the seconds of a loop for which other processes work, or threads step, at least.
 
     What they step before or after the loop does not count. When each call was made is not known, so
     it is taken to be as likely at any time between the first and the last.
 
     Args:
+      times: loops of all processes.
       of_main: loops of the program's main thread, which does not step while it waits.
     """
     loop_s = time.seconds / len(time.threads)
@@ -93,5 +97,10 @@ def others_busy_s(
         if is_other and call.activity == Activity.PHYSICS:
             span_s = 1e-9 * (call.last_ns - call.first_ns)
             by_thread[call.pid, call.thread] += call.seconds * min(1.0, loop_s / max(1e-9, span_s))
+    working_s = [
+        min(loop_s, other.seconds * (1 - other.waiting_share) / len(other.threads))
+        for other in times
+        if set(other.pids).isdisjoint(time.pids)
+    ]
     busy_s = by_thread.values()
-    return max([0.0, *busy_s, sum(busy_s) / machine.usable_cores()])
+    return max([0.0, *working_s, *busy_s, sum(busy_s) / machine.usable_cores()])

@@ -4,28 +4,22 @@ from dataclasses import dataclass
 
 from mjbench.commands.shared_options import OutputOptions
 from mjbench.limits import SAMPLES_PER_S
-from mjbench.options import SECONDS, count, option, text
+from mjbench.options import SECONDS, count, option, or_none, text
+
+# Seconds for which a program steps before it is ended.
+PROGRAM_S = 40.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions(OutputOptions):
-    """How a program is run."""
+class ProgramOptions:
+    """How a program is started and ended."""
 
     seconds: float | None = option(
-        None,
-        SECONDS,
-        "End the program, as Ctrl-C would, when it has stepped for this long; with MJX alone, this"
-        " counts from its first compiled function",
+        PROGRAM_S,
+        or_none(SECONDS),
+        "End the program, as Ctrl-C would, when it has stepped for this long, with MJX alone"
+        " from its first compiled function on; `none` runs it to its end.",
         "--seconds",
-        "--budget",
-        unset="run it to its end",
-    )
-    rate_hz: int | None = option(
-        None,
-        count(SAMPLES_PER_S),
-        "Samples of the program's stacks per second",
-        "--sample-rate",
-        unset="100; 20 of a program with several child processes",
     )
     python: str | None = option(
         None,
@@ -33,5 +27,18 @@ class RunOptions(OutputOptions):
         "Python interpreter that runs the program",
         unset="the one that runs mjbench",
         of_functions=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(ProgramOptions, OutputOptions):
+    """How a program is observed."""
+
+    rate_hz: int | None = option(
+        None,
+        count(SAMPLES_PER_S),
+        "Samples of the program's stacks per second",
+        "--sample-rate",
+        unset="100; 20 of a program with several child processes",
     )
     resume: None = None

@@ -5,16 +5,18 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench import formats
+from mjbench.commands.run import costly_places
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.costly_places import CostlyPlaces
 from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
 from mjbench.commands.run.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
 from mjbench.commands.run.physics_cost import CostKind
 from mjbench.commands.run.remedies import listing
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
-from mjbench.commands.run.step_times import StepTimes
-from mjbench.formats import duration, plain, whole_percent
+from mjbench.commands.run.steps_show import steps_section
+from mjbench.formats import count_of, duration, plain, whole_percent
 from mjbench.interval import Interval
 from mjbench.results import charts
 from mjbench.results.content import (
@@ -29,9 +31,8 @@ from mjbench.results.content import (
 )
 from mjbench.status import Status
 
-# Smaller shares of a loop, of a package in it, and of stages are left out; the JSON document has
-# all.
-_LEAST_SHARE, _LEAST_PACKAGE, _LEAST_STAGE = 0.005, 0.01, 0.03
+# Smaller shares of a loop, and of a package in it, are left out; the JSON document has all.
+_LEAST_SHARE, _LEAST_PACKAGE = 0.005, 0.01
 # Growth of memory that is worth a line, and calls whose results keep memory.
 _LEAST_GROWTH_BYTES = 32 << 20
 _KEEPERS = ("MjData", *COPIES_OF_DATA, "from_xml_path", "from_xml_string", "compile", "Renderer")
@@ -42,10 +43,10 @@ _LEAST_LOOPS = 0.05
 # Lines and remedies that are printed; the JSON document has all.
 _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
-# Observing should cost no more; beyond it, the report says how to make it cost less.
-MAX_COST = 0.03
 # Half the width of an interval of a share from which on it is shown.
 _CLOSE = 0.05
+# A loop that waits for this share is not what the program does.
+_MOSTLY_WAITING = 0.5
 # A loop of which JAX compiles for this share says little about its iterations.
 MOSTLY_COMPILING = 0.5
 
@@ -65,12 +66,13 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
                 ),
                 *(Conclusion(f"{row.program}: then, {text}", Tone.BAD) for text in wrong[1:]),
                 *([Conclusion(f"Outside the loops that step, {outside}.")] if outside else ()),
+                *map(Conclusion, _waiting_lines(row)),
             ],
-            facts=[*_untimed_lines(row), *_memory_lines(row)],
+            facts=[*end_lines(row), *_untimed_lines(row), *_memory_lines(row)],
         )
         for report in row.loops:
             yield _loop_section(row, report)
-        yield from _steps_section(row)
+        yield from steps_section(row)
 
 
 def program_rows(row: ProgramRow) -> Iterator[Mapping[str, object]]:
@@ -102,6 +104,12 @@ def ending(row: ProgramRow) -> str:
     return f"it was ended by {name}" if name else f"it ended with exit code {row.exit_code}"
 
 
+def end_lines(row: ProgramRow) -> list[str]:
+    """Return after what time mjbench ended a program, as a sentence; none where it did not."""
+    after = f"mjbench ended {row.program} after {plain(row.wall_s, 2)} s"
+    return [f"{after}: --seconds none runs it to its end."] if row.was_ended else []
+
+
 def conclusion(row: ProgramRow) -> str:
     """Return the most important thing about a program's time and results, in one sentence."""
     if row.wrong:
@@ -116,8 +124,9 @@ def conclusion(row: ProgramRow) -> str:
         elif row.was_ended and not row.steps:
             but = f" in {plain(row.wall_s, 2)} s; run it for longer"
         return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
-    loop = _first_loop(row)
+    loop = first_loop(row)
     remedy = listing.first(loop.remedies)
+    costly = costly_places.costliest(loop.time, loop.remedies)
     if outside:
         loops_s = sum(report.time.seconds for report in row.loops)
         then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
@@ -130,18 +139,33 @@ def conclusion(row: ProgramRow) -> str:
         then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
         return _mostly_physics(row, loop.time) + then
     if remedy is None:
-        return _nothing_to_do(loop.time)
+        return _nothing_to_do(loop.time, costly)
+    if costly is not None and costly.share > (remedy.gain or 0.0):
+        return f"{_without_remedy(loop.time, costly)}. Then, {_first(loop.time, remedy)}"
     return "first, " + _first(loop.time, remedy)
 
 
-def _first_loop(row: ProgramRow) -> LoopReport:
+def first_loop(row: ProgramRow) -> LoopReport:
     """Return the first loop that does something, or whose waiting can be made shorter."""
     does_something = (
         each
         for each in row.loops
-        if each.time.has_physics or each.time.runs_jax or listing.first(each.remedies) is not None
+        if each.time.waiting_share < _MOSTLY_WAITING or listing.first(each.remedies) is not None
     )
     return next(does_something, row.loops[0])
+
+
+def _waiting_lines(row: ProgramRow) -> Iterator[str]:
+    """Yield that the main process waits for others, where these are what the report is about."""
+    workers = [report.time for report in row.loops if not report.time.in_main]
+    pids = {pid for time in workers for pid in time.pids}
+    if workers and row.loops[0] is not first_loop(row) and len(pids) > 0:
+        seconds = sum(time.seconds for time in workers)
+        busy = sum(time.seconds * (1 - time.waiting_share) for time in workers) / seconds
+        yield (
+            f"{where(row.loops[0].time)} waits for {count_of(len(pids), 'worker')}, busy for"
+            f" {whole_percent(busy)} of their time: nothing to save there"
+        )
 
 
 def _outside(row: ProgramRow) -> str:
@@ -188,7 +212,11 @@ def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
     )
 
 
-def _nothing_to_do(time: LoopTime) -> str:
+def _without_remedy(time: LoopTime, costly: CostlyPlaces) -> str:
+    return f"{costly.with_share} of the loop in {where(time)}; no change is known for this"
+
+
+def _nothing_to_do(time: LoopTime, costly: CostlyPlaces | None) -> str:
     if time.activities.get(Activity.COMPILING, 0.0) >= MOSTLY_COMPILING:
         seconds = time.activities[Activity.COMPILING] * time.seconds
         return (
@@ -203,6 +231,8 @@ def _nothing_to_do(time: LoopTime) -> str:
             f"physics takes {whole_percent(physics)} of the loop in {where(time)}; {time.samples}"
             f" samples are too few for the rest: let it run for {plain(seconds, 2)} s or longer"
         )
+    if costly is not None:
+        return f"{_without_remedy(time, costly)}. Physics takes {whole_percent(physics)}"
     return (
         f"physics takes {whole_percent(physics)} of the loop in {where(time)}; no change of the"
         f" program is worth {whole_percent(LEAST_GAIN)}"
@@ -210,7 +240,7 @@ def _nothing_to_do(time: LoopTime) -> str:
 
 
 def _first(time: LoopTime, remedy: Remedy) -> str:
-    place = f" at {remedy.place}" if remedy.place is not None else ""
+    place = f" at {remedy.where}" if remedy.where else ""
     assert remedy.gain is not None, "wrong results come before"
     if remedy.basis == Basis.BOUND:
         share = remedy.gain if remedy.share is None else remedy.share
@@ -222,7 +252,7 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     # the timer takes a part of each step, and what a call creates is freed elsewhere
     is_part = remedy.kind == RemedyKind.CLOCK or (remedy.share or 0.0) < remedy.gain
     now = "" if is_part else f" {whole_percent(remedy.share or 0.0)} of the loop now;"
-    where_to = f"at {remedy.place}, " if remedy.place is not None else ""
+    where_to = f"at {remedy.where}, " if remedy.where else ""
     gain = _uncertain(remedy)
     ends = "" if gain is None else f" ({1 - (gain.high or 1):.2f} to {1 - (gain.low or 0):.2f})"
     return (
@@ -273,11 +303,13 @@ def _memory_lines(row: ProgramRow) -> list[str]:
 def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
     time = report.time
     by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
+    costly = costly_places.costliest(time, report.remedies)
     return Section(
         f"{row.program}: the loop in {where(time)}",
         facts=[
             f"{plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
-            f" {plain(row.wall_s, 3)} s"
+            f" {plain(row.wall_s, 3)} s",
+            *([f"Without a known change: {costly.with_share} of the loop"] if costly else ()),
         ],
         figures=[_figure(time)],
         tables=filled(
@@ -296,7 +328,7 @@ def _remedies_table(remedies: Sequence[Remedy]) -> DataTable:
         enumerate(remedies[:_MOST_REMEDIES], 1),
         (Column("", str), lambda row: row[0]),
         (Column("saves", has_figures=True), lambda row: saving(row[1])),
-        (Column("where"), lambda row: str(row[1].place or "the loop")),
+        (Column("where"), lambda row: row[1].where or "the loop"),
         (Column("what", wraps=True), lambda row: _described(row[1])),
     )
 
@@ -390,95 +422,3 @@ def _figure(time: LoopTime) -> Figure:
     )
     title = f"Where the time of {where(time)} goes"
     return charts.share_bars(title, data, "activities", "of the loop", "share of the loop")
-
-
-def _steps_section(row: ProgramRow) -> Iterator[Section]:
-    """Yield how fast the program steps, which parts of the model cost most, and what limits this.
-
-    Of several processes it has the one with most steps: others that do the same would repeat it.
-    """
-    if row.status != Status.OK:
-        return
-    steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
-    stages = row.physics.stages if row.physics is not None else steps.stages if steps else {}
-    of_steps = [] if steps is None else _step_lines(steps, len(row.steps), stages)
-    durations = [] if steps is None else [_durations_table(steps)]
-    facts = [*of_steps, *filter(None, [gil_wait(row)])]
-    tables = filled(_physics_table(row), *durations)
-    heading = "steps" if facts or tables else "observation"  # JAX takes steps that nobody counts
-    yield Section(f"{row.program}: {heading}", facts=facts, tables=tables, notes=[_cost_line(row)])
-
-
-def _physics_table(row: ProgramRow) -> DataTable:
-    return DataTable.of(
-        "Parts of the model",
-        row.physics.costs if row.physics is not None else (),
-        (Column("part of the model"), lambda cost: cost.name),
-        (Column("kind"), lambda cost: cost.kind.value),
-        (Column("number", formats.count), lambda cost: cost.count),
-        (Column("of a step", whole_percent), lambda cost: cost.share),
-    )
-
-
-def _step_lines(steps: StepTimes, processes: int, stages: Mapping[str, float]) -> list[str]:
-    of = f" in the process with most of {processes}" if processes > 1 else ""
-    while_stepping = "" if steps.nstep is not None else " while it steps without a pause"
-    lines = []
-    if steps.steps_per_s is not None and steps.real_time_factor is not None:
-        lines.append(
-            f"Steps{of}: {steps.steps_per_s:,.0f} per second{while_stepping},"
-            f" {plain(steps.real_time_factor, 3)} × real time"
-        )
-    if processes > 1 and steps.startup_s > 0:
-        lines.append(f"It began to step {plain(steps.startup_s, 2)} s after its start.")
-    if stages:
-        largest = sorted(stages.items(), key=lambda item: -item[1])
-        parts = [
-            f"{name} {whole_percent(share)}" for name, share in largest if share >= _LEAST_STAGE
-        ]
-        lines.append(f"Stages of the engine: {', '.join(parts)}")
-    return lines
-
-
-def _durations_table(steps: StepTimes) -> DataTable:
-    iteration = "step of the environment" if steps.of_environment else "iteration"
-    timed = [("engine's step", steps.step), (iteration, steps.iteration)]
-    return DataTable.of(
-        "Times of steps",
-        [(name, durations) for name, durations in timed if durations is not None],
-        (Column("of"), lambda row: row[0]),
-        (Column("timed", formats.count), lambda row: row[1].count),
-        (Column("p50", duration), lambda row: row[1].p50_ns),
-        (Column("p99", duration), lambda row: row[1].p99_ns),
-        (Column("max", duration), lambda row: row[1].max_ns),
-    )
-
-
-def gil_wait(row: ProgramRow) -> str:
-    """Return which thread waits longest for the GIL, and for which thread; "" where none does."""
-    if not row.gil_waits:
-        return ""
-    wait = row.gil_waits[0]
-    others = len(row.gil_waits) - 1
-    also = f"; {others} more wait, too" if others else ""
-    return (
-        f"Threads: at least {whole_percent(wait.share)} of the time of {wait.thread} waits for the"
-        f" GIL{also}; {wait.holder} holds it for {whole_percent(wait.holder_share)} of the time,"
-        f" most often at {wait.place}. mujoco.rollout and mujoco.batch.Batch step on threads"
-        " without the GIL, and each process has a GIL of its own."
-    )
-
-
-def _cost_line(row: ProgramRow) -> str:
-    line = f"Observing took {cost(row)} of the program's time."
-    if row.cost_share > MAX_COST:
-        line += f" --sample-rate {max(1, row.rate_hz // 2)} makes it less."
-    return line
-
-
-def cost(row: ProgramRow) -> str:
-    """Return what observing cost the program; of several processes, at least that much.
-
-    Where processes wait for each other, all of them lose what one loses (docs/method/run.md).
-    """
-    return f"{'at least ' if len(row.steps) > 1 else ''}{formats.percent(row.cost_share)}"

@@ -1,5 +1,6 @@
 """What `--html`, `--markdown`, `--csv` and `--json` write of results."""
 
+import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -61,12 +62,20 @@ def of_runs(named_runs: Sequence[NamedRun]) -> Forms:
     return Forms(lambda: reports.build(named_runs), document, table)
 
 
-def of_sections(sections: Sequence[Section], document: object, results: Iterable[object]) -> Forms:
-    """Return the forms of what has no run file; each result is a row."""
+def of_sections(
+    words: Sequence[str], sections: Sequence[Section], document: object, results: Iterable[object]
+) -> Forms:
+    """Return the forms of what has no run file.
+
+    Args:
+      words: of the command line, after `mjbench`.
+      results: each is a row.
+    """
 
     def report() -> Report:
+        command = shlex.join(["mjbench", *words])
         conclusions = [conclusion for each in sections for conclusion in each.conclusions]
-        shown = [replace(each, conclusions=(), is_open=True) for each in sections]
-        return Report("mjbench", conclusions, shown)
+        shown = [replace(s, conclusions=(), command=command, is_open=True) for s in sections]
+        return Report(command, conclusions, shown)
 
     return Forms(report, lambda: document, lambda: rows.table_of(results))

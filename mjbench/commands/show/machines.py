@@ -330,15 +330,3 @@ def _notes(machines: Machines) -> Iterator[str]:
             f"Not all machines answered the same questions about {_listed(sorted(lone))}. Give the"
             " same --nbatch, --nstep, --settle and files on all machines."
         )
-
-
-def runs_table(runs: Sequence[Run], names: Sequence[str]) -> DataTable:
-    """Return a list of runs; `names` has that of each run's machine."""
-    return DataTable.of(
-        "Runs",
-        zip(names, runs, strict=True),
-        (Column("machine"), lambda row: row[0]),
-        (Column("command"), lambda row: row[1].header.typed_command),
-        (Column("began"), lambda row: row[1].header.began),
-        (Column("records", formats.count, leaves=1), lambda row: len(row[1].records)),
-    )

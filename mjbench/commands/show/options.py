@@ -13,22 +13,20 @@ from mjbench.commands.shared_options import (
     results_option,
 )
 from mjbench.commands.versions.fail_on import FailOnOptions
-from mjbench.options import FLAG, file, option
+from mjbench.options import FLAG, option
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShowOptions(FailOnOptions, FormOptions):
     """What is shown of run files, and where it goes."""
 
-    against: Path | None = option(
-        None,
-        file("OLD"),
-        "Compare the speeds of RUN with those of an earlier one, row by row.",
+    lists_runs: bool = option(
+        False, FLAG, "List the run files in --results, newest first: -1, -2, …", "--list"
     )
     across: bool = option(
         False,
         FLAG,
-        "With --against: compare even where JAX, jaxlib, XLA flags, device or precision differ.",
+        "Compare two RUNs even where machine, JAX, jaxlib, XLA flags, device or precision differ.",
     )
     code: bool = code_option()
     results: Path = results_option(RESULTS_FOLDER, "Folder of run files.")

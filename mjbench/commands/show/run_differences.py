@@ -151,11 +151,11 @@ def _timed(run: Run) -> dict[_Key, _Timed]:
 
 
 def differences_section(rows: Sequence[RunDifference]) -> Section:
-    """Return what `mjbench show --against` comes to."""
+    """Return what the differences come to."""
     cautions = [f"{row.model}: {caution}" for row in rows for caution in row.cautions]
     warned = [Conclusion(caution, Tone.CAUTION) for caution in dict.fromkeys(cautions)]
     return Section(
-        "NEW against OLD",
+        "NEW beside OLD",
         [*warned, _conclusion(rows)],
         tables=[_table(rows)],
         notes=[

@@ -1,6 +1,7 @@
 """What `mjbench tune` measures: settings of models."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from mjbench.commands.tune import setting_names
 from mjbench.commands.tune.c_search import PARTS, Advance, CSearch, SearchPlan
@@ -17,10 +18,11 @@ from mjbench.simulation.models import ModelSource
 def measurement(sources: Sequence[ModelSource], options: TuneOptions) -> Measurement:
     """Return the search for faster settings of each model; InputError for an unknown setting."""
     starts = options.starts
+    budget = options.budget
     plan = SearchPlan(
         options.seed,
         starts,
-        options.budget_s,
+        budget.each_s,
         Limits(options.max_error, options.max_change),
         Effect(options.allow),
         options.hold,
@@ -30,15 +32,17 @@ def measurement(sources: Sequence[ModelSource], options: TuneOptions) -> Measure
     def items(earlier: Sequence[Record], observer: Observer) -> Items:
         with WorkerPool() as pool:
 
-            def tuned(source: ModelSource, on_progress: Progress) -> Item:
+            def tuned(source: ModelSource, budget_s: float, on_progress: Progress) -> Item:
                 def advance(done: int, text: str, share: float) -> None:
                     on_progress(text, (done + share) / PARTS)
 
-                return Item([tune(pool, source, plan, options.time_limit_s, advance)])
+                search = replace(plan, budget_s=budget_s)
+                return Item([tune(pool, source, search, options.time_limit_s, advance)])
 
-            yield from in_turn(sources, tuned, earlier, observer)
+            yield from in_turn(sources, tuned, budget, earlier, observer)
 
-    arguments = {"models": [source.name for source in sources], "plan": plan}
+    names = [source.name for source in sources]
+    arguments = {"models": names, "plan": plan, "budget_s": options.budget_s}
     return Measurement("tune", arguments, input_files(sources, [], starts), items, finished)
 
 

@@ -3,19 +3,20 @@
 from dataclasses import dataclass
 
 from mjbench.commands.shared_options import (
+    BudgetOptions,
     OutputOptions,
     StartOptions,
     TimeLimitOptions,
-    budget_option,
 )
 from mjbench.commands.tune.setting_names import IN_GROUPS
 from mjbench.options import COUNT, NAMES, choice, option, share
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneOptions(StartOptions, TimeLimitOptions, OutputOptions):
+class TuneOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOptions):
     """What a search for faster settings may cost, and what may come out of it."""
 
+    EACH_S, QUICK_S = 300.0, 60.0
     only: list[str] | None = option(
         None, NAMES, f"Settings to try, by names or groups: {IN_GROUPS}", unset="all"
     )
@@ -43,7 +44,6 @@ class TuneOptions(StartOptions, TimeLimitOptions, OutputOptions):
         " the two, or both",
         unset="the error of your present settings; with --max-change, any",
     )
-    budget_s: float = budget_option(300.0, "About how long to search, for each model.")
     hold: int = option(
         8, COUNT, "Steps for which each control is held; timesteps must divide that time"
     )

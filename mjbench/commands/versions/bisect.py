@@ -32,6 +32,8 @@ from mjbench.results.runs import Record
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
 
+# Comparisons beside those that halve: of the ends, and the one that confirms.
+_OTHER_COMPARISONS = 2
 # How often the first version that differs is searched for, where it is not confirmed.
 _SEARCHES = 2
 # Both sides of a change are searched where it leaves more than this share of the difference.
@@ -305,6 +307,11 @@ def _log_change(record: VerdictRecord) -> float:
     return math.log(record.ratio.estimate)
 
 
+def expected_comparisons(versions: int) -> int:
+    """Return about how many verdicts find one change among versions after the baseline."""
+    return _OTHER_COMPARISONS + math.ceil(math.log2(max(1, versions)))
+
+
 def _uninterrupted(record: VerdictRecord) -> VerdictRecord:
     if record.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
@@ -320,6 +327,7 @@ def search_releases(
 ) -> Iterator[BisectMeasured]:
     """Yield what is measured, and which releases changed what is compared of a model."""
     versions = [release.version for release in releases.specs]
+    shares = plan.budget.divided(expected_comparisons(len(versions) - 1), on_phase)
 
     def ready() -> set[int]:
         names = installs.install_names()
@@ -331,7 +339,7 @@ def search_releases(
             raise MachineError(f"not installed here, and {releases.index_problem}")
         on_phase(f"comparing {versions[first]} and {versions[last]}")
         old, new = (Target(releases.specs[number], source) for number in (first, last))
-        timed = replace(plan, time_limit_s=effort * plan.time_limit_s)
+        timed = replace(plan, time_limit_s=shares.next_s(effort))
         return _uninterrupted(explain.decide_targets(pool, old, new, timed))
 
     rows = [VersionRow(number, name) for number, name in enumerate(versions) if number]
@@ -357,12 +365,13 @@ def search_revisions(
     if not comparison.own_files:  # all commits are measured by one benchmark
         function = replace(function, content=repository.text(new, function.file))
     revisions = [old, *(each.revision for each in commits)]
+    shares = plan.budget.divided(expected_comparisons(len(commits)), on_phase)
 
     def decide(first: int, last: int, effort: int) -> VerdictRecord:
         baseline, candidate = revisions[first], revisions[last]
         pair = replace(comparison, baseline=baseline, candidate=candidate, functions=[function])
         on_phase(f"comparing {baseline.name} and {candidate.name}")
-        timed = replace(plan, time_limit_s=effort * plan.time_limit_s)
+        timed = replace(plan, time_limit_s=shares.next_s(effort))
         with WorkerPool() as pool:
             (targets,) = function_sides.check_out(pool, pair)
             return _uninterrupted(function_verdict.decide_function(pool, targets, timed))

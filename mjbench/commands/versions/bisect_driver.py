@@ -1,6 +1,5 @@
 """What `mjbench bisect` measures: commits of the user's code, or releases of MuJoCo."""
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -23,9 +22,6 @@ from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results.runs import Record
 from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.simulation.models import ModelSource
-
-# Comparisons beside those that halve: of the ends, and the one that confirms.
-_OTHER_COMPARISONS = 2
 
 # Yields what is measured; called with what shows the text of a phase, and with earlier records.
 _Search = Callable[[Callable[[str], None], Sequence[Record]], Iterator[BisectMeasured]]
@@ -76,11 +72,11 @@ def _measurement(
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         if any(isinstance(record, BisectRecord) for record in earlier):
             return
-        expected = 0.0
+        expected = 0
         for number, record in enumerate(search(observer.begin, earlier), 1):
             yield Item([record])
             if isinstance(record, BisectComparison):
-                expected = expected or _OTHER_COMPARISONS + math.log2(record.version.number)
+                expected = expected or bisect.expected_comparisons(record.version.number)
                 text = bisect.short_name(record.version, kind)
                 observer(text, number / max(expected, number + 1))
 

@@ -5,6 +5,7 @@ code in revisions or environments, or models that a path steps which compiles (t
 times, these are functions, too).
 """
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -227,16 +228,20 @@ def _measurement(
 ) -> Measurement:
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         done = {_sides_key(record.sides) for record in finished(earlier)}
+        begin_s = time.monotonic()
         with WorkerPool(patience_s) as pool:
             pairs = prepare(pool, observer.begin)
+            undecided = [_sides_key([side.row() for side in pair]) not in done for pair in pairs]
+            shares = plan.budget.divided(sum(undecided), observer.begin, begin_s=begin_s)
             for number, pair in enumerate(pairs):
-                if _sides_key([side.row() for side in pair]) in done:
+                if not undecided[number]:
                     continue
 
                 def on_progress(name: str, share: float, number: int = number) -> None:
                     observer(name, (number + share) / len(pairs))
 
-                record = decide(pool, pair, plan, on_progress)
+                timed = replace(plan, time_limit_s=shares.next_s())
+                record = decide(pool, pair, timed, on_progress)
                 yield Item([record])
                 if record.status == Status.INTERRUPTED:
                     return

@@ -212,24 +212,25 @@ class _Decision:
 
     def _timed(self, calls: CallPlan) -> VerdictRecord:
         """Launch the control, then both sides, until the verdict is certain or time is up."""
-        baseline, limit_s = self.targets[0], self.plan.time_limit_s
-        begin_s = self.clock()
+        baseline, now_s = self.targets[0], self.clock()
+        end_s = self.plan.time_limit_s + (self.begin_s if self.plan.counts_loading else now_s)
         # half of the time for half of the launches
-        limit = self._limit(limit_s / 2)
+        limit = self._limit((end_s - now_s) / 2)
         control = CountRule(limit, MIN_LAUNCHES)
         pair = FunctionPair(self.pool, (baseline, baseline), calls, limit)
         ending, judgement = launch(pair, control), None
         self.control = control.launches
         # a budget is for both, and what ended the control ends the verdict
         if ending.status == Status.OK and control.has_enough:
-            limit = self._limit(limit_s - (self.clock() - begin_s))
+            limit = self._limit(end_s - self.clock())
             pair = FunctionPair(self.pool, self.targets, calls, limit)
             rule, ending = launch_until_certain(pair, self.plan, limit, self.on_launch)
             self.launches, judgement = rule.launches, rule.judgement
         return self._record(ending, judgement=judgement)
 
     def _limit(self, seconds: float) -> TimeLimit:
-        return TimeLimit(seconds, 2 * MIN_LAUNCHES, self.clock, "a verdict with its control")
+        purpose, counts_loading = "a verdict with its control", self.plan.counts_loading
+        return TimeLimit(seconds, 2 * MIN_LAUNCHES, self.clock, purpose, counts_loading)
 
     def _compiling(self, observed: _Observed) -> Pair[CompilationFigures] | None:
         first = observed.baseline.compilation, observed.candidate.compilation

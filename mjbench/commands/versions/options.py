@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from mjbench.commands.shared_options import OutputOptions, SizeOptions, budget_option, top_option
+from mjbench.commands.shared_options import BudgetOptions, OutputOptions, SizeOptions, top_option
 from mjbench.commands.versions.fail_on import FailOnOptions
 from mjbench.options import COUNT, FLAG, NAMES, SHARE, choice, option
 from mjbench.paired import outcomes
@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JudgingOptions(SizeOptions):
+class JudgingOptions(BudgetOptions, SizeOptions):
     """How certain a verdict must be, and what it may cost."""
 
+    EACH_S, QUICK_S, THING = outcomes.TIME_LIMIT_S, 15.0, "verdict"
     min_effect: float = option(
         outcomes.MIN_EFFECT,
         SHARE,
@@ -31,11 +32,6 @@ class JudgingOptions(SizeOptions):
     precision: float = option(
         outcomes.PRECISION, SHARE, "Stop when half the interval's width is below this."
     )
-    budget_s: float = budget_option(
-        outcomes.TIME_LIMIT_S,
-        "Time for each verdict, once the models are loaded; after it, an uncertain one is"
-        " `inconclusive`.",
-    )
     as_shipped: bool = option(
         False,
         FLAG,
@@ -47,9 +43,15 @@ class JudgingOptions(SizeOptions):
     def plan(self) -> "VerdictPlan":
         from mjbench.paired.verdict import VerdictPlan
 
-        precision, budget_s = self.precision, self.budget_s
+        budget = self.budget
         return VerdictPlan(
-            self.min_effect, self.confidence, precision, budget_s, self.sizes, self.as_shipped
+            self.min_effect,
+            self.confidence,
+            self.precision,
+            budget.total_s or budget.each_s,
+            self.sizes,
+            self.as_shipped,
+            counts_loading=budget.total_s is not None,
         )
 
 

@@ -240,7 +240,7 @@ def describe_control(control: ControlRow) -> str:
 
 
 def _change(ratio: Interval) -> str:
-    interval = formats.ends(ratio, formats.change, " to ")
+    interval = formats.ends(ratio, formats.change)
     certainty = f"interval {interval}" if interval else "too few launches for an interval"
     return f"{formats.change(ratio.estimate)} ({certainty})"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from example_counts import counted
 
 from benchmarks.history import plots, timing
 from benchmarks.history.release_ratios import (
@@ -18,7 +19,6 @@ from benchmarks.history.release_ratios import (
 )
 from benchmarks.history.tasks import ReleaseTask
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.records import FunctionCount
 from mjbench.errors import Failure, InputError
 from mjbench.paired import operations
 from mjbench.paired.worker_pool import WorkerPool
@@ -148,34 +148,26 @@ def test_what_cannot_be_measured_is_refused_in_a_line(words: Sequence[str], mess
     assert not Path("results").exists()
 
 
-def count(release: str, source: ModelSource, **functions: float) -> ModelCount:
-    return ModelCount(
-        model=source.name,
-        release=release,
-        instructions_per_step=sum(functions.values()),
-        functions=[FunctionCount(name, cost, cost) for name, cost in functions.items()],
-    )
-
-
 def test_instructions_are_counted_from_release_to_release(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    counted: list[str] = []
+    releases: list[str] = []
     costs = {"3.3.0": 100.0, "3.3.1": 150.0, "3.3.2": 150.0, REFERENCE: 1.0}
 
     def count_release(
         counter: InstructionCounter, release: ReleaseSpec, sources: Sequence[ModelSource]
     ) -> list[ModelCount]:
-        counted.extend([release.version] * bool(sources))
+        releases.extend([release.version] * bool(sources))
         cost = costs[release.version]
-        return [count(release.version, s, mj_step=900.0, getTime=cost) for s in sources]
+        count = counted(release.version, mj_step=900.0, getTime=cost)
+        return [replace(count, model=source.name) for source in sources]
 
     monkeypatch.setattr("mjbench.counts.instructions.unavailable", lambda: None)
     monkeypatch.setattr(InstructionCounter, "count", count_release)
     words = ("3.3.0", "3.3.1", "3.3.2", "--model", "pile")
     done = invoke("explain", *words)
     assert done.exit_code == 0, done.output
-    assert counted == [REFERENCE, "3.3.0", "3.3.1", "3.3.2"]
+    assert releases == [REFERENCE, "3.3.0", "3.3.1", "3.3.2"]
     assert "+5.0 %" in done.output
     assert "getTime +50" in done.output
     records = [json.loads(line) for line in only_run_file().read_text().splitlines()[1:]]

@@ -94,7 +94,6 @@ def test_releases_that_execute_the_same_instructions_hardly_differ(
 def test_the_page_of_method_says_how_exact_the_committed_history_is(history: SpeedHistory) -> None:
     (line,) = of_history.no_change_line(history)
     figures = re.search(r"is ([0-9.]+ %), where their standard errors predict ([0-9.]+ %)", line)
-    assert figures is not None
     page = METHOD.read_text()
     assert f"three passes, Intel Xeon | {figures[1]} | {figures[2]} |" in page
 
@@ -121,7 +120,6 @@ def test_a_pass_in_turns_is_as_exact_as_the_page_says_and_takes_two_minutes_a_re
     measured = files.read([NO_CHANGE], known_causes.FILE)
     (line,) = of_history.no_change_line(measured)
     figures = re.search(r"is ([0-9.]+ %), where their standard errors predict ([0-9.]+ %)", line)
-    assert figures is not None
     assert float(figures[1].split()[0]) < 0.5
     assert "; 0 of them are listed" in line
     page = " ".join(METHOD.read_text().split())

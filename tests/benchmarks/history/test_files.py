@@ -5,10 +5,9 @@ from collections.abc import Sequence
 
 import pytest
 from set_files import labelled
-from speed_histories import history_run
+from speed_histories import VERSIONS, history_run, operation_record
 
 from benchmarks.history import files, known_causes, page
-from benchmarks.history.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from benchmarks.history.speed_history import SpeedHistory
 from mjbench.errors import InputError
 from mjbench.results.runs import SCHEMA, Run, RunHeader
@@ -24,14 +23,7 @@ def history_of(*measured: Run) -> SpeedHistory:
 def operations_run(machine: str, cpu: str, ratios: Sequence[float]) -> Run:
     """Return a run in which only operations were timed."""
     labels = dataclasses.replace(labelled(machine), cpu=cpu)
-    records = [
-        OperationRatioRecord(
-            **{f.name: getattr(step, f.name) for f in dataclasses.fields(RatioRecord)},
-            operation="load pile",
-            title="load",
-        )
-        for step in history_run(machine, ratios).of_type(StepRatioRecord)
-    ]
+    records = [operation_record("load pile", *each) for each in zip(VERSIONS, ratios, strict=False)]
     return Run(RunHeader(SCHEMA, "history", labels, {}), tuple(records))
 
 

@@ -44,8 +44,3 @@ def test_pairs_without_a_change_say_how_exact_the_history_is() -> None:
     (line,) = of_history.no_change_line(speed_history.from_records(records))
     assert "as in the one before: 3.1.3. The root mean square of their 1 change is 1.00 %" in line
     assert [*of_history.no_change_line(speed_of(STEP))] == []
-
-
-def test_the_page_has_a_plot_of_each_model() -> None:
-    *_, plots = of_history.sections(speed_of(STEP))
-    assert [figure.title for figure in plots.figures] == ["pile"]

@@ -31,7 +31,6 @@ def test_residues_weigh_the_same_and_launches_as_shipped_do_not_count() -> None:
     launches = [moved(0, x) for x in (0.10, 0.12, 0.11, 0.11)]
     launches += [moved(16, x) for x in (0.30, 0.32)]
     ratio = averaged([*launches, LaunchRatio(5.0)])
-    assert ratio is not None
     assert ratio.log_ratio == pytest.approx((0.11 + 0.31) / 2)
     assert ratio.ratio == pytest.approx(math.exp(0.21))
     # pooled variance of four and of two launches, and the leverage of two unequal residues
@@ -43,8 +42,6 @@ def test_a_disturbed_launch_counts_for_no_more_than_one_that_is_far_off() -> Non
     calm = [moved(r, r / 100 + x) for r in (0, 16, 32, 48) for x in (-0.002, 0.0, 0.001, 0.002)]
     disturbed = [*calm[:-1], moved(48, 0.48 + 0.4)]
     usual, ratio = averaged(calm), averaged(disturbed)
-    assert usual is not None
-    assert ratio is not None
     assert 0 < ratio.log_ratio - usual.log_ratio < 0.001
     assert clipped([0.0, 0.01, 0.02, 5.0, 5.01, 5.02], [0, 0, 0, 16, 16, 16])[3:] == [
         5.0,
@@ -55,15 +52,12 @@ def test_a_disturbed_launch_counts_for_no_more_than_one_that_is_far_off() -> Non
 
 def test_no_ratio_is_known_better_than_the_no_change_pairs_show() -> None:
     ratio = averaged([moved(residue, 0.2) for residue in (0, 16, 32, 48) * 4])
-    assert ratio is not None
     assert ratio.deviation == MIN_DEVIATION
 
 
 def test_where_nothing_was_moved_placement_adds_to_the_deviation() -> None:
     launches = [LaunchRatio(0.01), LaunchRatio(0.03)]
     shipped, ratio = as_shipped(launches), averaged(launches)
-    assert shipped is not None
-    assert ratio is not None
     assert ratio.log_ratio == shipped.log_ratio == pytest.approx(0.02)
     assert shipped.deviation == pytest.approx(0.01)
     assert ratio.deviation == pytest.approx(math.hypot(0.01, PLACEMENT_DEVIATION))
@@ -72,7 +66,6 @@ def test_where_nothing_was_moved_placement_adds_to_the_deviation() -> None:
 def test_two_launches_as_shipped_that_agree_by_chance_are_not_known_better_than_others() -> None:
     moved_ones = [moved(residue, x) for residue in (0, 16, 32, 48) for x in (-0.02, 0.02)]
     ratio = as_shipped([*moved_ones, LaunchRatio(0.1), LaunchRatio(0.1)])
-    assert ratio is not None
     # eight squares of 0.02, five degrees of freedom, two launches
     assert ratio.deviation == pytest.approx(0.02 * math.sqrt(8 / 5 / 2))
 

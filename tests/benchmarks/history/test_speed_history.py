@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from speed_histories import COUNTED, COUNTS, STEP, VERSIONS, history, record
+from speed_histories import VERSIONS, history, record
 
 from benchmarks.history import speed_history
 from benchmarks.history.speed_history import Listed, SpeedHistory
@@ -16,20 +16,6 @@ def speed_of(*models: SpeedSeries) -> SpeedHistory:
 
 def listed_in(history: SpeedHistory) -> list[Listed]:
     return speed_history.listed_changes(history, history.models)
-
-
-def test_a_change_point_of_the_same_work_is_due_to_code() -> None:
-    (listed,) = listed_in(SpeedHistory([STEP], counts=COUNTED))
-    assert listed.cause == Cause.CODE
-    assert listed.counts == COUNTS
-
-
-def test_a_change_point_with_other_work_is_due_to_work() -> None:
-    records = [record(v, 1.0) for v in VERSIONS[:6]]
-    records += [record(v, 0.8, contacts=1.0) for v in VERSIONS[6:]]
-    (listed,) = listed_in(speed_history.from_records(records))
-    assert listed.cause == Cause.WORK
-    assert listed.work_changes[0] == "contacts 5 → 1"
 
 
 def test_a_change_whose_work_or_placement_is_not_known_is_undecided() -> None:

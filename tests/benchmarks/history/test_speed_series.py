@@ -4,18 +4,11 @@ import math
 from dataclasses import replace
 
 import pytest
-from speed_histories import history, record
+from speed_histories import operation_record, record
 
 from benchmarks.history import speed_series
-from benchmarks.history.release_ratios import OperationRatioRecord, StepRatioRecord
+from benchmarks.history.release_ratios import StepRatioRecord
 from mjbench.status import Status
-
-
-def test_a_change_point_is_named_by_the_releases_around_it() -> None:
-    result = history([0.8] * 6 + [1.0] * 6)
-    (point,) = result.changes.change_points
-    before, after = result.pair(point.index)
-    assert (before.release, after.release) == ("1.5", "1.6")
 
 
 def test_releases_are_in_the_order_of_their_versions_and_no_failures() -> None:
@@ -88,17 +81,7 @@ def test_simulations_that_diverge_in_one_release_only_are_other_work() -> None:
 
 
 def test_an_operation_with_another_result_does_other_work() -> None:
-    old = OperationRatioRecord(
-        operation="spec",
-        title="MjSpec",
-        model="",
-        release="1.0",
-        build="1.0",
-        reference="4.0.0",
-        status=Status.OK,
-        launches=record("1.0", 1.0).launches,
-        drift=0.0,
-    )
+    old = operation_record("spec", "1.0", 1.0)
     new = replace(old, release="1.1", drift=0.5)
     (result,) = speed_series.histories([old, new])
     assert result.name == "spec"

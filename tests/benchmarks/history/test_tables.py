@@ -2,15 +2,13 @@
 
 from dataclasses import replace
 
-from speed_histories import COUNTED, COUNTS, STEP, VERSIONS, record
+from speed_histories import COUNTED, COUNTS, STEP, VERSIONS, operation_record, record
 
 from benchmarks.history import speed_history, tables
 from benchmarks.history.known_causes import KnownCause
-from benchmarks.history.release_ratios import OperationRatioRecord
 from benchmarks.history.speed_history import SpeedHistory
 from mjbench.counts.records import Pair
 from mjbench.results.content import DataTable
-from mjbench.status import Status
 
 WITH_COUNTS = SpeedHistory([STEP], counts=COUNTED)
 
@@ -50,18 +48,7 @@ def test_functions_whose_instructions_changed_in_the_other_direction_do_not_acco
 
 def test_operations_have_tables_of_their_own() -> None:
     records = [
-        OperationRatioRecord(
-            operation="rays pile",
-            title="mj_ray",
-            model="pile",
-            release=version,
-            build=version,
-            reference="4.0.0",
-            status=Status.OK,
-            launches=record(version, ratio).launches,
-            drift=0.0,
-            reference_s=3e-6,
-        )
+        operation_record("rays pile", version, ratio, title="mj_ray")
         for version, ratio in zip(VERSIONS, [1.0] * 6 + [1.5] * 6, strict=True)
     ]
     counts = replace(COUNTS, operation="rays pile", model="pile")

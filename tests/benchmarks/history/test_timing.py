@@ -385,7 +385,6 @@ def test_a_process_that_cannot_read_its_work_leaves_no_answer_of_the_other_behin
     task = StepTask(BOTH, CARTPOLE.model)
     task.prepare(pool)
     work = task._pair
-    assert work is not None
     missing = work.workloads[0].with_suffix(".missing")
     processes = pool.start(INSTALLED), pool.start(INSTALLED, side=1)
     for process in processes:

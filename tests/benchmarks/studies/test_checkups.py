@@ -36,7 +36,6 @@ def test_arguments_of_a_program_follow_two_dashes_in_a_checkup_alone() -> None:
     target = Target("mujoco:rollout.py", TargetKind.PROGRAM, ("--nstep", "9"))
     assert target.checkup == (target.word, "--", "--nstep", "9")
     assert target.closer == (("run", "--seconds", "60", target.word, "--nstep", "9"),)
-    assert target.copied is not None
     assert target.copied.is_file()
     assert target.word == "rollout.py"
     with pytest.raises(InputError, match="robots is not installed"):

@@ -73,7 +73,6 @@ def test_the_uncertainty_of_a_measured_share_is_of_the_median_of_its_rounds(
     seconds = iter([1.0, 0.6, 0.7, 1.0, 1.0, 0.5])  # the second round begins with the change
     monkeypatch.setattr(own_programs, "_loop_s", lambda *_: next(seconds))
     share = own_programs.measured(own_programs.PROGRAMS[0], 60, 3)
-    assert share is not None
     assert share.median == pytest.approx(0.6)
     assert share.error == pytest.approx(1.2533 * 0.1 / 3**0.5, rel=1e-3)
 

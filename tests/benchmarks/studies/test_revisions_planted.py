@@ -1,13 +1,8 @@
 """What was planted in a repository, and what the guide says of it."""
 
 import ast
-import json
-
-from commands import ROOT
 
 from benchmarks.studies import revisions_planted
-
-RESULTS = json.loads((ROOT / "results/revisions.json").read_text())
 
 
 def test_planted_revisions_differ_in_their_code_and_others_do_not() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import process_tree
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 from commands import PYTHONPATH, ROOT
 
 from benchmarks.verdicts import trials
@@ -51,9 +51,13 @@ def run(
         )
 
     monkeypatch.setattr(trials, "trial", trial)
-    command = importlib.import_module("benchmarks.verdicts.__main__").verdicts
-    done = CliRunner().invoke(command, ["--trials", "1", *words])
+    done = invoke(*words)
     return tried, done.exit_code, done.output
+
+
+def invoke(*words: str) -> Result:
+    command = importlib.import_module("benchmarks.verdicts.__main__").verdicts
+    return CliRunner().invoke(command, ["--trials", "1", *words])
 
 
 pytestmark = pytest.mark.usefixtures("quiet_host")
@@ -115,22 +119,11 @@ def test_what_cannot_be_tried_is_bad_input(
     assert (tried, exit_code) == ([], 2)
 
 
-def started(*words: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.verdicts", "cartpole", *words],
-        env={**os.environ, "PYTHONPATH": f"{PYTHONPATH}{os.pathsep}{ROOT}"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 def test_trials_are_measured_and_stored() -> None:
-    words = ("--trials", "1", "--slowdown", "0", "--slowdown", "5", "--budget", "0.2s")
-    with started(*words) as process:
-        output, errors = process.communicate()
-    assert process.returncode == 0, errors
-    assert "verdicts on known truths are wrong" in output
+    words = ("cartpole", "--slowdown", "0", "--slowdown", "5", "--budget", "0.2s")
+    done = invoke(*words)
+    assert done.exit_code == 0, done.output
+    assert "verdicts on known truths are wrong" in done.output
     (file,) = Path("results/verdicts").glob("*.jsonl")
     header, *stored = map(json.loads, file.read_text().splitlines())
     assert (header["arguments"]["trials"], header["arguments"]["busy"]) == (1, False)
@@ -142,7 +135,12 @@ def test_trials_are_measured_and_stored() -> None:
 
 def test_ctrl_c_saves_what_was_measured_and_leaves_no_process() -> None:
     before = process_tree.descendants()
-    with started("--slowdown", "0") as process:
+    with subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.verdicts", "cartpole", "--slowdown", "0"],
+        env={**os.environ, "PYTHONPATH": f"{PYTHONPATH}{os.pathsep}{ROOT}"},
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
         try:
             while len(process_tree.descendants() - before) < 4 and process.poll() is None:
                 threading.Event().wait(0.05)

@@ -271,15 +271,7 @@ PAIR = NoChangePair("3.2.1", "3.2.2")
 
 
 def done(case: Case) -> TrialRecord:
-    return TrialRecord(
-        **vars(case.row()),
-        verdict=Verdict.SAME,
-        estimate=1.0,
-        low=None,
-        high=None,
-        seconds=1.0,
-        launches=[0.0],
-    )
+    return trial(Verdict.SAME, 1.0, **vars(case.row()))
 
 
 @pytest.mark.parametrize("slowdown", [0.0, 0.003, 0.01])
@@ -302,12 +294,6 @@ def test_the_size_of_a_slowdown_inside_a_step_is_unknown_and_its_sign_is_known()
         new=VERSION,
     )
     assert row.is_slower
-
-
-def test_builds_between_which_nothing_changed_are_the_same() -> None:
-    row = trials.between_builds(MODEL, PAIR).row()
-    assert (row.arm, row.old, row.new) == (Arm.BETWEEN_BUILDS, "3.2.1", "3.2.2")
-    assert (row.slowdown, row.is_slower) == (0.0, False)
 
 
 def test_only_the_trials_that_are_missing_are_run_in_turns() -> None:

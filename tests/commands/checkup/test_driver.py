@@ -1,5 +1,6 @@
 """Which parts a check-up has, what time they get, and how it ends where one fails."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from verdict_records import FASTER
 import mjbench
 from mjbench.commands.checkup import driver as checkup
 from mjbench.commands.checkup.driver import CheckupPlan
+from mjbench.commands.checkup.options import CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import ProgramFile
 from mjbench.commands.run.launch import ProgramObservation
@@ -134,7 +136,7 @@ def program_parts(
     monkeypatch.setattr(checkup.lint, "check", lint)
     monkeypatch.setattr(checkup.launch, "check", lambda program: None)
     monkeypatch.setattr(checkup.launch, "run", lambda *arguments, **options: seen)
-    source = ProgramFile("train.py", Path("train.py"))
+    source = ProgramFile(("train.py",), Path("train.py"))
     parts = checkup._Parts(source, CheckupPlan(), Observer())
     return [record for item in checkup._program_items(source, parts) for record in item.records]
 
@@ -177,10 +179,24 @@ def test_a_model_that_cannot_be_stepped_ends_it(monkeypatch: pytest.MonkeyPatch)
     assert (part.status, part.detail) == (Status.INPUT, "every simulation diverges")
 
 
+@pytest.mark.parametrize(
+    ("options", "most_s"),
+    [
+        (CheckupOptions(), 60.0),
+        (CheckupOptions(seconds=100.0), 150.0),
+        (CheckupOptions(seconds=None), math.inf),
+        (CheckupOptions(seconds=None, budget_s=31.0), 20.0),
+        (CheckupOptions(seconds=100.0, quick=True), 8.4),
+    ],
+)
+def test_a_program_is_ended_in_time(options: CheckupOptions, most_s: float) -> None:
+    assert CheckupPlan.of(options).most_program_s == pytest.approx(most_s)
+
+
 def test_start_states_are_of_a_model() -> None:
     plan = CheckupPlan(starts=StartPlan(settle_s=1.0))
     with pytest.raises(InputError, match=r"of a model, and train\.py is none"):
-        checkup.measurement(ProgramFile("train.py", Path("train.py")), plan)
+        checkup.measurement(ProgramFile(("train.py",), Path("train.py")), plan)
 
 
 def test_a_model_has_no_arguments() -> None:

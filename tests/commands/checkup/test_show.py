@@ -199,7 +199,7 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
     verdict = replace(FASTER, ratio=Interval(0.25, 0.24, 0.26))
     section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
     assert section.conclusions[0].text == (
-        f"{TARGET}: 4.00 times the plain loop (3.85 to 4.17) with the same results, measured"
+        f"{TARGET}: 4.00 times the plain loop (3.85–4.17) with the same results, measured"
         " together: mujoco.rollout on 2 threads, without the timer of MuJoCo's Python package,"
         " jacobian=sparse"
     )
@@ -230,7 +230,7 @@ def test_nothing_to_gain_is_an_answer_with_its_reasons() -> None:
     (conclusion,) = checkup.list_section(run(*records)).conclusions
     assert conclusion.text == (
         f"{TARGET}: nothing to gain here: 67 % of a step is the engine (other 75 %, kinematics"
-        " 25 %); no other way of stepping is faster by 2 %; none of 1 setting is certainly faster"
+        " 25 %); no other way of stepping is faster by 5 %; none of 1 setting is certainly faster"
         " with the same results"
     )
 

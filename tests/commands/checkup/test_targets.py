@@ -49,7 +49,17 @@ def test_a_name_stands_for_one_thing(folder: Path, name: str, kind: TargetKind) 
 
 def test_a_program_has_arguments(folder: Path) -> None:
     source = targets.recognized("train.py", ("--num-envs", "4"), folder)
-    assert source == ProgramFile("train.py", Path("train.py"), ("--num-envs", "4"))
+    assert source == ProgramFile(("train.py", "--num-envs", "4"), Path("train.py"))
+
+
+def test_a_module_is_a_program_whose_file_is_read_where_it_is_below_the_folder(
+    folder: Path,
+) -> None:
+    for words, path in (
+        (("train", "--fast"), folder / "train.py"),
+        (("json.tool",), None),
+    ):
+        assert targets.recognized("-m", words, folder) == ProgramFile(("-m", *words), path)
 
 
 def test_what_could_be_two_things_is_asked_about(folder: Path) -> None:

@@ -31,8 +31,7 @@ from mjbench.commands.compare.advice import (
 from mjbench.commands.compare.results import ModelResults, PathResult, derive
 from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import CoreChange
-from mjbench.interval import Interval
-from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
+from mjbench.paired.race_record import AS_GOOD, MARGIN, Loop, UnableVariant
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
 from mjbench.status import Status
 from mjbench.verification.plan import WITHOUT_TIMER, Variant
@@ -82,7 +81,7 @@ def test_the_fastest_of_each_loop_is_advised_with_the_speed_up_of_its_row() -> N
 def test_a_conclusion_says_path_speed_up_and_interval() -> None:
     open_loop, closed_loop = sentences(derived(raced()))
     number = r"\d\.\d\d"
-    gain = rf"{number} times the plain loop \({number} to {number}\)"
+    gain = rf"{number} × as fast \({number}–{number}\)"
     begin = r"For controls known beforehand \(open loop\): mujoco.rollout on 2 threads, "
     assert re.fullmatch(begin + gain, open_loop)
     assert re.fullmatch(rf"For RL \(closed loop\): Batch.step on 2 threads, {gain}", closed_loop)
@@ -113,14 +112,14 @@ def test_the_simpler_of_two_that_are_as_fast_is_advised() -> None:
     model_results = derived(raced([(ROLLOUT, 3.0), (POOL, 3.003)]))
     assert chosen(model_results)[0] == ("rollout", Reason.SIMPLER, True)
     assert advise(model_results)[0].options == ROLLOUT.options
-    assert sentences(model_results)[0].endswith("; no other path is faster by 2 %")
+    assert sentences(model_results)[0].endswith("; no other path is faster by 5 %")
 
 
 def test_the_plain_loop_is_advised_where_no_path_is_faster() -> None:
     model_results = derived(raced([(ROLLOUT, 0.5), (THREADS, 0.8)]))
     assert chosen(model_results) == [("python_loop", Reason.NO_GAIN, True)] * 2
     assert sentences(model_results)[1] == (
-        "For RL (closed loop): the plain loop; no other path is faster by 2 %"
+        "For RL (closed loop): the plain loop; no other path is faster by 5 %"
     )
     assert advise(model_results)[0].speedup is None
 
@@ -141,32 +140,14 @@ def test_rivals_are_listed_the_fastest_first_and_one_alone_is_named() -> None:
     speeds = [rival.steps_per_s or 0.0 for rival in advice.rivals]
     assert speeds == sorted(speeds, reverse=True)
     for count, doubt in (
-        (0, "; not certain"),
-        (1, "; not certain: mujoco.rollout on 2 threads may be faster by up to 4 %"),
-        (3, "; not certain: 3 other paths may be faster by up to 4 %"),
+        (0, " × as fast (2.45–3.66)"),
+        (1, "; mujoco.rollout on 2 threads may be faster by up to 4 %"),
+        (3, "; 3 other paths may be faster by up to 4 %"),
     ):
         rivals = [timed(model_results, each) for each in (ROLLOUT, POOL, BATCH_STEP)][:count]
-        assert conclusion(replace(advice, rivals=rivals, most_gain=0.04)).endswith(doubt)
-
-
-def test_beside_the_plain_loop_the_fastest_rival_is_said_with_how_fast_it_was() -> None:
-    model_results = derived(raced([(ROLLOUT, 20.0), (POOL, 19.0)], spread=2.0, launches=2))
-    advice = advise(model_results)[0]
-    assert (advice.path, advice.is_certain) == ("python_loop", False)
-    first = advice.rivals[0]
-    assert first.speedup is not None
-    assert advice.rival_speedup == first.speedup.estimate > 2
-    doubt = conclusion(advice).split("; ")[-1]
-    assert re.fullmatch(
-        r"mujoco\.rollout on 2 threads.* was \d+.* times as fast, but not certainly",
-        doubt,
-    )
-    processes = replace(first, path="processes", options={"processes": 2})
-    doubt = conclusion(replace(advice, rivals=[processes])).split("; ")[-1]
-    assert doubt.startswith("2 worker processes were ")
-    slow = replace(first, speedup=Interval(1.01, None, None))
-    assert "times as fast" not in conclusion(replace(advice, rivals=[slow]))
-    assert "times as fast" not in conclusion(replace(advice, reason=Reason.FASTER))
+        text = conclusion(replace(advice, rivals=rivals, most_gain=0.04))
+        assert text.endswith(doubt)
+        assert "(open loop): probably " in text
 
 
 def test_the_plain_loop_is_no_rival_of_a_path_that_is_certainly_faster() -> None:
@@ -175,7 +156,7 @@ def test_the_plain_loop_is_no_rival_of_a_path_that_is_certainly_faster() -> None
     assert 0 in model_results.race.standings[Loop.OPEN].contenders
     advice = advise(model_results)[0]
     assert (advice.path, advice.is_certain, advice.rivals) == ("rollout", False, [])
-    assert sentences(model_results)[0].endswith("; not certain")
+    assert "(open loop): probably mujoco.rollout on 2 threads, " in sentences(model_results)[0]
 
 
 def test_a_disturbed_race_makes_nothing_certain_where_only_the_plain_loop_was_timed() -> None:
@@ -186,8 +167,11 @@ def test_a_disturbed_race_makes_nothing_certain_where_only_the_plain_loop_was_ti
 
 def test_one_launch_makes_nothing_certain() -> None:
     model_results = derived(raced(launches=1))
-    assert chosen(model_results) == [("python_loop", Reason.NO_GAIN, False)] * 2
-    assert "the plain loop; not certain: " in sentences(model_results)[0]
+    assert chosen(model_results) == [
+        ("rollout", Reason.LIKELY, False),
+        ("batch_step", Reason.LIKELY, False),
+    ]
+    assert "(open loop): probably mujoco.rollout on 2 threads, " in sentences(model_results)[0]
 
 
 @pytest.mark.parametrize(
@@ -242,9 +226,10 @@ def test_compiling_must_pay_within_the_steps_asked_for(
     total_steps: int | None, path: str, reason: Reason
 ) -> None:
     # a step of 1 µs becomes one of 0.5 µs; four seconds are about 8,000,000 steps
-    model_results = derived(raced([(THREADS, 0.8)]), more=[compiled(2.0)], total_steps=total_steps)
+    race = raced([(THREADS, 0.8)], spread=0.0)
+    model_results = derived(race, more=[compiled(2.0)], total_steps=total_steps)
     assert {(a.path, a.reason) for a in advise(model_results)} == {(path, reason)}
-    assert all("after 8,0" in a.break_even for a in advise(model_results))
+    assert all("after 8,000,000" in a.break_even for a in advise(model_results))
 
 
 def test_compiling_must_pay_over_the_c_path_that_it_displaces() -> None:
@@ -264,7 +249,7 @@ def test_compiling_must_pay_over_a_path_that_may_be_faster_than_the_one_advised(
     uncertain = raced([(ROLLOUT, 20.0), (POOL, 19.0)], spread=2.0, launches=2)
     model_results = derived(uncertain, more=[compiled(4.0)], total_steps=1000)
     open_loop, closed_loop = advise(model_results)
-    assert open_loop.path == "python_loop"
+    assert (open_loop.path, open_loop.is_certain) == ("rollout", False)
     assert not open_loop.break_even
     assert "would pay after" in closed_loop.break_even
 
@@ -318,13 +303,15 @@ def test_where_a_race_is_undecided_no_loop_is_advised_a_path_that_the_other_beat
 
 
 @pytest.mark.parametrize(("spread", "launches"), [(0.15, 19), (0.2, 22), (0.3, 21), (0.3, 25)])
-def test_only_what_is_certainly_faster_is_advised_in_place_of_the_plain_loop(
+def test_only_what_is_likely_to_be_faster_is_advised_in_place_of_the_plain_loop(
     spread: float, launches: int
 ) -> None:
     entrants = [(ROLLOUT, 1.02), (BATCH_STEP, 1.02), (THREADS, 0.9)]
     advice = advise(derived(raced(entrants, spread=spread, launches=launches)))
     assert len(advice) == 2
-    assert all(each.speedup is None or each.speedup.is_above(1.0) for each in advice)
+    for each in advice:
+        likely = each.speedup is None or each.speedup.estimate > 1 + AS_GOOD
+        assert likely or (each.speedup and each.speedup.is_above(1.0))
 
 
 # how many threads
@@ -395,8 +382,8 @@ def test_a_file_of_an_earlier_version_has_none() -> None:
 def test_the_sentences_say_gain_and_interval_over_one_thread() -> None:
     text = thread_conclusion(advised(*scaled({1: 1.0, 2: 1.9, 4: 1.95})))
     assert text.startswith("mujoco.rollout: 2 threads, 1.9")
-    assert " times one thread (1." in text
-    assert text.endswith("); 4 threads gain less than 5 % more")
+    assert " × as fast (1." in text
+    assert text.endswith(") as one thread; 4 threads gain less than 5 % more")
     text = thread_conclusion(advised(*scaled({1: 1.0, 2: 0.9, 4: 0.7})))
     assert text == "mujoco.rollout: one thread; no number up to 4 is certainly faster"
     text = thread_conclusion(advised(*scaled({1: 1.0, 2: 1.9, 4: 3.6})), names_size=True)

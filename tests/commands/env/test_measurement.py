@@ -11,7 +11,6 @@ from example_environment_records import record as invented_record
 from mjbench.commands.env import measurement
 from mjbench.commands.env.child_process import EnvironmentPlan
 from mjbench.commands.env.layers import Layer
-from mjbench.commands.env.recording import Moment
 from mjbench.commands.env.result import EnvironmentRecord
 from mjbench.commands.env.source import resolve
 from mjbench.status import Status
@@ -32,12 +31,10 @@ def measured(factory: str, **plan: Any) -> EnvironmentRecord:
 def test_an_environment_is_measured_and_compared() -> None:
     record = measured("wrapped")
     assert (record.status, record.detail) == (Status.OK, "")
-    assert record.facts is not None
     assert record.facts.wrappers == ["Outer", "Wrapper"]
     assert (record.facts.nstep, record.facts.nepisode) == (40, 3)
     assert record.facts.episode_nstep == 15.0
     assert record.facts.calls == ["mj_step(nstep=4)"]
-    assert record.check is not None
     assert (record.check.status, record.check.checked, record.check.covered) == (
         Status.OK,
         40,
@@ -68,32 +65,16 @@ def test_an_environment_is_measured_and_compared() -> None:
         assert len(path.ns) == (rounds if path.status == Status.OK else 0)
 
 
-@pytest.mark.parametrize("factory", ["dm_control", "robosuite"])
-def test_other_frameworks_are_measured_as_well(factory: str, inline: None) -> None:
-    record = measured(factory)
-    assert record.facts is not None
-    assert (record.status, record.facts.framework) == (Status.OK, factory)
-    assert record.check is not None
+def test_another_framework_is_measured_as_well(inline: None) -> None:
+    record = measured("robosuite")
+    assert (record.status, record.facts.framework) == (Status.OK, "robosuite")
+    assert record.facts.calls == ["4 × (mj_step1, mj_step2)"]
     assert record.check.status == Status.OK
-    assert record.paths[0].ns
-
-
-def test_a_changed_model_is_said_and_not_compared(inline: None) -> None:
-    record = measured("NewGravity")
-    assert record.status == Status.OK
-    assert record.changes[0].field == "opt.gravity"
-    assert record.changes[0].moment == Moment.STEP
-    assert record.check is not None
-    assert record.check.status == Status.UNAVAILABLE
-    assert "opt.gravity" in record.check.detail
-    assert not record.paths
-    assert len(record.step_ns) >= 7  # its own times are there
 
 
 @pytest.mark.parametrize(
     ("factory", "status", "detail"),
     [
-        ("WritesBetween", Status.UNAVAILABLE, "writes qvel between steps of the engine"),
         ("Unseeded", Status.UNAVAILABLE, "its physics is not the same again"),
         ("StaleStart", Status.DISAGREES, "qpos[7] is "),
     ],
@@ -102,7 +83,6 @@ def test_what_cannot_be_compared_has_its_reason(
     factory: str, status: Status, detail: str, inline: None
 ) -> None:
     record = measured(factory)
-    assert record.check is not None
     assert record.check.status == status
     assert detail in record.check.detail
     assert not record.paths
@@ -110,10 +90,8 @@ def test_what_cannot_be_compared_has_its_reason(
 
 def test_physics_is_compared_where_only_what_steps_return_does_not_repeat(inline: None) -> None:
     record = measured("remembering")
-    assert record.facts is not None
     assert [each.field for each in record.facts.unrepeated] == ["observation"]
     assert not record.facts.repeats
-    assert record.check is not None
     assert record.check.status == Status.OK
     assert record.paths[0].ns
 
@@ -122,14 +100,9 @@ def test_physics_is_compared_where_only_what_steps_return_does_not_repeat(inline
     ("factory", "detail"),
     [
         ("Raises", "its step raised KeyError: 'no such sensor' (example_environments.py:"),
-        ("Exits", "its step raised SystemExit: 4"),
-        ("ReturnsNothing", "its step returned NoneType"),
         ("number", "int is no environment"),
-        ("Actionless", "neither action_space nor action_spec"),
-        ("Shapeless", "its action_space has neither sample() nor low and high"),
         ("Forwards", "none of its 40 steps called mj_step, mj_step1 or mj_step2"),
         ("NoPhysics", "no MuJoCo physics: none of its 40 steps called the engine"),
-        ("fails", "RuntimeError: no GPU here"),
         ("mak", "did you mean make"),
     ],
 )

@@ -65,11 +65,6 @@ def test_passes_return_the_same_and_with_other_actions_something_else() -> None:
     assert differing(same, other) == ["observation[7, 14]", "reward"]
 
 
-def test_an_environment_that_ignores_its_seed_does_not_repeat() -> None:
-    unseeded = passes(examples.Unseeded())
-    assert differing(unseeded, unseeded) == ["observation", "reward"]
-
-
 def test_a_clock_in_info_is_not_compared() -> None:
     timed = passes(examples.Timed())
     assert differing(timed, timed) == []

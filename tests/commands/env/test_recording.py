@@ -42,7 +42,6 @@ def test_every_call_is_repeated_by_a_plain_step(
     assert len(recording.steps) == NSTEP
     assert (recording.checked, recording.difference) == (checked, None)
     for trace in recording.steps:
-        assert trace is not None
         assert trace.calls == calls
         assert trace.nstep == 4
         assert trace.control.shape == (4, 1)
@@ -54,8 +53,6 @@ def test_every_call_is_repeated_by_a_plain_step(
 
 def test_a_step_begins_where_the_one_before_ended() -> None:
     first, second, *_ = recorded(examples.make()).steps
-    assert first is not None
-    assert second is not None
     assert (first.follows, second.follows) == (False, True)
     columns = [i for i in range(len(first.end)) if i != _ctrl_column()]
     assert np.array_equal(first.end[columns], second.start[columns])
@@ -70,15 +67,12 @@ def _ctrl_column() -> int:
 
 def test_a_controller_sets_another_control_for_each_step() -> None:
     trace = recorded(examples.robosuite()).steps[0]
-    assert trace is not None
     assert len(np.unique(trace.control)) == 4
 
 
 def test_fields_that_are_written_are_named() -> None:
     between = recorded(examples.WritesBetween()).steps[1]
     before = recorded(examples.Mocap()).steps[1]
-    assert between is not None
-    assert before is not None
     assert between.written == {"qvel"}
     assert (before.written, before.entered) == (frozenset(), {"mocap_pos"})
 
@@ -100,7 +94,6 @@ def test_the_model_of_most_steps_is_kept_as_it_was() -> None:
     environment = examples.NewMass()
     recording = recorded(environment, nstep=17)  # 15 steps of the first episode, 2 of the second
     assert recording.version == 0
-    assert recording.model is not None
     assert recording.model.body_mass[2] != environment.model.body_mass[2]
 
 

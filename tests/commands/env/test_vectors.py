@@ -112,7 +112,10 @@ def added(folder: Path, name: str) -> EnvironmentRecord:
 
 @needs_gymnasium
 def test_both_forms_do_what_one_environment_does_and_are_timed(tmp_path: Path) -> None:
-    measured = added(tmp_path, "Point").vectors
+    """Also where it remembers earlier episodes: it is compared with its like."""
+    whole = added(tmp_path, "Remembering")
+    measured = whole.vectors
+    assert whole.no_vectors == ""
     assert [(v.form, v.nenv) for v in measured] == [
         (VectorForm.SYNC, 1),
         (VectorForm.ASYNC, 1),
@@ -123,15 +126,6 @@ def test_both_forms_do_what_one_environment_does_and_are_timed(tmp_path: Path) -
         assert (vector.status, vector.detail) == (Status.OK, "")
         assert len(vector.ns) == len(vector.single_ns) == FEW_LAUNCHES
     assert [vector.ncore for vector in measured[:3]] == [1, 1, 1]
-
-
-@needs_gymnasium
-def test_an_environment_that_remembers_earlier_episodes_is_compared_with_its_like(
-    tmp_path: Path,
-) -> None:
-    measured = added(tmp_path, "Remembering")
-    assert measured.no_vectors == ""
-    assert {vector.status for vector in measured.vectors} == {Status.OK}
 
 
 @needs_gymnasium

@@ -129,7 +129,7 @@ def test_a_rate_is_of_ticks_and_steps_are_whole_ticks(inline: None) -> None:
     given = LatencyOptions(tick=4, nstep=400)
     (row, paced) = (
         latency.row("cartpole", each, None)
-        for each in latency.measure(models.resolve("cartpole"), given.starts, given)
+        for each in latency.measure(models.resolve("cartpole"), given.starts, given, 1.0)
     )
     assert (row.tick, row.ntick, row.deadline_s) == (4, 100, pytest.approx(0.008))
     assert paced.rate_hz == pytest.approx(125)

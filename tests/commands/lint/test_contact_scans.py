@@ -101,3 +101,22 @@ def test_names_of_contacts_are_not_to_be_looked_up_before_the_loop(
 def test_names_beside_contacts_are(tmp_path: Path) -> None:
     line = "for c in data.contact: depth += c.dist * data.body('tip').xpos[2]"
     assert len(findings(tmp_path, looping(line), "MJB002")) == 1
+
+
+METHODS = """
+class Env:
+    def {name}(self, action):
+        for _ in range(5):
+            mujoco.mj_step(self.model, self.data)
+        return self.{called}()
+    def touches(self):
+        return any(3 in c.geom for c in self.data.contact)
+"""
+
+
+def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
+    text = METHODS.format(name="step", called="touches")
+    (finding,) = findings(tmp_path, text, "MJB019")
+    assert finding.message.endswith("; step() in line 6 calls this")
+    assert findings(tmp_path, METHODS.format(name="step", called="height"), "MJB019") == []
+    assert findings(tmp_path, METHODS.format(name="run", called="touches"), "MJB019") == []

@@ -38,7 +38,7 @@ def test_stored_views_are_one_state(faults: ModuleType) -> None:
 
 TIMED = [
     *("MJB002", "MJB003", "MJB005", "MJB006", "MJB007", "MJB010", "MJB011", "MJB014", "MJB017"),
-    *("MJB018", "MJB019"),
+    *("MJB018", "MJB019", "MJB020"),
 ]
 
 
@@ -98,3 +98,20 @@ def test_each_new_function_is_compiled_or_jax_is_missing(
     assert done.stdout.strip().endswith("4 of new lambdas, 1 of one function")
     monkeypatch.setitem(sys.modules, "jax", None)
     assert faults.new_jitted_function() == "needs jax: pip install jax"
+
+
+def test_a_replaced_state_is_the_one_put_on_the_device_or_mjx_is_missing(
+    faults: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco.mjx", None)
+    monkeypatch.delattr("mujoco.mjx", raising=False)
+    assert faults.new_device_copy().startswith("needs mujoco-mjx")
+    if importlib.util.find_spec("jax") is None:
+        pytest.skip("jax is not installed")
+    command = [sys.executable, str(PROGRAM), "MJB022"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "to replace" in done.stdout
+
+
+def test_a_viewer_is_synced_or_needs_a_screen(faults: ModuleType) -> None:
+    assert re.match("ns a step|needs a screen", faults.synced_viewer())

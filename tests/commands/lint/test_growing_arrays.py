@@ -104,3 +104,17 @@ def test_a_name_of_a_function_begins_anew_with_each_call(tmp_path: Path) -> None
             observe(data)
     """
     assert findings(tmp_path, text, "MJB018") == []
+
+
+def test_an_attribute_grows_in_a_method_that_steps(tmp_path: Path) -> None:
+    text = """
+        class Env:
+            def step(self, action):
+                mujoco.mj_step(self.model, self.data)
+                self.log = np.vstack([self.log, self.data.qpos])
+                {after}
+            def reset(self):
+                self.log = np.empty((0, 3))
+    """
+    assert len(findings(tmp_path, text.format(after="pass"), "MJB018")) == 1
+    assert findings(tmp_path, text.format(after="self.log = self.log[-9:]"), "MJB018") == []

@@ -261,3 +261,88 @@ def test_rollout_with_threads_of_its_own_is_found_in_a_loop(tmp_path: Path) -> N
 )
 def test_rollout_without_threads_or_with_a_pool_is_no_finding(tmp_path: Path, call: str) -> None:
     assert findings(tmp_path, ROLLOUT.format(call=call), "MJB014") == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def swing(gain):\n    move = jax.jit(lambda d: f(d, -gain * d))\n    return move(start)\n"
+        "for gain in gains:\n    swing(gain)",
+        "def reset():\n    @jax.jit\n    def move(d): return d + 1\n    return move(start)\n"
+        "for _ in range(9):\n    reset()",
+    ],
+)
+def test_a_function_that_the_loop_calls_compiles_in_every_iteration(
+    tmp_path: Path, text: str
+) -> None:
+    (finding,) = findings(tmp_path, JIT + text, "MJB013")
+    assert finding.message.endswith("calls this in every iteration")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def swing(f):\n    move = jax.jit(lambda d: f(d))\n    return move(start)\n"
+        "for f in functions:\n    swing(f)",
+        "def run(model):\n    mx = mjx.put_model(model)\n"
+        "    move = jax.jit(lambda d: mjx.step(mx, d))\n    return move(start)\n"
+        "for model in models:\n    run(model)",
+        "def run():\n    move = jax.jit(lambda d: d + 1)\n    return move(start)\nrun()",
+        "def moves():\n    return jax.jit(lambda d: d + 1)\nfor _ in range(9):\n    moves()",
+    ],
+)
+def test_a_function_that_differs_with_each_call_is_no_finding(tmp_path: Path, text: str) -> None:
+    assert findings(tmp_path, JIT + text, "MJB013") == []
+
+
+DEVICE = """
+import jax
+from mujoco import mjx
+model = mujoco.MjModel.from_xml_string(XML)
+data = mujoco.MjData(model)
+mx = mjx.put_model(model)
+step = jax.jit(mjx.step)
+def reset():
+    mujoco.mj_resetData(model, data)
+    return mjx.put_data(model, data)
+for episode in range(episodes):
+    {line}
+    for _ in range(20):
+        dx = step(mx, dx)
+"""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "dx = reset()",
+        "dx = mjx.put_data(model, data)",
+        "mx = mjx.put_model(model)",
+        "mujoco.mj_resetData(model, data); dx = mjx.put_data(model, data, device=gpu)",
+    ],
+)
+def test_what_goes_to_the_device_in_every_episode_is_found(tmp_path: Path, line: str) -> None:
+    (finding,) = findings(tmp_path, DEVICE.format(line=line), "MJB022")
+    assert finding.callee in ("put_data", "put_model")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "dx = first.replace(qpos=starts[episode])",
+        "if dx is None: dx = mjx.put_data(model, data)",
+        "dx = mjx.put_data(models[episode], data)",
+        "model.geom_friction[:, 0] = 1 + episode; mx = mjx.put_model(model)",
+        "model.body('hand').mass[:] = 1; mx = mjx.put_model(model)",
+        "randomize(model); mx = mjx.put_model(model)",
+        "model = mujoco.MjModel.from_xml_string(XML); mx = mjx.put_model(model)",
+        "dx = mjx.put_data(model, data, impl=ways[episode])",
+    ],
+)
+def test_another_model_on_the_device_is_no_finding(tmp_path: Path, line: str) -> None:
+    assert findings(tmp_path, DEVICE.format(line=line), "MJB022") == []
+
+
+def test_a_loop_that_does_not_step_on_the_device_is_no_finding(tmp_path: Path) -> None:
+    text = "from mujoco import mjx\nfor data in datas:\n    batch.append(mjx.put_data(model, data))"
+    assert findings(tmp_path, text, "MJB022") == []

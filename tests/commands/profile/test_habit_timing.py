@@ -50,16 +50,10 @@ def test_the_budget_bounds_the_launches(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(isolate, "call", call)
     for budget_s, count in (
         (0.5, habit_timing.LEAST_LAUNCHES),
-        (3.5, 4),
+        (4.5, 4),
         (100.0, habit_timing.LAUNCHES),
     ):
         ended.clear()
         source = models.resolve("cartpole")
         habit_timing.measure(source, budget_s=budget_s, clock=lambda: float(len(ended)))
         assert ended == list(range(count))
-
-
-def test_the_row_of_a_failure_has_nothing_but_its_reason() -> None:
-    row = habit_timing.OverheadRow("robot.xml", Status.INPUT, "no such file")
-    assert not row.is_measured
-    assert (row.status, row.detail, row.bare_ns, row.costs) == ("input", "no such file", None, None)

@@ -68,12 +68,6 @@ def available(model: mujoco.MjModel) -> set[str]:
     return {habit.name for habit in habits.HABITS if habit.requires(model, "")}
 
 
-def test_names_are_unique_and_cheaper_forms_exist() -> None:
-    names = [habit.name for habit in habits.HABITS]
-    assert len(names) == len(set(names))
-    assert {habit.cheaper for habit in habits.HABITS if habit.cheaper} <= set(names)
-
-
 def test_a_model_whose_joints_have_no_names_has_no_access_by_name() -> None:
     names = available(models.load(models.resolve("pile")))
     assert "named access by name" not in names

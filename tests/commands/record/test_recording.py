@@ -175,10 +175,6 @@ def test_no_step_gives_empty_arrays() -> None:
     assert recorded["contact.pos"].values.shape[0] == 0
 
 
-def test_it_is_public_as_mjbench_record() -> None:
-    assert mjbench.record is record
-
-
 SAME_MOMENT_FIELDS = [
     ["xpos", "site:pole_tip.xpos"],
     ["contact.dist", "qpos"],

@@ -181,6 +181,55 @@ def test_where_nothing_is_worth_a_change_the_reason_and_the_next_step_are_said(
     assert text in program.conclusion(row(time))
 
 
+def lines(*shares: float, activity: Activity = Activity.NUMPY) -> list[LineTime]:
+    places = (replace(PLACE, line=5 + i) for i in range(len(shares)))
+    return [
+        LineTime(place, share, {activity: share})
+        for place, share in zip(places, shares, strict=True)
+    ]
+
+
+def test_the_costliest_place_without_a_remedy_is_named_first_and_as_that() -> None:
+    costly = loop({Activity.PHYSICS: 0.2, Activity.NUMPY: 0.8})
+    costly = replace(costly, lines=lines(0.3, 0.2, 0.0, 0.2, 0.1, 0.02))
+    numpy = "your own Python and NumPy at train.py:5, 6, 8, …: 82 % of the loop in train.py:5–9"
+    assert program.conclusion(row(costly)) == (
+        f"{numpy}; no change is known for this. Physics takes 20 %"
+    )
+    said = program.conclusion(row(costly, replace(remedy(), gain=0.1)))
+    assert said.startswith(f"{numpy}; no change is known for this. Then, at train.py:7, do")
+
+
+def test_a_place_with_a_remedy_is_named_for_that_and_what_has_none_with_its_share() -> None:
+    mixed = replace(MIXED, lines=[*lines(0.1), replace(lines(0.3)[0], place=PLACE)])
+    section = list(program.sections([row(mixed, remedy())]))
+    assert section[0].conclusions[0].text.startswith("train.py: first, at train.py:7, do otherwise")
+    assert section[1].facts[1] == (
+        "Without a known change: your own Python and NumPy at train.py:5: 10 % of the loop"
+    )
+
+
+def test_a_package_and_other_activities_are_named_as_what_they_are() -> None:
+    (line,) = lines(0.9, activity=Activity.PYTHON)
+    of_package = loop({Activity.PYTHON: 0.9})
+    of_package = replace(of_package, lines=[replace(line, package="gymnasium")])
+    assert program.conclusion(row(of_package)).startswith("gymnasium at train.py:5: 90 %")
+    policy = replace(loop({}), lines=lines(0.9, activity=Activity.POLICY))
+    assert program.conclusion(row(policy)).startswith("policy at train.py:5: 90 %")
+
+
+def test_of_a_process_that_waits_for_busy_workers_only_that_is_said() -> None:
+    of_workers = {Activity.NUMPY: 0.98, Activity.PROCESSES: 0.02}
+    workers = replace(loop(of_workers), pids=[2, 3], in_main=False, lines=lines(0.98))
+    waiting = replace(loop({Activity.PROCESSES: 1.0}), loop=SourceLoop("train.py", 30, 30))
+    both = replace(row(waiting), loops=[LoopReport(waiting, []), LoopReport(workers, [])])
+    first, then = next(program.sections([both])).conclusions
+    assert first.text.startswith("train.py: your own Python and NumPy at train.py:5: 98 %")
+    assert then.text == (
+        "train.py:30 waits for 2 workers, busy for 98 % of their time: nothing to save there"
+    )
+
+
 NEARLY_PHYSICS = loop({Activity.PHYSICS: 0.9, Activity.PYTHON: 0.1})
 PHYSICS = PhysicsCost(
     20_000.0,

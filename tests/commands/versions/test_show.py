@@ -96,7 +96,7 @@ def test_a_verdict_says_what_the_placement_adds(effect: Interval, text: str) -> 
         (
             Verdict.FASTER,
             Interval(0.1, 0.08, 0.125),
-            ": faster, 10 times as fast (interval 8 to",
+            ": faster, 10 times as fast (interval 8–",
         ),
         (Verdict.SLOWER, Interval(1.9, 1.8, 2.0), ": slower by 90 % ("),
         (

@@ -87,12 +87,7 @@ LINE_REMEDIES = (
         lint_rules.NEW_ARRAY,
     ),
     LineRemedy(re.compile(""), "", RemedyPair(new_array), lint_rules.NEW_ARRAY),
-    LineRemedy(
-        re.compile(r"\.contact\[|\bin\b.*\.contact\b(?!\.)"),
-        "each contact becomes an object of Python: data.contact.geom, .dist, .pos and the like are"
-        " arrays of all contacts, to be read once for each step",
-        RemedyPair(contacts),
-    ),
+    LineRemedy(re.compile(r"\bin\b.*\.contact\b(?!\.)"), "", RemedyPair(contacts), "MJB019"),
     LineRemedy(
         re.compile(r"\blinalg\.p?inv\("),
         "np.linalg.solve(a, b) takes less time than an inverse times b. For the mass matrix,"
@@ -100,10 +95,6 @@ LINE_REMEDIES = (
         " squares (j.T @ np.linalg.solve(j @ j.T + damping * np.eye(3), x)) take less than"
         " pinv",
         effect="rounding; damping changes the result near singular Jacobians",
-    ),
-    LineRemedy(
-        re.compile(r"\bmj_contactForce\("),
-        "choose contacts by data.contact.geom first, and call this for those alone",
     ),
     LineRemedy(
         re.compile(r"\.tolist\(|\bfloat\(\w+\) for "),
@@ -120,7 +111,7 @@ def line_remedies(
     of_line = [
         each
         for each in findings
-        if (each.file, each.line) == place.position and each.ns_per_step is not None
+        if (each.file, each.line) == place.position and not each.is_wrong_result
     ]
     codes = set[str]()
     for remedy in LINE_REMEDIES:
@@ -129,6 +120,16 @@ def line_remedies(
         if applies and remedy.code not in codes and remedy.line.search(place.text):
             codes.add(remedy.code)
             yield remedy, matching
+
+
+def has_row(finding: Finding, lines: Sequence[LineTime]) -> bool:
+    """Return whether a row is about a finding at its own line, of lines that it is about."""
+    texts = [line.place.text for line in lines if line.place.line == finding.line]
+    return any(
+        row.code == finding.code and row.line.search(text)
+        for row in LINE_REMEDIES
+        for text in texts
+    )
 
 
 def saved(

@@ -12,26 +12,24 @@ from dataclasses import replace
 
 from mjbench.commands.lint import check as lint
 from mjbench.commands.lint.check import Finding
-from mjbench.commands.run.activities import WAITING, Activity, Place
+from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime, Incident
-from mjbench.commands.run.hook import call_clock, file_owners
+from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime, shares_of
 from mjbench.commands.run.remedies import line_remedies, loop_remedies
 from mjbench.commands.run.remedies.call_remedies import CALL_REMEDIES
 from mjbench.commands.run.remedies.call_savings import CallRemedy, CallsInLoop, count_of, seconds_of
-from mjbench.commands.run.remedies.loop_remedies import ADVICE, of_samples
+from mjbench.commands.run.remedies.loop_remedies import of_samples
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Remedy, RemedyKind
 from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair
 from mjbench.errors import InputError
 
 # A line that is one call.
 _ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)(\s*#.*)?$")
-# A line that looks up names, or takes views of the engine's arrays.
-_READS_VIEWS = re.compile(
-    r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
-)
-# Activities that are changed line by line; each of the others is one thing to change.
+# Activities that samples tell by the text of a line.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
+# Rules whose findings are about calls that are timed, or about simulations in turn.
+_BY_CALLS = {"MJB006"}.union(*(remedy.codes for remedy in CALL_REMEDIES))
 # Of calls whose line does little else.
 _WITH_THEIR_LINE = (Activity.COPYING, Activity.STARTING)
 
@@ -85,12 +83,7 @@ def remedies(
         *loop_remedies.of_turns(loop, measured, incidents),
     ]
     if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
-        listed = [
-            replace(each, text=f"{each.text}; here the processor draws (software rendering)")
-            if each.activity == Activity.RENDERING
-            else each
-            for each in listed
-        ]
+        listed += loop_remedies.of_software_rendering(loop, listed)
     worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
     return sorted(worthwhile, key=lambda remedy: remedy.rank)
 
@@ -104,28 +97,19 @@ def _savings(
     loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios, others_busy_s: float
 ) -> Iterator[Remedy]:
     of_calls = list(_of_calls(loop, findings, measured))
-    whole = (loop.activities.keys() & ADVICE.keys()) - _OF_LINES
-    if any(remedy.activity == Activity.STARTING for remedy in of_calls):
-        whole -= {Activity.PROCESSES}  # the loop also waits for processes to begin
     if (building := loop_remedies.of_building(loop)) is not None:
         # a model that is built is compiled, too, and has an MjData of its own
         of_model = {Activity.LOADING, Activity.COPYING}
         of_calls = [remedy for remedy in of_calls if remedy.activity not in of_model]
-        whole -= of_model
         yield building
     yield from of_calls
     yield from loop_remedies.of_timer(loop, measured)
+    yield from loop_remedies.of_collection(loop)
     if loop.samples < FEW_SAMPLES:
-        if Activity.COLLECTION in loop.activities:
-            yield loop_remedies.of_activity(loop, Activity.COLLECTION)
         return
-    for activity in sorted(whole):
-        if not loop.is_timed(activity) or not any(r.activity == activity for r in of_calls):
-            remedy = loop_remedies.of_activity(loop, activity)
-            if activity in WAITING and remedy.gain is not None:
-                gain = min(remedy.gain, 1 - others_busy_s / loop.seconds)
-                remedy = replace(remedy, gain=gain, share=remedy.gain)
-            yield remedy
+    if not any(remedy.activity == Activity.STARTING for remedy in of_calls):
+        # otherwise the loop also waits for processes to begin
+        yield from loop_remedies.of_messages(loop, others_busy_s)
     yield from _of_lines(loop, findings, measured)
 
 
@@ -202,54 +186,57 @@ def _of_calls(
 def _of_lines(
     loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios
 ) -> Iterator[Remedy]:
-    """Yield what to do about each line, and about what no line shows."""
-    unexplained = {each: share for each, share in loop.activities.items() if each in _OF_LINES}
-    by_function: dict[tuple[str, str], list[LineTime]] = defaultdict(list)
+    """Yield what to do about each line that has a remedy of its own, and each that lint finds."""
+    yield from _of_findings(loop, findings)
     for line in loop.lines:
-        by_function[line.place.file, line.place.function].append(line)
-    for of_function in by_function.values():
-        lines = sorted(of_function, key=_avoidable, reverse=True)
-        if not _avoidable(lines[0]):
+        if _avoidable(line) >= LEAST_GAIN and not _is_of_calls(loop, line):
+            yield from _of_line(loop, line, findings, measured)
+
+
+def _of_findings(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[Remedy]:
+    """Yield what lint says of lines whose remedy no row of a table knows, with their share."""
+    for finding in findings:
+        last = finding.last_line or finding.line
+        lines = [
+            line
+            for line in loop.lines
+            if line.place.file == finding.file and finding.line <= line.place.line <= last
+        ]
+        has_row = line_remedies.has_row(finding, lines)
+        if not lines or finding.is_wrong_result or finding.code in _BY_CALLS or has_row:
             continue
-        if _is_spread(loop, lines):
-            yield _of_function(loop, lines)
-        else:
-            for line in lines:
-                if _avoidable(line) >= LEAST_GAIN:
-                    yield from _of_line(loop, line, findings, measured)
-        for line in lines:
-            for activity in line.activities.keys() & _OF_LINES:
-                unexplained[activity] -= line.activities[activity]
-    for activity, share in unexplained.items():
-        if activity != Activity.BINDINGS:  # what no line shows is the calls themselves
-            yield of_samples(loop, activity, None, ADVICE[activity], share)
-
-
-def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
-    """Return whether no line stands out; the lines of the loop itself are always named."""
-    is_loop = any(loop.loop.holds(line.place.position) for line in lines)
-    return not is_loop and _avoidable(lines[0]) < sum(map(_avoidable, lines)) / 2
+        # a step on the line of a finding about one line stays
+        left = None if finding.last_line else Activity.PHYSICS
+        parts = [part for line in lines for part in line.activities.items() if part[0] != left]
+        shares = shares_of(parts, 1.0)
+        share = min(1.0, sum(shares.values()))
+        if share:
+            place = Place(finding.file, finding.line, lines[0].place.function)
+            remedy = of_samples(
+                loop, next(iter(shares)), place, finding.message, share, RemedyKind.LINE
+            )
+            yield replace(remedy, code=finding.code, share=share, last_line=finding.last_line)
 
 
 def _avoidable(line: LineTime) -> float:
     return sum(share for activity, share in line.activities.items() if activity in _OF_LINES)
 
 
-def _main_cost(lines: Sequence[LineTime]) -> Activity:
-    parts = (part for line in lines for part in line.activities.items() if part[0] in _OF_LINES)
-    return next(iter(shares_of(parts, 1.0)), Activity.PYTHON)
+def _is_of_calls(loop: LoopTime, line: LineTime) -> bool:
+    """Return whether what samples saw beside a timed call makes it, or frees its result."""
+    of_line = [call for call in loop.calls if call.place.position == line.place.position]
+    is_one_call = bool(of_line) and _ONE_CALL.match(line.place.text) is not None
+    return is_one_call or any(
+        call.is_callback or call.activity in _WITH_THEIR_LINE for call in of_line
+    )
 
 
 def _of_line(
     loop: LoopTime, line: LineTime, findings: Sequence[Finding], measured: MeasuredRatios
 ) -> Iterator[Remedy]:
-    """Yield what to do about a line: what lint says of it, and about what that leaves."""
-    activity, share = _main_cost([line]), _avoidable(line)
-    of_line = [call for call in loop.calls if call.place.position == line.place.position]
-    is_one_call = bool(of_line) and _ONE_CALL.match(line.place.text)
-    has_remedy = any(call.is_callback or call.activity in _WITH_THEIR_LINE for call in of_line)
-    if is_one_call or has_remedy:
-        return  # what samples saw beside the call makes it, or frees its result
+    share = _avoidable(line)
+    parts = (part for part in line.activities.items() if part[0] in _OF_LINES)
+    activity = next(iter(shares_of(parts, 1.0)))
     for row, matching in line_remedies.line_remedies(line.place, findings):
         saving = line_remedies.saved(loop, line, row, len(matching), share, measured)
         if saving is None:
@@ -265,18 +252,3 @@ def _of_line(
             share=share,
         )
         share -= gain
-    text = ADVICE[activity]
-    if line.package and line.package not in (file_owners.STANDARD_LIBRARY, "numpy"):
-        text = f"time in {line.package}"
-        if Activity.PHYSICS in line.activities:
-            text = f"{text} beside physics; `mjbench env` takes an environment apart"
-    elif activity == Activity.BINDINGS and not _READS_VIEWS.search(line.place.text):
-        text = "the calls of the engine themselves: make fewer of them, each for more"
-    yield of_samples(loop, activity, line.place, text, share, RemedyKind.LINE)
-
-
-def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:
-    activity, share = _main_cost(lines), sum(map(_avoidable, lines))
-    place = replace(lines[0].place, text="")
-    text = f"{place.function}() as a whole: {ADVICE[activity]}"
-    return of_samples(loop, activity, place, text, share, RemedyKind.LINE)

@@ -20,24 +20,19 @@ from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPai
 from mjbench.host import machine
 from mjbench.simulation import engine_clock
 
-# What to do about an activity, where nothing more is known; others have remedies of their calls, or
-# are no cost by themselves. Modules are imported once, wherever that is.
-ADVICE: Mapping[Activity, str] = {
-    Activity.PYTHON: "do less in Python here: compute with whole arrays, or less often",
-    Activity.BINDINGS: "look names up, and take views of the engine's arrays, once before the loop",
-    Activity.NUMPY: "compute less often, or on fewer and larger arrays",
-    Activity.POLICY: "the policy takes this long: batch its inputs, or use a smaller one",
-    Activity.RENDERING: "render fewer frames, or smaller ones; EGL on a GPU is fastest",
-    Activity.LOGGING: "write less often, and more at a time",
-    Activity.PROCESSES: "give each process more work for a message, or use threads (rollout)",
-    Activity.THREADS: "the loop waits for another thread of the program. A step needs no GIL, but"
-    " the Python around it does: let each thread take more steps for each wait; `mjbench compare"
-    " MODEL --paths python_loop,threads,batch_step` says what threads and mujoco.batch.Batch gain",
-    Activity.SLEEPING: "the program sleeps: leave it out where nobody watches; to keep real time,"
-    " sleep until begin + i × timestep, so that no delay adds up",
-    Activity.COLLECTION: "call gc.freeze() after set-up, or gc.disable() in the loop",
-    Activity.LOADING: "load or compile models before the loop",
+# What to do about waiting in which nobody works.
+_MESSAGES_ADVICE: Mapping[Activity, str] = {
+    Activity.PROCESSES: "the loop waits and no process works meanwhile: give each process more work"
+    " for a message, or use threads (rollout)",
+    Activity.THREADS: "the loop waits and no thread works meanwhile: let each thread take more"
+    " steps for each wait; `mjbench compare MODEL --paths python_loop,threads,batch_step` says what"
+    " threads and mujoco.batch.Batch gain",
 }
+_COLLECTION_ADVICE = "call gc.freeze() after set-up, or gc.disable() in the loop"
+_SOFTWARE_ADVICE = (
+    "the processor draws (software rendering): with a graphics card, its own driver draws"
+    " (MUJOCO_GL=egl)"
+)
 _BUILDING_ADVICE = (
     "build and compile the model once before the loop: change the compiled model, or keep a pool"
     " of bodies"
@@ -60,14 +55,35 @@ def of_samples(
     return Remedy(kind, activity, place, text, share, loop.error(share))
 
 
-def of_activity(loop: LoopTime, activity: Activity) -> Remedy:
+def _of_activity(
+    loop: LoopTime, activity: Activity, text: str, share: float, kind: RemedyKind
+) -> Remedy:
     """Return what to do about an activity as a whole, at the line where most of it is."""
     lines = [line for line in loop.lines if activity in line.activities]
     most = max(lines, key=lambda line: line.activities[activity], default=None)
-    place = most.place if most else None
-    is_collection = activity == Activity.COLLECTION
-    kind = RemedyKind.COLLECTION if is_collection else RemedyKind.ACTIVITY
-    return of_samples(loop, activity, place, ADVICE[activity], loop.activities[activity], kind)
+    return of_samples(loop, activity, most.place if most else None, text, share, kind)
+
+
+def of_collection(loop: LoopTime) -> Iterator[Remedy]:
+    activity = Activity.COLLECTION
+    if share := loop.activities.get(activity):
+        yield _of_activity(loop, activity, _COLLECTION_ADVICE, share, RemedyKind.COLLECTION)
+
+
+def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
+    """Yield what to do about the share of a loop in which it waits, and nobody else works."""
+    for activity, text in _MESSAGES_ADVICE.items():
+        if share := loop.activities.get(activity):
+            idle = min(share, max(0.0, 1 - others_busy_s / loop.seconds))
+            yield _of_activity(loop, activity, text, idle, RemedyKind.ACTIVITY)
+
+
+def of_software_rendering(loop: LoopTime, listed: Sequence[Remedy]) -> Iterator[Remedy]:
+    """Yield what to do about drawing by the processor, of which other remedies leave a part."""
+    activity = Activity.RENDERING
+    saved = sum(each.gain or 0.0 for each in listed if each.activity == activity)
+    share = loop.activities.get(activity, 0.0) - saved
+    yield _of_activity(loop, activity, _SOFTWARE_ADVICE, share, RemedyKind.ACTIVITY)
 
 
 def of_building(loop: LoopTime) -> Remedy | None:

@@ -4,7 +4,7 @@ import enum
 import math
 from dataclasses import dataclass
 
-from mjbench.bounds import AnyFloat
+from mjbench.bounds import AnyFloat, NonNegativeInt
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.interval import Interval
 
@@ -56,6 +56,7 @@ class Remedy:
       basis: where the gain comes from.
       share: of the loop's time that the calls or lines take now; None for a wrong result.
       effect: what it changes in results.
+      last_line: of a remedy for several lines; None for one line.
     """
 
     kind: RemedyKind
@@ -68,6 +69,19 @@ class Remedy:
     basis: Basis = Basis.BOUND
     share: AnyFloat | None = None
     effect: str = ""
+    last_line: NonNegativeInt | None = None
+
+    def is_at(self, place: Place) -> bool:
+        """Whether a line is one of those that it is about."""
+        if self.place is None or self.place.file != place.file:
+            return False
+        return self.place.line <= place.line <= (self.last_line or self.place.line)
+
+    @property
+    def where(self) -> str:
+        """Its lines; empty for the whole loop."""
+        last = f"–{self.last_line}" if self.last_line else ""
+        return f"{self.place}{last}" if self.place is not None else ""
 
     @property
     def is_certain(self) -> bool:

@@ -1,0 +1,85 @@
+"""Two runs of one kind, figure by figure."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from set_files import labelled
+from verdict_records import SAME, SLOWER, of_model
+
+from mjbench.commands.show import side_by_side
+from mjbench.commands.show.reports import NamedRun
+from mjbench.commands.show.side_by_side import FigureDifference, Pair, pair_of
+from mjbench.errors import InputError
+from mjbench.host.disturbance import Disturbance
+from mjbench.host.machine import Machine
+from mjbench.interval import Interval
+from mjbench.paired.records import VerdictRecord
+from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
+
+DESK, LAPTOP = labelled("desk"), labelled("laptop")
+
+
+def named(*records: Record, began: str = "", machine: Machine = DESK) -> NamedRun:
+    header = RunHeader(SCHEMA, "versions", machine, {}, began=began)
+    return NamedRun(Path(f"{began or 'run'}.jsonl"), Run(header, records))
+
+
+def with_ratio(estimate: float, low: float, high: float) -> VerdictRecord:
+    return replace(SLOWER, ratio=Interval(estimate, low, high))
+
+
+def differences(old: NamedRun, new: NamedRun) -> dict[str, FigureDifference]:
+    rows = side_by_side.differences(Pair(old, new), across=False)
+    return {row.figure: row for row in rows if isinstance(row, FigureDifference)}
+
+
+def test_the_older_run_is_the_baseline() -> None:
+    early, late = named(SAME, began="2026-11-01"), named(SLOWER, began="2026-11-02")
+    assert pair_of([late, early], across=False) == Pair(early, late)
+
+
+def test_runs_of_two_machines_are_a_pair_only_across_them() -> None:
+    two = [named(SAME), named(SLOWER, machine=LAPTOP)]
+    assert pair_of(two, across=False) is None
+    assert pair_of(two, across=True) == Pair(*two)
+
+
+def test_one_run_or_three_are_no_pair() -> None:
+    assert pair_of([named(SAME)], across=True) is None
+    assert pair_of([named(SAME)] * 3, across=True) is None
+
+
+def test_what_is_the_same_in_both_is_left_out() -> None:
+    assert differences(named(SAME), named(SAME)) == {}
+
+
+@pytest.mark.parametrize(("low", "are_apart"), [(1.15, True), (1.05, False)])
+def test_a_figure_with_an_interval_is_one_row(low: float, are_apart: bool) -> None:
+    old, new = with_ratio(1.0, 0.9, 1.1), with_ratio(1.2, low, 1.3)
+    rows = differences(named(old), named(new))
+    assert rows.keys() == {"ratio"}
+    assert rows["ratio"].ratio == pytest.approx(1.2)
+    assert rows["ratio"].are_apart == are_apart
+    assert differences(named(new), named(old))["ratio"].are_apart == are_apart
+
+
+def test_texts_have_no_ratio() -> None:
+    row = differences(named(SAME), named(replace(SAME, detail="late")))["detail"]
+    assert (row.old, row.new, row.ratio) == (None, "late", None)
+
+
+def test_rows_are_compared_with_those_about_the_same() -> None:
+    old = named(SAME, of_model(SLOWER, "n"))
+    new = named(of_model(replace(SLOWER, launches=99), "n"), SAME)
+    (row,) = differences(old, new).values()
+    assert row.row.startswith("n, ")
+    with pytest.raises(InputError, match="no row in common"):
+        differences(named(SAME), named(of_model(SAME, "other")))
+
+
+def test_what_disturbed_a_run_comes_first() -> None:
+    pair = Pair(named(SAME), named(SLOWER, Disturbance([], 0.2)))
+    section = side_by_side.section(pair, side_by_side.differences(pair, across=False))
+    assert section.conclusions[0].text.startswith("NEW: Disturbed: the host took 20 %")
+    assert section.facts[0].startswith("OLD: run.jsonl")
