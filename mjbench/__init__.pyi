@@ -50,9 +50,10 @@ def checkup(
         from its first compiled function on; `none` runs it to its end. In seconds.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
-      states: Draw start states, and their controls if there are any, from this file, which
-        `mjbench.capture` wrote in your program, or which has arrays by MjData field, as
-        `mjbench.record` returns them. A path, or a dictionary of arrays.
+      states: Draw start states, and their controls if there are any, from this file. `with
+        mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
+        by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
+        (nstate, nu): `mjbench.record` returns them. A path, or a dictionary of arrays.
       time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
@@ -71,10 +72,11 @@ def compare(
     nbatch: int | Iterable[int] | None = None,
     returns: str = "final",
     nstep: int | None = None,
+    hold: int | None = None,
     total_steps: float | None = None,
+    rl: bool = False,
     budget_s: float | None = None,
     quick: bool = False,
-    hold: int = 1,
     seed: int = 0,
     settle_s: float | None = None,
     states: States | None = None,
@@ -92,28 +94,34 @@ def compare(
     Args:
       *models: names as on the command line, paths, MjModels or MjSpecs.
       on_progress: called with what is measured now, and the share of all work that is done.
-      paths: Compare these (see `mjbench paths`), or MODULE:CLASS of your own, and python_loop,
-        which is always added; `c` stands for all C paths, `usual` for those and, where installed,
-        MJX. Default: c.
+      paths: Ways of stepping to compare, such as rollout, batch_step, mjx, warp (see `mjbench
+        paths`), or MODULE:CLASS of your own; python_loop is always added. `c` stands for all C
+        paths, `usual` for those and, where installed, mjx. Default: c.
       threads: Thread counts. Default: 1 and usable cores.
       chunk: Simulations that a thread takes at a time.
       options: Values of any other option of a path, such as pool=new or checks=off.
-      nbatch: Simulations; several values are measured one after the other. Default: up to 64.
+      nbatch: Simulations. Several values are measured one after the other. Default: 64; fewer where
+        the plain loop would take more than 20 ms.
       returns: What every path returns: final states; the state after every step, too; and sensor
         data of every step, too, which are of the state before it.
-      nstep: Steps of each simulation. Default: up to 100.
+      nstep: Steps of each simulation. Default: 100; fewer where the plain loop would take more than
+        20 ms; --hold with --rl.
+      hold: Steps for which each control is held: an environment's frame_skip. Default: 1; 5 with
+        --rl.
       total_steps: Steps that you will take in all simulations together, such as 1e9: a path that
         compiles is advised only if that pays within them. Default: those of one block.
+      rl: For RL (closed loop): a policy chooses an action every --hold steps. Only paths that it
+        can use are compared, and each call takes the steps of one action.
       budget_s: Time of the whole command, divided among its models. In seconds. Default: 23s for
         each model.
       quick: A first impression, often uncertain: 5s for each model.
-      hold: Steps for which each control is held: an environment's frame_skip.
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
-      states: Draw start states, and their controls if there are any, from this file, which
-        `mjbench.capture` wrote in your program, or which has arrays by MjData field, as
-        `mjbench.record` returns them. A path, or a dictionary of arrays.
+      states: Draw start states, and their controls if there are any, from this file. `with
+        mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
+        by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
+        (nstate, nu): `mjbench.record` returns them. A path, or a dictionary of arrays.
       actions: Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape
         (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of a control. A
         path, or an array.
@@ -161,9 +169,10 @@ def latency(
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
-      states: Draw start states, and their controls if there are any, from this file, which
-        `mjbench.capture` wrote in your program, or which has arrays by MjData field, as
-        `mjbench.record` returns them. A path, or a dictionary of arrays.
+      states: Draw start states, and their controls if there are any, from this file. `with
+        mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
+        by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
+        (nstate, nu): `mjbench.record` returns them. A path, or a dictionary of arrays.
       actions: Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape
         (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of a control. A
         path, or an array.
@@ -197,9 +206,10 @@ def profile(
       quick: A first impression, often uncertain: 5s for each model.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
-      states: Draw start states, and their controls if there are any, from this file, which
-        `mjbench.capture` wrote in your program, or which has arrays by MjData field, as
-        `mjbench.record` returns them. A path, or a dictionary of arrays.
+      states: Draw start states, and their controls if there are any, from this file. `with
+        mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
+        by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
+        (nstate, nu): `mjbench.record` returns them. A path, or a dictionary of arrays.
       time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
@@ -262,15 +272,18 @@ def versions(
       budget_s: Time of the whole command, divided among its verdicts. In seconds. Default: 60s for
         each verdict.
       quick: A first impression, often uncertain: 15s for each verdict.
-      nbatch: Simulations of a run.
-      nstep: Steps of each simulation.
+      nbatch: Simulations. Default: as many as take 1 ms, or 10 ms for each of several threads; 2 to
+        count instructions.
+      nstep: Steps of each simulation. Default: up to 100 within that time; 50 to count
+        instructions.
       hold: Steps for which each control is held: an environment's frame_skip.
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
         keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
-      states: Draw start states, and their controls if there are any, from this file, which
-        `mjbench.capture` wrote in your program, or which has arrays by MjData field, as
-        `mjbench.record` returns them. A path, or a dictionary of arrays.
+      states: Draw start states, and their controls if there are any, from this file. `with
+        mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
+        by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
+        (nstate, nu): `mjbench.record` returns them. A path, or a dictionary of arrays.
       actions: Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape
         (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of a control. A
         path, or an array.

@@ -38,13 +38,16 @@ from mjbench.commands.versions.options import (
     RevisionOptions,
     VersionsOptions,
 )
+from mjbench.counts import instructions
 from mjbench.errors import InputError
 from mjbench.limits import COUNT, MAX_SECONDS, THREADS, Bounds
 from mjbench.options import Kind, Option, options_of
+from mjbench.paired import run_sizes
 from mjbench.releases import installs
 from mjbench.results.runs import to_json
 from mjbench.session import Measurement
 from mjbench.simulation import models
+from mjbench.verification import plan
 
 CARTPOLE = models.resolve("cartpole")
 KINDS: dict[str, type[Any]] = {
@@ -149,6 +152,20 @@ def test_a_function_knows_no_option_of_the_command_line_alone() -> None:
         TypeError, match=r"latency\(\): got an unexpected keyword argument 'resume'"
     ):
         mjbench.latency("cartpole", resume="run.jsonl")
+
+
+def test_sizes_that_are_chosen_are_those_that_help_names() -> None:
+    counted, block_ms = instructions, 1000 * plan.LONG_BLOCK_S
+    unset = {each.name: each.unset for each in options_of(TargetOptions)}
+    assert f"1 ms, or {1000 * run_sizes.THREADED_RUN_S:g} ms for each" in unset["nbatch"]
+    assert 1000 * run_sizes.RUN_S == 1
+    assert f"{counted.NBATCH} to count instructions" in unset["nbatch"]
+    assert f"up to {run_sizes.MAX_NSTEP} within" in unset["nstep"]
+    assert f"{counted.NSTEP} to count instructions" in unset["nstep"]
+    unset = {each.name: each.unset for each in options_of(CompareOptions)}
+    assert unset["nbatch"].startswith(f"{plan.NBATCH}; fewer")
+    assert unset["nstep"].startswith(f"{plan.NSTEP}; fewer")
+    assert f"more than {block_ms:g} ms" in unset["nbatch"]
 
 
 def test_own_options_come_before_those_of_base_classes() -> None:

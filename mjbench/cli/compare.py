@@ -23,7 +23,8 @@ def compare(sources: list[ModelSource], options: CompareOptions) -> None:
       mjbench compare robot.xml
       mjbench compare humanoid --threads 1,2,4 --nbatch 256 --hold 5
       mjbench compare humanoid --scaling
-      mjbench compare cartpole --paths mjx,rollout --nbatch 16,256,4096
+      mjbench compare robot.xml --rl --scaling --nbatch 4096   # RL: an action every 5 steps
+      mjbench compare cartpole --paths mjx,warp,rollout --nbatch 16,256,4096
     """
     from mjbench.api.model_sources import each_once
     from mjbench.commands.compare import show

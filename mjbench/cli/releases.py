@@ -11,7 +11,6 @@ from mjbench.cli.group import cli
 from mjbench.cli.shared import FILE, Text, takes
 from mjbench.commands.shared_options import JsonOptions
 from mjbench.errors import InputError, MachineError
-from mjbench.formats import mebibytes
 from mjbench.limits import DAYS
 from mjbench.options import count
 from mjbench.status import ExitCode
@@ -144,6 +143,7 @@ def prune_installs(days: int) -> None:
     Example:
       mjbench releases prune --days 7
     """
+    from mjbench.formats import mebibytes
     from mjbench.releases import installs
 
     freed_bytes = 0

@@ -1,13 +1,14 @@
 """Options that several commands have, in groups; `mjbench.options` says what becomes of them."""
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mjbench.errors import InputError
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.measuring.budget import Budget
+from mjbench.measuring.budget import AROUND_S, Budget
 from mjbench.options import (
     COUNT,
     FLAG,
@@ -116,9 +117,10 @@ class LoopStartOptions:
     states: Path | None = option(
         None,
         file("FILE.npz", "States", "A path, or a dictionary of arrays."),
-        "Draw start states, and their controls if there are any, from this file, which"
-        " `mjbench.capture` wrote in your program, or which has arrays by MjData field, as"
-        " `mjbench.record` returns them.",
+        "Draw start states, and their controls if there are any, from this file. `with"
+        ' mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has'
+        " arrays by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv)"
+        " and `ctrl` (nstate, nu): `mjbench.record` returns them.",
         is_stored=False,
     )
 
@@ -161,21 +163,35 @@ class StartOptions(SeedOptions, LoopStartOptions, _ActionOptions):
         return self._start_plan(self.actions)
 
 
+def hold_option(default: int | None, unset: str = "") -> Any:
+    """Return the option `--hold`."""
+    help_text = "Steps for which each control is held: an environment's frame_skip."
+    return option(default, COUNT, help_text, unset=unset)
+
+
+def nstep_option(unset: str) -> Any:
+    """Return the option `--nstep`."""
+    return option(None, COUNT, "Steps of each simulation.", unset=unset)
+
+
 @dataclass(frozen=True, kw_only=True)
 class WorkOptions(StartOptions):
     """What simulations do."""
 
-    hold: int = option(
-        1, COUNT, "Steps for which each control is held: an environment's frame_skip."
-    )
+    hold: int = hold_option(1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SizeOptions(WorkOptions):
     """How much work a run is."""
 
-    nbatch: int | None = option(None, COUNT, "Simulations of a run.")
-    nstep: int | None = option(None, COUNT, "Steps of each simulation.")
+    nbatch: int | None = option(
+        None,
+        COUNT,
+        "Simulations.",
+        unset="as many as take 1 ms, or 10 ms for each of several threads; 2 to count instructions",
+    )
+    nstep: int | None = nstep_option("up to 100 within that time; 50 to count instructions")
     metric: str = Metric.TIME.value  # of the commands that have this option
 
     @property
@@ -234,12 +250,16 @@ class BudgetOptions:
         False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s for each {0.THING}."
     )
 
+    begin_s: float = field(default_factory=time.monotonic, init=False, compare=False, repr=False)
+
     @property
     def budget(self) -> Budget:
         """Return the time of the command; InputError where it is given twice."""
         if self.quick and self.budget_s is not None:
             raise InputError("--quick is a short --budget: give one of the two")
-        return Budget(self.QUICK_S if self.quick else self.EACH_S, self.budget_s, self.THING)
+        spent_s = AROUND_S + time.monotonic() - self.begin_s  # imports take most of it
+        each_s = self.QUICK_S if self.quick else self.EACH_S
+        return Budget(each_s, self.budget_s, self.THING, spent_s)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from mjbench.measuring.timing import Clock
 
-# Seconds in which a command starts, and prints what it measured.
+# Seconds in which Python starts, and in which a command prints what it measured.
 AROUND_S = 1.0
 # Seconds of a thing for which no time is left: it does the least that it can.
 LEAST_S = 0.1
@@ -20,16 +20,18 @@ class Budget:
       each_s: for each thing that it measures, where the user gives no time.
       total_s: of the whole command, if the user gives one.
       thing: what is measured, such as `model`.
+      spent_s: of the whole, before anything is measured and after all is.
     """
 
     each_s: float
     total_s: float | None = None
     thing: str = "model"
+    spent_s: float = AROUND_S
 
     @property
     def whole_s(self) -> float:
         """The seconds for the only thing of a command."""
-        return (self.each_s if self.total_s is None else self.total_s) - AROUND_S
+        return (self.each_s if self.total_s is None else self.total_s) - self.spent_s
 
     def divided(
         self,
@@ -54,7 +56,7 @@ class Shares:
 
     def __init__(self, budget: Budget, count: int, clock: Clock, begin_s: float):
         self._budget, self._left, self._clock = budget, count, clock
-        self._end_s = begin_s + (budget.total_s or 0.0) - AROUND_S
+        self._end_s = begin_s + (budget.total_s or 0.0) - budget.spent_s
 
     def next_s(self, effort: int = 1) -> float:
         """Return the seconds for the next thing; what one leaves is for all that follow.

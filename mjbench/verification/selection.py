@@ -65,11 +65,13 @@ def plans(
     chunk_sizes: Sequence[int] | None = None,
     option_words: Sequence[str] = (),
     nbatches: Sequence[int] | None = None,
+    is_rl: bool = False,
 ) -> list[ComparisonPlan]:
     """Return one plan for each size of a sweep.
 
     Args:
       option_words: such as `pool=new,kept` (see `choices`).
+      is_rl: whether there are only paths whose controls a policy can choose.
 
     Raises:
       InputError: an unknown path or option, or a value that an option cannot have.
@@ -81,6 +83,8 @@ def plans(
     sizes: list[int | None] = [*nbatches] if nbatches else [None]
     if names and len(sizes) > 1:
         names = [*names, *rivals(names)]
+    if is_rl:
+        names = [name for name in names or expand([C_PATHS]) if paths.find(name).closed_loop]
     selected = list(variants(names, threads, values_by_name))
     if WITHOUT_TIMER not in selected:
         selected.insert(1, WITHOUT_TIMER)
@@ -103,6 +107,13 @@ def expand(names: Sequence[str]) -> list[str]:
         else:
             expanded.append(name)
     return list(dict.fromkeys(expanded))
+
+
+def check_for_rl(names: Sequence[str]) -> None:
+    """Refuse a path whose controls a policy cannot choose from the states before them."""
+    for name in names:
+        if name not in (C_PATHS, USUAL_PATHS) and not paths.find(name).closed_loop:
+            raise InputError(f"--rl: {name} takes controls known beforehand, no policy can use it")
 
 
 def why_left_out_on_a_cpu(workload: Workload, resources: paths.Resources) -> str | None:

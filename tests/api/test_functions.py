@@ -141,7 +141,7 @@ def test_orphans_are_adopted_only_while_something_is_measured() -> None:
 
 
 # What may be anything: it is true or false.
-FLAGS = {"as_shipped", "quick", "same_moment", "wait"}
+FLAGS = {"as_shipped", "quick", "rl", "same_moment", "wait"}
 
 
 @pytest.mark.parametrize("function", mjbench.__all__)

@@ -148,13 +148,18 @@ class ThreadAdvice:
 def advise(model_results: "ModelResults") -> list[Advice]:
     """Return the advice on a model at one size, for open and for closed loop.
 
-    Paths whose steps could not be judged are no candidates. There is no advice without a race.
+    Paths whose steps could not be judged are no candidates. There is no advice without a race, and
+    none for open loop where each call takes one control and all paths are for closed loop (--rl).
     """
     race, base = model_results.race, model_results.base
     if race is None or base is None:
         return []
     advice = []
+    model = model_results.model
+    is_rl = model.nstep == model.hold and all(each.closed_loop for each in model_results.results)
     for loop, standing in race.standings.items():
+        if is_rl and loop == Loop.OPEN:
+            continue
         choice = Advice(loop, base, Reason.ALONE, is_certain=not model_results.disturbances)
         if any(
             result.is_timed and result.serves(loop) and result.is_judged and result.path != BASE

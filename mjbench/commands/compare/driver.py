@@ -16,10 +16,10 @@ from mjbench import paths
 from mjbench.commands.compare import accelerated_measurement
 from mjbench.commands.compare import show as report
 from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
-from mjbench.commands.compare.options import CompareOptions
+from mjbench.commands.compare.options import RL_HOLD, CompareOptions
 from mjbench.commands.compare.results import ModelComparison, comparisons, derive_all
 from mjbench.commands.shared_options import check_holds
-from mjbench.errors import Failure, failure_of
+from mjbench.errors import Failure, InputError, failure_of
 from mjbench.host import isolate, machine
 from mjbench.host.disturbance import Watch
 from mjbench.measuring.budget import Budget, Shares
@@ -47,12 +47,17 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
     Args:
       import_from: folder of the user's own paths; None without any.
     """
-    check_holds(options.nstep, options.hold)
+    hold = options.hold or (RL_HOLD if options.rl else 1)
+    if options.rl:
+        selection.check_for_rl(options.paths or ())
+        if options.nstep:
+            raise InputError("--rl takes the steps of one action a call: give --hold, not --nstep")
+    check_holds(options.nstep, hold)
     names, threads, chunk = options.paths or [], options.threads, options.chunk
     plan = ComparisonPlan(
         variants=(),
-        nstep=options.nstep,
-        hold=options.hold,
+        nstep=hold if options.rl else options.nstep,
+        hold=hold,
         seed=options.seed,
         starts=options.starts,
         returns=Product(options.returns),
@@ -66,7 +71,9 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
         names = names or list(selection.SCALING_PATHS)
         threads = threads or selection.scaling_threads()
         chunk = chunk or list(selection.SCALING_CHUNKS)
-    return selection.plans(plan, names, threads, chunk, options.options or (), options.nbatch)
+    return selection.plans(
+        plan, names, threads, chunk, options.options or (), options.nbatch, options.rl
+    )
 
 
 def measurement(

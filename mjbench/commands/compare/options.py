@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from mjbench.commands.shared_options import (
     BudgetOptions,
     OutputOptions,
+    StartOptions,
     TimeLimitOptions,
-    WorkOptions,
     code_option,
+    hold_option,
+    nstep_option,
     threads_option,
 )
 from mjbench.options import (
-    COUNT,
     FLAG,
     LARGE_COUNT,
     NAMES,
@@ -21,17 +22,22 @@ from mjbench.options import (
     option,
 )
 
+# Steps of an action with --rl, unless the user says.
+RL_HOLD = 5
+_FEWER = "fewer where the plain loop would take more than 20 ms"
+
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(BudgetOptions, WorkOptions, TimeLimitOptions, OutputOptions):
+class CompareOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOptions):
     """Which ways of stepping are compared, and how."""
 
     EACH_S, QUICK_S = 23.0, 5.0
     paths: list[str] | None = option(
         None,
         NAMES,
-        "Compare these (see `mjbench paths`), or MODULE:CLASS of your own, and python_loop, which"
-        " is always added; `c` stands for all C paths, `usual` for those and, where installed, MJX",
+        "Ways of stepping to compare, such as rollout, batch_step, mjx, warp (see `mjbench"
+        " paths`), or MODULE:CLASS of your own; python_loop is always added. `c` stands for all C"
+        " paths, `usual` for those and, where installed, mjx",
         unset="c",
     )
     threads: list[int] | None = threads_option()
@@ -45,8 +51,8 @@ class CompareOptions(BudgetOptions, WorkOptions, TimeLimitOptions, OutputOptions
     nbatch: list[int] | None = option(
         None,
         numbers(),
-        "Simulations; several values are measured one after the other",
-        unset="up to 64",
+        "Simulations. Several values are measured one after the other",
+        unset=f"64; {_FEWER}",
     )
     returns: str = option(
         "final",
@@ -54,7 +60,8 @@ class CompareOptions(BudgetOptions, WorkOptions, TimeLimitOptions, OutputOptions
         "What every path returns: final states; the state after every step, too; and sensor data"
         " of every step, too, which are of the state before it.",
     )
-    nstep: int | None = option(None, COUNT, "Steps of each simulation", unset="up to 100")
+    nstep: int | None = nstep_option(f"100; {_FEWER}; --hold with --rl")
+    hold: int | None = hold_option(None, unset=f"1; {RL_HOLD} with --rl")
     total_steps: int | None = option(
         None,
         LARGE_COUNT,
@@ -62,12 +69,18 @@ class CompareOptions(BudgetOptions, WorkOptions, TimeLimitOptions, OutputOptions
         " is advised only if that pays within them",
         unset="those of one block",
     )
+    rl: bool = option(
+        False,
+        FLAG,
+        "For RL (closed loop): a policy chooses an action every --hold steps. Only paths that it"
+        " can use are compared, and each call takes the steps of one action.",
+    )
     scaling: bool = option(
         False,
         FLAG,
         "How many threads? Race many numbers of threads, up to twice as many as can run at once,"
-        " and chunk sizes, or those of --threads and --chunk. Only rollout and batch_step race,"
-        " unless --paths names others.",
+        " and chunk sizes, or those of --threads and --chunk. Only rollout and batch_step race"
+        " (with --rl, only batch_step), unless --paths names others.",
         of_functions=False,
     )
     code: bool = code_option()

@@ -13,6 +13,8 @@ from mjbench.host.neighbours import Neighbour
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import engine_clock, models
 
+# Seconds that the conditions usually take.
+CONDITIONS_S = 6.0
 # Seconds after which a backend that renders nothing does not work.
 _FRAME_LIMIT_S = 20.0
 

@@ -40,8 +40,9 @@ from mjbench.verification.plan import Variant
 
 # Steps that show how long one takes: a few, then more if these would take less than a second.
 _FIRST_NSTEP, _WARM_UP_NSTEP, _WARM_UP_S = 5, 50, 1.0
-# Steps of a pass unless the user says: as many as take this long, within these bounds.
-PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 50, 1000
+# Steps of a pass unless the user says: as many as take this share of the time, and no longer than
+# this, within these bounds.
+PASS_SHARE, PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.005, 0.1, 50, 1000
 # Seconds between two messages that allow the child further silence.
 _HEARTBEAT_S = 1.0
 
@@ -55,6 +56,7 @@ class EnvironmentPlan:
       nenv: numbers of environments in vectorised forms; none for no such forms.
       budget_s: seconds for all, of which rounds of the environment leave half to vectorised forms.
       limit_s: a child that is silent for longer is killed.
+      must_end: whether it ends then even without an interval.
     """
 
     nstep: int | None
@@ -63,6 +65,7 @@ class EnvironmentPlan:
     nenv: tuple[int, ...]
     budget_s: float
     limit_s: float
+    must_end: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,8 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     channel.doing("stepping the environment")
     heartbeat = _heartbeat(channel)
     seed = request.plan.seed
-    nstep = request.plan.nstep or _affordable_nstep(adapter, seed, heartbeat)
+    pass_s = min(PASS_S, PASS_SHARE * request.plan.budget_s)
+    nstep = request.plan.nstep or _affordable_nstep(adapter, seed, pass_s, heartbeat)
     passes = EnvironmentPasses(adapter, _actions(adapter, nstep, seed), seed)
     channel.doing("recording the steps of the environment")
     times, recording = _recorded(passes, heartbeat)
@@ -175,14 +179,16 @@ def _actions(adapter: EnvironmentAdapter, count: int, seed: int) -> list[Any]:
         return adapter.draw_actions(count, seed)
 
 
-def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callable[[], None]) -> int:
+def _affordable_nstep(
+    adapter: EnvironmentAdapter, seed: int, pass_s: float, heartbeat: Callable[[], None]
+) -> int:
     actions = _actions(adapter, _WARM_UP_NSTEP, seed)
     few = EnvironmentPasses(adapter, actions[:_FIRST_NSTEP], seed).plain(heartbeat)
     step_s = float(np.median(few.step_ns)) * 1e-9
     if step_s * _WARM_UP_NSTEP < _WARM_UP_S:
         more = EnvironmentPasses(adapter, actions, seed).plain(heartbeat)
         step_s = float(more.step_ns.mean()) * 1e-9
-    return int(min(MOST_NSTEP, max(LEAST_NSTEP, PASS_S / max(step_s, 1e-9))))
+    return int(min(MOST_NSTEP, max(LEAST_NSTEP, pass_s / max(step_s, 1e-9))))
 
 
 def _check_steps_engine(recording: Recording, nstep: int) -> None:

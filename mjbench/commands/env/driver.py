@@ -31,6 +31,7 @@ def measurement(names: Sequence[str], options: EnvironmentOptions) -> Measuremen
         tuple(counts),
         options.budget.each_s,
         options.time_limit_s,
+        must_end=options.budget_s is not None,
     )
 
     def measure(source: EnvironmentSource, budget_s: float, _: Progress) -> Item:

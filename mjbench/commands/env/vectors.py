@@ -77,6 +77,8 @@ def sized_forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
 def added(
     record: EnvironmentRecord, source: EnvironmentSource, plan: EnvironmentPlan
 ) -> EnvironmentRecord:
+    if plan.must_end and plan.budget_s <= 0:
+        return dataclasses.replace(record, no_vectors="no time was left: give a longer --budget")
     step_s = float(np.median(record.step_ns)) * 1e-9
     repeats = record.facts is not None and record.facts.repeats
     rule = _VectorRule(plan)
@@ -122,7 +124,7 @@ class _VectorRule(StopRule[VectorLaunch]):
         count, spent_s = len(self.launches), self._clock() - self._begin_s
         expected_s = spent_s * (count + 1) / max(1, count)
         is_over = expected_s > self._plan.budget_s or count == MOST_LAUNCHES
-        if count >= LEAST_LAUNCHES and is_over:
+        if count >= (1 if self._plan.must_end else LEAST_LAUNCHES) and is_over:
             return ()
         return [i for i in range(len(sized_forms(self._plan))) if i not in self.wrong]
 

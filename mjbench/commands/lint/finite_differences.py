@@ -10,6 +10,7 @@ from mjbench.commands.lint.script_syntax import (
     is_call,
     is_numpy_call,
     is_step,
+    last_name,
     names_in,
     nodes_inside,
     peeled,
@@ -20,8 +21,8 @@ from mjbench.commands.lint.stepping_script import FIELDS, SteppingScript
 _INPUTS = {"qpos", "qvel", "act", "ctrl"}
 _STATE_AND_SENSORS = {*_INPUTS, "sensordata", "qacc_warmstart"}
 # Functions that set a state, and those that take an array for it.
-_SETS = ("mj_setState", "mj_copyData", "mj_resetData", "mj_resetDataKeyframe", "copyto")
-_TAKES_STATE = ("mj_setState", "mj_integratePos", "copyto")
+_SETS = ("mj_setState", "mj_copyData", "mj_resetData", "mj_resetDataKeyframe")
+_TAKES_STATE = {"mj_setState": ("qpos", "qvel"), "mj_integratePos": ("qpos",)}
 
 
 @rule(
@@ -34,19 +35,19 @@ def finite_differences(script: SteppingScript) -> Iterator[Match]:
 
     `mjd_transitionFD` computes the matrices of the linearized step: A and B, the derivatives of the
     next state with respect to the state and the controls, and C and D, those of the sensors. It
-    perturbs in C, starts each solver from the same forces, and does not compute positions again
-    where only velocities or controls are perturbed.
+    loops in C, and does not compute positions again where it perturbs velocities or controls.
 
-        for i in range(model.nv):
+        for i in range(model.nu):
             mujoco.mj_setState(model, data, state, spec)
-            data.qvel[i] += eps
+            data.ctrl[i] += eps
             mujoco.mj_step(model, data)
-            A[:, model.nv + i] = (np.concatenate([data.qpos, data.qvel]) - following) / eps
+            B[:, i] = (np.concatenate([data.qpos, data.qvel]) - following) / eps
 
-        mujoco.mjd_transitionFD(model, data, eps, False, A, B, None, None)    # instead
+        mujoco.mjd_transitionFD(model, data, eps, False, None, B, None, None) # instead
 
-    There is no finding where several steps follow a perturbation, where anything but the next state
-    or sensors is divided, where parameters of the model are perturbed, or where the script names
+    There is no finding where a script perturbs positions alone, or velocities alone, because the
+    call computes both; where several steps follow a perturbation; where anything but the next state
+    or sensors is divided; where parameters of the model are perturbed; or where the script names
     RK4, which `mjd_transitionFD` refuses.
 
     Results: the same up to rounding, where every column starts from the same warm start. With
@@ -54,8 +55,12 @@ def finite_differences(script: SteppingScript) -> Iterator[Match]:
     """
     if "mjd_transitionFD" in script.bindings.identifiers or _names_rk4(script):
         return
-    for loop in script.loops:
-        if isinstance(loop, ast.For) and _is_difference(script, loop):
+    loops = (loop for loop in script.loops if isinstance(loop, ast.For))
+    inputs = {loop: fields for loop in loops if (fields := _perturbed_inputs(script, loop))}
+    for loop, fields in inputs.items():
+        scope = script.bindings.scope_of(loop)
+        beside = [inputs[each] for each in inputs if script.bindings.scope_of(each) is scope]
+        if "ctrl" in fields or {"qpos", "qvel"} <= set().union(*beside):
             yield Match(loop)
 
 
@@ -65,38 +70,37 @@ def _names_rk4(script: SteppingScript) -> bool:
     return has_text or "mjINT_RK4" in script.bindings.identifiers
 
 
-def _is_difference(script: SteppingScript, loop: ast.For) -> bool:
+def _perturbed_inputs(script: SteppingScript, loop: ast.For) -> set[str]:
+    """Return the fields by which a loop differentiates a step; none for other loops."""
     inside, index = nodes_inside(loop), names_in(loop.target)
     called = {function for node in inside for function in script.functions.called(node)}
     functions = [function for function in called if script.steps_inside(function)]
     bodies = [inside, *map(nodes_inside, functions)]
     nodes = [node for body in bodies for node in body]
-    perturbed = [each for node in inside if (each := _perturbed(node, index)) is not None]
-    taken = set[str]()
-    for node in inside:
-        is_taken = is_call(node, *_TAKES_STATE) or set(functions) & {*script.functions.called(node)}
-        taken |= names_in(node) if is_taken or _written_value(script, node) else set()
-    sizes = {
-        ast.unparse(size)
-        for array, size in perturbed
-        if _is_input(script, array) or (isinstance(array, ast.Name) and array.id in taken)
-    }
-    values = filter(
-        None, (_written_value(script, n) for n in nodes if _perturbed(n, index) is None)
-    )
-    return (
+    perturbed = dict(each for node in inside if (each := _perturbed(node, index)) is not None)
+    inputs, sizes = set[str](), set[str]()
+    for place, size in perturbed.items():
+        array = place.value
+        fields = {_input(script, array)} - {""}
+        if isinstance(array, ast.Name):
+            fields = {field for node in inside for field in _taking(script, node, {array.id})}
+        inputs |= fields
+        sizes |= {ast.unparse(size)} if fields else set()
+    set_whole = [w[1] for n in nodes if n not in perturbed and (w := _written(script, n))]
+    is_difference = (
         _takes_one_step(script, loop, bodies, len(perturbed))
-        and any(_sets_state(script, node) for node in nodes)
-        and all(map(_is_plain, [*values, *_returned(functions)]))
+        and (bool(set_whole) or any(is_call(node, *_SETS) for node in nodes))
+        and all(map(_is_plain, [*set_whole, *_returned(functions)]))
         and _read_fields(script, nodes) <= _STATE_AND_SENSORS
         and not any(is_bound(n) and "model" in dotted_name(peeled(n)) for n in nodes)
         and any(_is_column(node, index) for node in inside)
         and any(_divides_by(n, sizes) for n in ast.walk(script.bindings.scope_of(loop)))
     )
+    return inputs if is_difference else set()
 
 
-def _perturbed(node: ast.AST, index: set[str]) -> tuple[ast.expr, ast.expr] | None:
-    """Return the array of which a statement changes the number at an index, and by how much."""
+def _perturbed(node: ast.AST, index: set[str]) -> tuple[ast.Subscript, ast.expr] | None:
+    """Return the number at an index that a statement changes, and by how much."""
     match node:
         case ast.AugAssign(target=ast.Subscript() as place, op=ast.Add() | ast.Sub(), value=size):
             pass
@@ -109,26 +113,35 @@ def _perturbed(node: ast.AST, index: set[str]) -> tuple[ast.expr, ast.expr] | No
             return None
     is_size = bool(dotted_name(size)) or isinstance(size, ast.Constant)
     is_number = isinstance(place.slice, ast.Name | ast.BinOp) and index & names_in(place.slice)
-    return (place.value, size) if is_size and is_number else None
+    return (place, size) if is_size and is_number else None
 
 
-def _is_input(script: SteppingScript, array: ast.expr) -> bool:
-    return (
-        isinstance(array, ast.Attribute) and array.attr in _INPUTS and script.is_data(array.value)
-    )
+def _input(script: SteppingScript, array: ast.AST) -> str:
+    """Return the field that an array is a view of; empty for others than the state or controls."""
+    is_field = isinstance(array, ast.Attribute) and script.is_data(array.value)
+    field = dotted_name(array).rpartition(".")[2] if is_field else ""
+    return field if field in _INPUTS else ""
 
 
-def _written_value(script: SteppingScript, node: ast.AST) -> ast.expr | None:
-    """Return what an assignment writes into the state or the controls."""
-    match node:
-        case ast.Assign(targets=[target], value=value):
-            array = target.value if isinstance(target, ast.Subscript) else target
-            return value if _is_input(script, array) else None
-    return None
+def _written(script: SteppingScript, target: ast.AST) -> tuple[str, ast.expr] | None:
+    """Return the field of the state or the controls that is assigned to, and the value."""
+    field = _input(script, target.value if isinstance(target, ast.Subscript) else target)
+    value = script.values.get(target)
+    return (field, value) if field and isinstance(value, ast.expr) else None
 
 
-def _sets_state(script: SteppingScript, node: ast.AST) -> bool:
-    return _written_value(script, node) is not None or is_call(node, *_SETS)
+def _taking(script: SteppingScript, node: ast.AST, names: set[str]) -> Iterator[str]:
+    """Yield the fields into which a node writes an array, itself or by what it calls."""
+    if (written := _written(script, node)) is not None and names & names_in(written[1]):
+        yield written[0]
+    if isinstance(node, ast.Call) and names & names_in(node):
+        yield from _TAKES_STATE.get(last_name(node.func), ())
+        for function in script.functions.called(node):
+            given = script.functions.arguments(node, function) or {}
+            parameters = {name for name, value in given.items() if names & names_in(value)}
+            for inner in nodes_inside(function):
+                if (written := _written(script, inner)) and parameters & names_in(written[1]):
+                    yield written[0]
 
 
 def _is_plain(value: ast.expr) -> bool:

@@ -31,7 +31,7 @@ from mjbench.status import Status
 # A block of the bare loop, in seconds; the most quads of each habit in a launch.
 BLOCK_S, MOST_QUADS = 0.001, 12
 # The fewest and most launches, and seconds for all of them.
-LEAST_LAUNCHES, LAUNCHES, BUDGET_S = 3, 6, HabitOptions.EACH_S
+LEAST_LAUNCHES, LAUNCHES, BUDGET_S = 2, 6, HabitOptions.EACH_S
 LEAST_NSTEP = 10
 CONFIDENCE = 0.95
 _BLOCKS_PER_QUAD = 4

@@ -162,7 +162,11 @@ def measure(
     frames = []
     for number, backend in enumerate(backends):
         frame_s = (end_s - clock()) / (len(backends) - number) - START_S
-        frames.append(rendering.measure(source, backend, limit_s, frame_s))
+        frames.append(
+            rendering.measure(source, backend, limit_s, frame_s)
+            if frame_s > 0
+            else FrameTime(backend, None, "no time was left: give a longer --budget")
+        )
     return ProfileRow(source.name, steps=steps, frames=frames)
 
 

@@ -13,7 +13,7 @@ from mjbench.simulation.models import ModelSource
 
 # Frames that are timed after one that sets everything up, at least and at most, and seconds for
 # them; the size of a frame, in pixels.
-LEAST_FRAMES, MOST_FRAMES, BUDGET_S, WIDTH, HEIGHT = 3, 20, 2.0, 640, 480
+LEAST_FRAMES, MOST_FRAMES, BUDGET_S, WIDTH, HEIGHT = 3, 20, 0.5, 640, 480
 BACKENDS = ("cgl",) if sys.platform == "darwin" else ("egl", "osmesa")
 # The system package that holds each backend's library; that of cgl belongs to macOS.
 _PACKAGES = {"egl": "libegl1", "osmesa": "libosmesa6"}

@@ -190,7 +190,7 @@ def test_a_model_that_cannot_be_stepped_ends_it(monkeypatch: pytest.MonkeyPatch)
     ],
 )
 def test_a_program_is_ended_in_time(options: CheckupOptions, most_s: float) -> None:
-    assert CheckupPlan.of(options).most_program_s == pytest.approx(most_s)
+    assert CheckupPlan.of(options).most_program_s == pytest.approx(most_s, rel=0.05)
 
 
 def test_start_states_are_of_a_model() -> None:

@@ -78,6 +78,14 @@ def test_the_fastest_of_each_loop_is_advised_with_the_speed_up_of_its_row() -> N
         assert advice.speedup == rows[str(variant)].speedup
 
 
+def test_where_a_policy_chooses_every_action_only_closed_loop_is_advised() -> None:
+    of_policies = raced([(BATCH_STEP, 2.0)])
+    (advice,) = advise(derived(of_policies, nstep=5, hold=5))
+    assert (advice.loop, advice.variant) == (Loop.CLOSED, BATCH_STEP)
+    assert len(advise(derived(of_policies, nstep=10, hold=5))) == 2
+    assert len(advise(derived(raced(), nstep=5, hold=5))) == 2, "rollout is there"
+
+
 def test_a_conclusion_says_path_speed_up_and_interval() -> None:
     open_loop, closed_loop = sentences(derived(raced()))
     number = r"\d\.\d\d"

@@ -14,10 +14,13 @@ import pytest
 from commands import TESTS
 from pretender import Pretender
 
+from mjbench import paths
 from mjbench.commands.compare import accelerated_measurement
 from mjbench.commands.compare import driver as model_comparison
 from mjbench.commands.compare.driver import ComparedModel, ModelChildren
+from mjbench.commands.compare.options import RL_HOLD, CompareOptions
 from mjbench.commands.compare.results import ModelComparison, PathResult, derive
+from mjbench.errors import InputError
 from mjbench.host import isolate, machine, neighbours
 from mjbench.host.machine import CoreChange
 from mjbench.host.neighbours import Neighbour
@@ -80,6 +83,29 @@ def measured(
     variants = [Variant(name, {}) for name in names]
     *_, last = comparisons(pool, file, *variants, limit_s=limit_s)
     return results(last)
+
+
+def test_for_rl_a_call_takes_one_action_of_paths_that_a_policy_can_use() -> None:
+    (plan,) = model_comparison.plans_of(CompareOptions(rl=True), None)
+    assert (plan.nstep, plan.hold) == (RL_HOLD, RL_HOLD)
+    assert {variant.path for variant in plan.variants} >= {"batch_step", "threads"}
+    assert all(paths.find(variant.path).closed_loop for variant in plan.variants)
+    swept = CompareOptions(rl=True, scaling=True, hold=3, nbatch=[16, 4096])
+    plans = model_comparison.plans_of(swept, None)
+    assert [(each.nbatch, each.nstep, each.hold) for each in plans] == [(16, 3, 3), (4096, 3, 3)]
+    assert {variant.path for variant in plans[0].variants} == {"python_loop", "batch_step"}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (CompareOptions(rl=True, nstep=10), "give --hold, not --nstep"),
+        (CompareOptions(rl=True, paths=["batch_step", "rollout"]), "rollout takes controls known"),
+    ],
+)
+def test_what_is_not_for_rl_is_refused(given: CompareOptions, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        model_comparison.plans_of(given, None)
 
 
 @pytest.mark.parametrize(

@@ -221,6 +221,15 @@ def test_launches_end_with_the_budget_but_for_the_six_of_an_interval(
     assert len(rule.launches) == launches
 
 
+def test_a_time_that_the_user_gave_ends_them_after_one_launch() -> None:
+    plan, now_s = dataclasses.replace(PLAN, budget_s=3.0, must_end=True), 0.0
+    rule = vectors._VectorRule(plan, lambda: now_s)
+    assert rule.next_targets()
+    now_s += 2.0
+    rule.add(VectorLaunch({}, {}))
+    assert not rule.next_targets()
+
+
 def test_without_any_form_left_nothing_is_launched() -> None:
     rule = vectors._VectorRule(PLAN)
     rule.add(VectorLaunch({}, {}, dict.fromkeys(range(4), Failure(Status.FAILED, "no"))))

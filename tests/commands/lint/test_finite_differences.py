@@ -18,11 +18,11 @@ def next_state(x, u):
     return np.concatenate([data.qpos, data.qvel])
 """
 ONE_SIDED = """
-for i in range(model.nv):
+for i in range(model.nu):
     mujoco.mj_setState(model, data, start, spec)
-    data.qvel[i] += eps
+    data.ctrl[i] += eps
     mujoco.mj_step(model, data)
-    A[:, model.nv + i] = (state() - following) / eps
+    B[:, i] = (state() - following) / eps
 """
 CENTRED = """
 for i in range(model.nu):
@@ -45,6 +45,13 @@ for i in range(model.nv):
     mujoco.mj_differentiatePos(model, move, eps, qpos, data.qpos)
     A[: model.nv, i] = move
 """
+VELOCITIES = """
+for i in range(model.nv):
+    mujoco.mj_copyData(data, model, origin)
+    data.qvel[i] += eps
+    mujoco.mj_step(model, data)
+    A[model.nv :, model.nv + i] = (data.qvel - qvel) / eps
+"""
 HELPER = """
 def linearized(x, u):
     for i in range(len(x)):
@@ -55,11 +62,17 @@ def linearized(x, u):
 """
 
 
-@pytest.mark.parametrize("text", [ONE_SIDED, CENTRED, TANGENT, HELPER])
+@pytest.mark.parametrize("text", [ONE_SIDED, CENTRED, HELPER])
 def test_a_step_for_each_column_is_found(tmp_path: Path, text: str) -> None:
     (finding,) = findings(tmp_path, SETUP + text, "MJB020")
     assert "mjd_transitionFD" in finding.message
     assert finding.last_line is not None
+
+
+def test_positions_and_velocities_are_found_together(tmp_path: Path) -> None:
+    assert len(findings(tmp_path, SETUP + TANGENT + VELOCITIES, "MJB020")) == 2
+    assert findings(tmp_path, SETUP + TANGENT, "MJB020") == []
+    assert findings(tmp_path, SETUP + VELOCITIES, "MJB020") == []
 
 
 @pytest.mark.parametrize(
@@ -68,12 +81,12 @@ def test_a_step_for_each_column_is_found(tmp_path: Path, text: str) -> None:
         ("    mujoco.mj_step(model, data)\n", "    mujoco.mj_step(model, data, 5)\n"),
         ("    mujoco.mj_step(model, data)\n", "    mujoco.mj_step(model, data)\n" * 2),
         ("    mujoco.mj_step(", "    for _ in range(9): mujoco.mj_step("),
-        ("data.qvel[i] += eps", "model.body_mass[i] += eps"),
-        ("data.qvel[i] += eps", "data.xfrc_applied[i] += eps"),
+        ("data.ctrl[i] += eps", "model.body_mass[i] += eps"),
+        ("data.ctrl[i] += eps", "data.xfrc_applied[i] += eps"),
         ("state() - following", "data.site_xpos[0] - following"),
         ("    mujoco.mj_setState(model, data, start, spec)\n", ""),
         (" / eps", ""),
-        ("A[:, model.nv + i]", "gradient[i]"),
+        ("B[:, i]", "gradient[i]"),
         ("eps = 1e-6", "eps = 1e-6\nmodel.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4"),
         ("eps = 1e-6", "eps = 1e-6\nmujoco.mjd_transitionFD(model, data, eps, 0, A, B, C, D)"),
     ],

@@ -1,9 +1,13 @@
 """Where a step's time goes: stages, and what a simulated second is made of."""
 
+from typing import Any
+
 import pytest
 from step_profiles import step_profile
 
 from mjbench.commands.profile import measure as profile
+from mjbench.commands.profile import rendering
+from mjbench.commands.profile.rendering import FrameTime
 from mjbench.results.json_form import json_form
 from mjbench.simulation import engine_clock, models, workload
 
@@ -29,3 +33,29 @@ def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
         assert sum(stages.values()) == pytest.approx(1.0)
         assert all(share >= 0 for share in stages.values())
         assert stages["constraint solver"] > 0
+
+
+@pytest.mark.parametrize(("steps_s", "shares_s"), [(4.0, [2.0, 3.5]), (9.5, [])])
+def test_frames_have_the_time_that_steps_leave(
+    monkeypatch: pytest.MonkeyPatch, steps_s: float, shares_s: list[float]
+) -> None:
+    now_s, rendered_s = 0.0, list[float]()
+
+    def call(*arguments: Any, **options: Any) -> Any:
+        nonlocal now_s
+        now_s += steps_s
+        return step_profile().steps
+
+    def render(model: Any, backend: str, limit_s: float, budget_s: float) -> FrameTime:
+        nonlocal now_s
+        now_s += 1.5
+        rendered_s.append(budget_s)
+        return FrameTime(backend, 0.01)
+
+    monkeypatch.setattr(profile.isolate, "call", call)
+    monkeypatch.setattr(rendering, "measure", render)
+    monkeypatch.setattr(rendering, "BACKENDS", ("egl", "osmesa"))
+    row = profile.measure(models.resolve("cartpole"), budget_s=10.0, clock=lambda: now_s)
+    assert rendered_s == shares_s
+    left_out = [frame.detail for frame in row.frames or () if frame.seconds is None]
+    assert left_out == ["no time was left: give a longer --budget"] * (2 - len(shares_s))
