@@ -95,7 +95,7 @@ def test_states_of_the_program_are_the_starts(inline: None) -> None:
     assert timed.free_running.ntick == 100
 
 
-def installed_twice(**options: Any) -> mjbench.ReleaseComparison:
+def installed_twice(**options: Any) -> object:
     return mjbench.versions("installed", "installed", models="cartpole", **options)
 
 
