@@ -54,7 +54,7 @@ def checkup(
         mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
         by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
         (nstate, nu): `mjbench.record` returns them. A path, or a dictionary of arrays.
-      time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
+      time_limit_s: Kill a process of a model that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
     Raises:
@@ -125,7 +125,7 @@ def compare(
       actions: Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape
         (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of a control. A
         path, or an array.
-      time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
+      time_limit_s: Kill a process of a model that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
     Raises:
@@ -176,7 +176,7 @@ def latency(
       actions: Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape
         (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of a control. A
         path, or an array.
-      time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
+      time_limit_s: Kill a process of a model that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
     Raises:
@@ -210,7 +210,7 @@ def profile(
         mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
         by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
         (nstate, nu): `mjbench.record` returns them. A path, or a dictionary of arrays.
-      time_limit_s: Kill a model's process that reports nothing for this long. In seconds.
+      time_limit_s: Kill a process of a model that reports nothing for this long. In seconds.
       wait: Wait until no other mjbench measures on this machine.
 
     Raises:

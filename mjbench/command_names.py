@@ -24,7 +24,7 @@ LISTED: Mapping[str, Mapping[str, Listed]] = {
     "What to change": {
         "checkup": Listed("rank what to change: mjbench TARGET", "1 min"),
         "run": Listed("run a program, and show its slow lines", "40 s"),
-        "env": Listed("time the parts of an environment's step", "20 s"),
+        "env": Listed("time the parts of an environment's step", "24 s"),
         "compare": Listed("race ways of stepping, and thread counts", "23 s"),
         "tune": Listed("search for faster settings of a model", "5 min"),
         "lint": Listed("find slow or wrong lines of scripts"),
@@ -35,9 +35,9 @@ LISTED: Mapping[str, Mapping[str, Listed]] = {
         "bisect": Listed("find the commit or release that did it", "1 min"),
     },
     "A closer look": {
-        "profile": Listed("time the stages of a step", "5 s"),
-        "latency": Listed("time ticks, and count missed deadlines", "20 s"),
-        "doctor": Listed("check whether timings here can be trusted", "12 s"),
+        "profile": Listed("time the stages of a step", "10 s"),
+        "latency": Listed("time ticks, and count missed deadlines", "15 s"),
+        "doctor": Listed("check whether timings here can be trusted", "18 s"),
     },
     "Results and what there is": {
         "show": Listed("print, export and compare run files"),

@@ -15,6 +15,7 @@ A value comes as text from the command line, or from a program; a `Kind` reads b
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
 from typing import Any, TypeVar
 
 from mjbench import limits
@@ -291,6 +292,19 @@ def _names(name: str, value: Any) -> list[str]:
     if not (names := list(dict.fromkeys(filter(None, split)))):
         raise InputError(f"{name} is empty: give a name, or several")
     return names
+
+
+def names_among(names: type[StrEnum], metavar: str = "NAME,…") -> Kind:
+    """Return the kind of one or several of these names, with commas."""
+
+    def read(text: str) -> list[StrEnum]:
+        words = [word for word in text.split(",") if word.strip()]
+        if not words:
+            raise ValueError
+        return parsed(",".join(words), lambda word: names(word.strip()))
+
+    expected = f"one of {', '.join(names)}, or several with commas"
+    return Kind(metavar, "str", read, expected=expected)
 
 
 def _settings(name: str, value: Any) -> list[str]:

@@ -18,6 +18,8 @@ def compare(sources: list[ModelSource], options: CompareOptions) -> None:
     that are certainly slower are dropped. MJX and Warp compile first; they are held to tolerances
     and timed alone. Raw samples go to a run file in results/runs; `mjbench show` prints it again.
 
+    Exit code: 1 if a path disagrees with the plain loop.
+
     \b
     Examples:
       mjbench compare robot.xml

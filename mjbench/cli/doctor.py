@@ -15,8 +15,9 @@ def doctor(options: DoctorOptions) -> None:
     """What on this machine spoils measurements, and how small a change can it decide?
 
     It looks at the processor, its clock, the load, the host, Python, valgrind and rendering, and
-    then compares the cart-pole with itself. Exit code 1: something is bad, or changes of 1 %
-    cannot be decided within a minute.
+    then compares the cart-pole with itself.
+
+    Exit code: 1 if something is bad, or changes of 1 % cannot be decided within a minute.
 
     \b
     Example:

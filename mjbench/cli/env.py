@@ -23,7 +23,7 @@ def env(names: tuple[str, ...], options: EnvironmentOptions) -> None:
     Examples:
       mjbench env Humanoid-v5
       mjbench env dm_control:humanoid-walk --nstep 500
-      mjbench env my_env:make --no-vector
+      mjbench env my_env:make --skip vectors
     """
     from mjbench.commands.env.driver import measurement
     from mjbench.commands.env.result import EnvironmentRecord

@@ -23,17 +23,6 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
 @cli.command()
 @click.argument("names", nargs=-1, metavar="FILE…", type=FileName())
 @click.option(
-    "--select",
-    metavar="CODE,…",
-    default="",
-    help="Check only rules with these codes or prefixes of codes.  [default: as in"
-    " pyproject.toml, else all]",
-)
-@click.option("--ignore", metavar="CODE,…", default="", help="Leave out rules, likewise.")
-@click.option(
-    "--statistics", is_flag=True, help="Print the number of findings of each rule instead."
-)
-@click.option(
     "--explain",
     metavar="CODE",
     callback=_explain,
@@ -42,13 +31,7 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
     help="Print what a rule finds, why, and what to write instead, and end; `all` lists the rules.",
 )
 @takes(LintOptions)
-def lint(
-    names: tuple[str, ...],
-    select: str,
-    ignore: str,
-    statistics: bool,
-    options: LintOptions,
-) -> None:
+def lint(names: tuple[str, ...], options: LintOptions) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
     It finds stored views (`log.append(data.qpos)` without .copy()), models, MjData and renderers
@@ -60,7 +43,7 @@ def lint(
     a line suppresses its finding. `[tool.mjbench.lint]` in pyproject.toml has `select`, `ignore`
     and `per-file-ignores`.
 
-    The exit code is 1 if there are findings; without any, 2 if a file could not be checked.
+    Exit code: 1 if there are findings; without any, 2 if a file could not be checked.
 
     \b
     Examples:
@@ -76,7 +59,7 @@ def lint(
 
     if not names:
         raise InputError("no file or folder is given; for this folder: mjbench lint .")
-    choice = RuleChoice(_split(select), _split(ignore))
+    choice = RuleChoice(tuple(options.select or ()), tuple(options.ignore or ()))
     files = script_files(names)
     for file in files:
         if isinstance(file, str):
@@ -90,10 +73,10 @@ def lint(
                 report_line(f"{result.file}: {result.detail}")
                 continue
             findings += result
-            for finding in () if statistics else result:
+            for finding in () if options.statistics else result:
                 run.out.print(report.finding_line(finding), soft_wrap=True)
         document = report.LintDocument(findings=findings, unchecked=unchecked)
-        for line in report.statistics_lines(findings) if statistics else ():
+        for line in report.statistics_lines(findings) if options.statistics else ():
             run.out.print(line, soft_wrap=True)
         run.write("--github", lambda: report.as_github(document))
         run.write("--sarif", lambda: report.as_sarif(document))
@@ -101,7 +84,3 @@ def lint(
     if findings:
         sys.exit(ExitCode.FINDING)
     sys.exit(exit_code(Status.INPUT for _ in unchecked))
-
-
-def _split(text: str) -> tuple[str, ...]:
-    return tuple(code.strip() for code in text.split(",") if code.strip())

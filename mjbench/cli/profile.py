@@ -16,8 +16,8 @@ def profile(sources: list[ModelSource], options: ProfileOptions) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages, such as collision, constraint solver and kinematics, are from MuJoCo's own timers.
-    Rendering is timed with EGL and with OSMesa, or on macOS with CGL. Steps are short runs from
-    states along the model's own run, or from those of --states, each with its controls held.
+    Rendering is timed with EGL and with OSMesa, or on macOS with CGL. Steps are from states along
+    a simulation of the model, or from those of --states, each with its controls held.
 
     \b
     Examples:
@@ -36,8 +36,8 @@ def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
-    Loops start from states along the model's own run, or from those of --states, and hold their
-    controls.
+    Loops start from states along a simulation of the model, or from those of --states, and hold
+    their controls.
 
     \b
     Examples:
@@ -55,12 +55,12 @@ def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
 def profile_instructions(sources: list[ModelSource], options: InstructionOptions) -> None:
     """Count instructions per step, by function and stage; within 0.1 % the same on a busy machine.
 
-    Needs valgrind. The first RELEASE draws start states and controls; every other one does the same
+    Needs valgrind. The first release draws start states and controls; every other one does the same
     work.
 
     \b
     Example:
-      mjbench profile --instructions humanoid --release 3.3.0,4.0.0
+      mjbench profile --instructions humanoid --releases 3.3.0,4.0.0
     """
     from mjbench.commands.profile.driver import of_instructions
     from mjbench.counts import show

@@ -27,12 +27,12 @@ HISTORY = click.option(
     metavar="FILE",
     type=FILE,
     default=_bundle,
-    help="Git bundle with one commit per release"
+    help="Git bundle with one commit per release."
     "  [default: benchmarks/releases.bundle of the checkout]",
 )
 
 
-@cli.group(invoke_without_command=True)
+@cli.group(invoke_without_command=True, subcommand_metavar="[COMMAND] [ARGS]…")
 @click.pass_context
 def releases(ctx: click.Context) -> None:
     """List MuJoCo releases, install them side by side, and keep the git history that asv uses.
@@ -76,7 +76,10 @@ def update_releases(history: Path) -> None:
 @releases.command("verify", short_help="check the git history")
 @HISTORY
 def verify_releases(history: Path) -> None:
-    """Build the git history again and compare every hash; exit with 1 if one differs."""
+    """Build the git history again and compare every hash.
+
+    Exit code: 1 if one differs.
+    """
     from mjbench.releases import bundle, package_index
 
     indexed, index_problem = None, ""

@@ -20,7 +20,7 @@ def run(program: tuple[str, ...], options: RunOptions) -> None:
     after --seconds. The report goes to standard error. `mjbench PROGRAM`, the check-up, prints only
     what to change.
 
-    The exit code is the program's; 0 if mjbench ended it.
+    Exit code: the program's; 0 if mjbench ended it.
 
     \b
     Examples:

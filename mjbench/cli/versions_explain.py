@@ -68,7 +68,7 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
                 targets = [Target(spec, source) for spec in specs]
                 timed = replace(plan, time_limit_s=shares.next_s())
                 times.append(
-                    _compare_times(pool, counter, targets, timed) if options.clock else None
+                    None if options.skip else _compare_times(pool, counter, targets, timed)
                 )
             observer("instructions", 0.5)
             baselines, candidates = (list(counter.count(spec, remaining)) for spec in specs)
@@ -84,7 +84,7 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
         **asdict(plan),
         "releases": [spec.key for spec in specs],
         "models": [source.name for source in sources],
-        "clock": options.clock,
+        "skip": options.skip,
     }
     files = input_files(sources, specs, plan.sizes.starts)
     measurement = Measurement("explain", arguments, files, items, records.finished)

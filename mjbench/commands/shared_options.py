@@ -16,10 +16,9 @@ from mjbench.options import (
     SECONDS_OR_ZERO,
     SEED,
     THREADS,
-    Kind,
     file,
+    names_among,
     option,
-    parsed,
     text,
 )
 from mjbench.paired.metrics import Metric
@@ -59,9 +58,9 @@ class FormOptions(JsonOptions):
     csv_file: str | None = output_option("--csv", "results as CSV")
 
 
-def results_option(folder: Path, help_text: str = "Folder for the run file.") -> Any:
+def results_option(default: Path | None = RESULTS_FOLDER, unset: str = "") -> Any:
     """Return the option `--results`."""
-    return option(folder, file("DIR"), help_text, of_functions=False)
+    return option(default, file("DIR"), "Folder of run files.", unset=unset, of_functions=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +71,7 @@ class RunFileOptions:
       wait: whether to wait for others that measure here; None for a command that measures no time.
     """
 
-    results: Path = results_option(RESULTS_FOLDER, "Folder for run files.")
+    results: Path = results_option()
     resume: Path | None = option(
         None,
         file("RUN"),
@@ -90,16 +89,17 @@ class OutputOptions(RunFileOptions, FormOptions):
     """Where results go."""
 
 
+def time_limit_option(default_s: float) -> Any:
+    """Return the option `--time-limit`."""
+    help_text = "Kill a process of a model that reports nothing for this long."
+    return option(default_s, SECONDS, help_text, is_stored=False)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TimeLimitOptions:
     """How long a child process may be silent."""
 
-    time_limit_s: float = option(
-        TIME_LIMIT_S,
-        SECONDS,
-        "Kill a model's process that reports nothing for this long.",
-        is_stored=False,
-    )
+    time_limit_s: float = time_limit_option(TIME_LIMIT_S)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,17 +212,8 @@ def check_holds(nstep: int | None, hold: int, flag: str = "--hold") -> None:
 
 def fail_on_option(finding: type[StrEnum], help_text: str) -> Any:
     """Return the option `--fail-on`, whose value is a list of findings."""
-
-    def read(text: str) -> list[StrEnum]:
-        words = [word for word in text.split(",") if word.strip()]
-        if not words:
-            raise ValueError
-        return parsed(",".join(words), lambda word: finding(word.strip()))
-
-    names = ", ".join(finding)
-    expected = f"one of {names}, or several with commas"
-    kind = Kind("FINDING,…", "str", read, expected=expected)
-    help_text = f"Exit 1 for one of these: {names}. {help_text}"
+    kind = names_among(finding, "FINDING,…")
+    help_text = f"Exit 1 for one of these: {', '.join(finding)}. {help_text}"
     return option(None, kind, help_text, "--fail-on", of_functions=False)
 
 
@@ -275,11 +266,9 @@ def top_option() -> Any:
     return option(15, COUNT, "List this many functions.", of_functions=False)
 
 
-def code_option(
-    help_text: str = "Print the Python code, too, such as that of advised paths.",
-) -> Any:
+def code_option() -> Any:
     """Return the option `--code`."""
-    return option(False, FLAG, help_text, of_functions=False)
+    return option(False, FLAG, "Print the Python code, too.", of_functions=False)
 
 
 def threads_option() -> Any:

@@ -9,7 +9,7 @@ from commands import mjbench
 
 from mjbench.commands.env import vectors
 
-QUICK = ["--nstep", "40", "--budget", "0.1", "--threads", "1", "--no-vector"]
+QUICK = ["--nstep", "40", "--budget", "0.1", "--threads", "1", "--skip", "vectors"]
 
 
 def test_it_measures_and_writes_json_and_show_prints_it_again(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_physics_that_a_plain_loop_does_not_repeat_is_a_finding(
         (["env", "example_environments:mak"], "did you mean make"),
         (["env", "example_environments:number"], "int is no environment"),
         (["env", "a:make", "--nstep", "0"], "'0' is not a whole number, at least 1"),
-        (["env", "a:make", "--no-vector", "--nbatch", "2"], "not both"),
+        (["env", "a:make", "--skip", "vectors", "--nbatch", "2"], "not both"),
     ],
 )
 def test_bad_input_ends_in_one_clear_line(
@@ -100,7 +100,7 @@ def test_environments_of_gymnasium_are_measured_with_each_of_their_wrappers(
     (tmp_path / "stack.py").write_text(STACK)
     quick = ["--nstep", "50", "--budget", "0.1", "--json", "out.json"]
     rows = []
-    for words in (["InvertedPendulum-v5", "--no-vector"], ["stack:make", "--nbatch", "2"]):
+    for words in (["InvertedPendulum-v5", "--skip", "vectors"], ["stack:make", "--nbatch", "2"]):
         done = mjbench("env", *words, *quick, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         (row,) = json.loads((tmp_path / "out.json").read_text())["results"]

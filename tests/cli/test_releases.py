@@ -115,7 +115,7 @@ def test_installs_that_were_not_used_for_long_are_pruned(tmp_path: Path) -> None
         "versions --explain installed 9.9.9 cartpole",
         "ab cartpole,release=3.4.0 release=9.9.9",
         "bisect 3.4.0 9.9.9 cartpole",
-        "profile --instructions --release 9.9.9 cartpole",
+        "profile --instructions --releases 9.9.9 cartpole",
         "releases install 3.4.0 9.9.9",
     ],
 )

@@ -227,7 +227,7 @@ def test_counts_of_instructions_are_continued_with_the_same_work(
 
     monkeypatch.setattr(instructions, "unavailable", lambda: None)
     monkeypatch.setattr(InstructionCounter, "count", count)
-    releases = ("--release", "3.3.0,3.3.1")
+    releases = ("--releases", "3.3.0,3.3.1")
     words = ("profile", "--instructions", "cartpole", "linkage", *releases)
     assert invoke(*words).exit_code == 130
     (file,) = Path("results/runs").glob("*.jsonl")

@@ -81,7 +81,7 @@ def number_options() -> Iterator[tuple[str, click.Option]]:
         for parameter in command.params:
             has_value = isinstance(parameter, click.Option) and not parameter.is_flag
             is_text = isinstance(parameter.type, text_types)
-            if has_value and not is_text and parameter.type.name != options.NAMES.metavar:
+            if has_value and not is_text and parameter.type.name not in ("NAME,…", "CODE,…"):
                 yield f"{name} {parameter.opts[0]}", parameter
 
 

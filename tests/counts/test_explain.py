@@ -159,7 +159,16 @@ def test_the_command_compares_functions_and_writes_json(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(instructions, "unavailable", lambda: None)
     monkeypatch.setattr(InstructionCounter, "count", InventedCounter(1.1).count)
-    words = ["versions", "--explain", "installed", "installed", "cartpole", "--no-clock", "--json"]
+    words = [
+        "versions",
+        "--explain",
+        "installed",
+        "installed",
+        "cartpole",
+        "--skip",
+        "times",
+        "--json",
+    ]
     done = CliRunner().invoke(cli, [*words, str(tmp_path / "out.json")])
     assert done.exit_code == 0, done.stderr
     assert "same work" in done.stdout

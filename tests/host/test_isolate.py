@@ -265,16 +265,3 @@ def test_a_child_that_takes_too_much_memory_is_killed(
     monkeypatch.setattr(isolate.child, "memory_bytes", lambda pid: 3 << 30)
     ended = isolate._converse(connect((5.0, Text("late"))), None, lambda m: None, 60.0, 2 << 30)
     assert ended == Ended(Status.FAILED, "took more than 2.0 GiB of memory, killed")
-
-
-def test_an_exception_in_the_parent_leaves_no_process() -> None:
-    children: list[int] = []
-
-    def interrupt(message: Process) -> None:
-        children.append(os.pidfd_open(message.pid))
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        isolate.run(isolated_tasks.hang, (None,), interrupt, 60.0, str(TESTS))
-    (grandchild,) = children
-    assert ends(grandchild)

@@ -10,6 +10,7 @@ import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
 import mjbench
+from mjbench.errors import InputError
 from mjbench.paired import run_sizes, target_pair
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.target_pair import StepPair, pair_of
@@ -108,6 +109,15 @@ def test_starts_are_settled_and_the_check_says_so(pool: WorkerPool) -> None:
         pair = prepared(pool, (CUBES, CUBES), sizes)
         assert pair.work.starts == starts
         assert pair.work.candidate_starts is None
+
+
+def test_a_file_of_states_that_fits_neither_model_is_bad_input(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    file = tmp_path / "states.npz"
+    np.savez(file, qpos=np.zeros((3, 5)))
+    with pytest.raises(InputError, match="the model's qpos has 14 numbers, the file's 5"):
+        prepared(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)))
 
 
 def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(

@@ -57,18 +57,6 @@ def test_a_call_lasts_until_the_next(model: mujoco.MjModel) -> None:
     assert has_clock(model)
 
 
-def test_blocks_that_do_not_nest_keep_it_off_until_the_last_one_ends(
-    model: mujoco.MjModel,
-) -> None:
-    first, second = mjbench.engine_clock(False), mjbench.engine_clock(False)
-    with contextlib.ExitStack() as of_first, contextlib.ExitStack() as of_second:
-        of_first.enter_context(first)
-        of_second.enter_context(second)
-        of_first.close()
-        assert not has_clock(model)
-    assert has_clock(model)
-
-
 def test_the_last_call_decides_among_blocks_that_have_not_ended(model: mujoco.MjModel) -> None:
     with contextlib.ExitStack() as of_off, contextlib.ExitStack() as of_on:
         of_off.enter_context(mjbench.engine_clock(False))

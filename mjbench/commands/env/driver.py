@@ -19,11 +19,11 @@ from mjbench.status import Status
 
 def measurement(names: Sequence[str], options: EnvironmentOptions) -> Measurement:
     """Return the measurement of environments; without numbers, of powers of two and all cores."""
-    if options.no_vector and options.nbatch:
-        raise InputError("give --nbatch or --no-vector, not both")
+    if options.skip and options.nbatch:
+        raise InputError("give --nbatch or --skip vectors, not both")
     sources = [resolve(name, Path.cwd()) for name in names]
     cores = machine.usable_cores()
-    counts = [] if options.no_vector else options.nbatch or _doubled(cores)
+    counts = [] if options.skip else options.nbatch or _doubled(cores)
     plan = EnvironmentPlan(
         options.nstep,
         options.seed,

@@ -9,9 +9,10 @@ from mjbench.commands.shared_options import (
     SizeOptions,
     TimeLimitOptions,
     code_option,
+    time_limit_option,
     top_option,
 )
-from mjbench.options import NAMES, SECONDS, option
+from mjbench.options import NAMES, option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,18 +27,14 @@ class HabitOptions(BudgetOptions, LoopStartOptions, TimeLimitOptions, OutputOpti
     """How habits of a loop are timed."""
 
     EACH_S, QUICK_S = 30.0, 10.0
-    code: bool = code_option("Print each habit's loop, and its cheaper form.")
+    code: bool = code_option()
 
 
 @dataclass(frozen=True, kw_only=True)
 class InstructionOptions(SizeOptions, OutputOptions):
     """How instructions are counted."""
 
-    releases: list[str] | None = option(
-        None, NAMES, "Releases to count in", "--release", unset="installed"
-    )
+    releases: list[str] | None = option(None, NAMES, "Releases to count in", unset="installed")
     top: int = top_option()
-    time_limit_s: float = option(
-        600.0, SECONDS, "Kill a release's process that finishes no model for this long."
-    )
+    time_limit_s: float = time_limit_option(600.0)
     wait: None = None

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.commands.shared_options import (
-    RESULTS_FOLDER,
     FormOptions,
     JsonOptions,
     TimeLimitOptions,
@@ -29,7 +28,7 @@ class ShowOptions(FailOnOptions, FormOptions):
         "Compare two RUNs even where machine, JAX, jaxlib, XLA flags, device or precision differ.",
     )
     code: bool = code_option()
-    results: Path = results_option(RESULTS_FOLDER, "Folder of run files.")
+    results: Path = results_option()
     junit_file: str | None = output_option("--junit", "verdicts of one RUN as JUnit XML")
     comment_file: str | None = output_option(
         "--comment", "verdicts of one RUN as a comment on a pull request"

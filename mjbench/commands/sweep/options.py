@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.commands.shared_options import FormOptions
-from mjbench.options import FLAG, file, option, text
+from mjbench.commands.shared_options import FormOptions, results_option
+from mjbench.options import FLAG, option, text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,10 +17,5 @@ class SweepOptions(FormOptions):
         "Ray cluster to measure on; `auto` is the one that this machine belongs to",
         unset="this machine alone",
     )
-    results: Path | None = option(
-        None,
-        file("DIR"),
-        "Folder for run files; what it already has is not measured again",
-        unset="results/sweeps/PLAN",
-    )
+    results: Path | None = results_option(None, "results/sweeps/PLAN")
     dry_run: bool = option(False, FLAG, "Print what would be measured; measure nothing.")

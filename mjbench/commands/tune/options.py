@@ -18,10 +18,10 @@ class TuneOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOptions):
 
     EACH_S, QUICK_S = 300.0, 60.0
     only: list[str] | None = option(
-        None, NAMES, f"Settings to try, by names or groups: {IN_GROUPS}", unset="all"
+        None, NAMES, f"Try only these settings, by names or groups: {IN_GROUPS}", unset="all"
     )
     skip: list[str] | None = option(
-        None, NAMES, "Settings to leave alone, named as for --only, such as excludes,timestep."
+        None, NAMES, "Leave out these settings, named as for --only, such as excludes,timestep."
     )
     allow: str = option(
         "approximate",

@@ -1,11 +1,12 @@
 """The options of `mjbench versions`, `versions --explain`, `ab` and `bisect`."""
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from mjbench.commands.shared_options import BudgetOptions, OutputOptions, SizeOptions, top_option
 from mjbench.commands.versions.fail_on import FailOnOptions
-from mjbench.options import COUNT, FLAG, NAMES, SHARE, choice, option
+from mjbench.options import COUNT, FLAG, NAMES, SHARE, choice, names_among, option
 from mjbench.paired import outcomes
 from mjbench.paired.metrics import METRICS, Metric
 
@@ -93,12 +94,20 @@ class VersionsOptions(TargetOptions):
         return replace(super().plan, family=self.family or 1)
 
 
+class ExplainPart(StrEnum):
+    """What `versions --explain --skip` can name."""
+
+    TIMES = "times"
+
+
 @dataclass(frozen=True, kw_only=True)
 class ExplainOptions(JudgingOptions, OutputOptions):
     """How differences are explained."""
 
     top: int = top_option()
-    clock: bool = option(True, FLAG, "Compare wall-clock times too.", "--clock/--no-clock")
+    skip: list[ExplainPart] | None = option(
+        None, names_among(ExplainPart), "Leave out these parts: times, the wall-clock times."
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

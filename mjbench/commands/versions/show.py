@@ -82,7 +82,8 @@ def _what_would_decide(rows: Sequence[VerdictRow], min_effect: float) -> Iterato
     times = [seconds for row in undecided if (seconds := _deciding_s(row, min_effect))]
     about = ""
     if times:
-        about = f" (at this noise about --budget {60 * math.ceil(max(times) / 60)}s)"
+        about_s = 60 * math.ceil(len(rows) * max(times) / 60)  # each verdict has an equal share
+        about = f" (at this noise about --budget {about_s}s)"
     yield (
         f"To decide what is inconclusive: give it more time{about}, end other programs, or accept a"
         " larger --min-effect; `mjbench doctor` says what this machine can decide"

@@ -1,7 +1,6 @@
 """Environments are measured in child processes, and the record says how those ended."""
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -140,16 +139,3 @@ def test_an_environment_that_crashes_ends_its_own_process_alone() -> None:
     record = measured("crashes")
     assert record.status == Status.CRASHED
     assert "SIGSEGV" in record.detail
-
-
-def test_the_users_folder_is_the_current_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "robot.xml").write_text("<mujoco/>")
-    (tmp_path / "local_env.py").write_text(
-        "from pathlib import Path\nimport example_environments\n"
-        "def make():\n    Path('robot.xml').read_text()\n    return example_environments.make()\n"
-    )
-    monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
-    record = measurement.measure(resolve("local_env:make", tmp_path), PLAN)
-    assert (record.status, record.detail) == (Status.OK, "")

@@ -358,22 +358,6 @@ def test_steps_on_several_threads_are_captured(tmp_path: Path) -> None:
     assert captured_states(capture, HUMANOID).nrow > 10
 
 
-def test_captures_that_do_not_nest_each_have_all_their_own_steps(tmp_path: Path) -> None:
-    original, stepping = mujoco.mj_step, program(CARTPOLE, one_by_one, ncall=30)
-    first, second = (mjbench.capture(tmp_path / f"{i}.npz") for i in range(2))
-    with contextlib.ExitStack() as of_first, contextlib.ExitStack() as of_second:
-        of_first.enter_context(first)
-        states = [next(stepping) for _ in range(10)]
-        of_second.enter_context(second)
-        states += [next(stepping) for _ in range(10)]
-        of_first.close()
-        states += [next(stepping) for _ in range(10)]
-    assert mujoco.mj_step is original
-    for capture, expected in ((first, states[:20]), (second, states[10:])):
-        recorded = rows(captured_states(capture, CARTPOLE), CARTPOLE)
-        np.testing.assert_array_equal(recorded[1:], expected)
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_writes_nothing(tmp_path: Path) -> None:
     script = tmp_path / "program.py"
