@@ -31,16 +31,18 @@ class EnvironmentOptions(BudgetOptions, SeedOptions, TimeLimitOptions, OutputOpt
     nstep: int | None = option(
         None,
         count(Bounds(1, MAX_NSTEP)),
-        "Steps of the environment to record and repeat in every round",
+        "Steps of the environment to record, and to repeat in every timing",
         unset="as many as take 0.1 s, from 50 to 1000",
     )
     threads: list[int] | None = threads_option()
     nbatch: list[int] | None = option(
         None,
         THREADS,
-        "Numbers of environments in vectorised forms",
+        "Environments of each SyncVectorEnv and AsyncVectorEnv",
         unset="1, 2, 4, … usable cores",
     )
     skip: list[EnvironmentPart] | None = option(
-        None, names_among(EnvironmentPart), "Leave out these parts: vectors, the vectorised forms."
+        None,
+        names_among(EnvironmentPart),
+        "Leave out these parts: vectors, SyncVectorEnv and AsyncVectorEnv.",
     )

@@ -44,7 +44,10 @@ class LatencyOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
     )
     rate_hz: float | None = option(None, HERTZ, "Paced ticks per second", unset="real time")
     nstep: int | None = option(
-        None, COUNT, "Steps at each pace", unset="10,000 ticks, or what the budget allows"
+        None,
+        COUNT,
+        "Steps to measure, free-running and paced",
+        unset="10,000 ticks, or what the budget allows",
     )
     findings: Sequence[LatencyFinding] | None = fail_on_option(
         LatencyFinding, "`missed`: a tick missed its deadline, free-running or paced."
