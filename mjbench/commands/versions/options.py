@@ -84,7 +84,7 @@ class VersionsOptions(FailOnOptions, JudgingOptions, OutputOptions):
     paths: list[str] | None = option(
         None,
         NAMES,
-        "Ways of stepping, each compared between the releases",
+        "Ways of stepping to compare between the releases",
         unset="python_loop",
     )
     metric: str = _metric(*Metric)
