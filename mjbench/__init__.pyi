@@ -109,7 +109,7 @@ def compare(
       hold: Steps for which each control is held: an environment's frame_skip. Default: 1; 5 with
         --rl.
       total_steps: Steps that you will take in all simulations together, such as 1e9: a path that
-        compiles is advised only if that pays within them. Default: those of one block.
+        compiles is advised only if that pays within them. Default: --nbatch times --nstep.
       rl: For RL (closed loop): a policy chooses an action every --hold steps. Only paths that it
         can use are compared, and each call takes the steps of one action.
       budget_s: Time of the whole command, divided among its models. In seconds. Default: 23s for
@@ -268,7 +268,7 @@ def versions(
         targets is called different. As a share: 0.01 is 1 %.
       precision: Stop when half the interval's width is below this. As a share: 0.01 is 1 %.
       as_shipped: Compare builds as they are. By default mjbench moves their machine code in memory
-        from launch to launch, so that only what the code does makes a difference.
+        from process to process, so that only what the code does makes a difference.
       budget_s: Time of the whole command, divided among its verdicts. In seconds. Default: 60s for
         each verdict.
       quick: A first impression, often uncertain: 15s for each verdict.

@@ -29,7 +29,6 @@ from mjbench.errors import InputError
 from mjbench.paired.operations import registry
 from mjbench.releases import bundle, installs, release_names
 from mjbench.releases.release import OLDEST, version_key
-from mjbench.results import markdown
 from mjbench.simulation.models import resolve, shipped
 
 RESULTS = Path("results/history")
@@ -124,7 +123,7 @@ def write_page() -> None:
     """Draw the plots and write the page, from the committed run files."""
     measured = files.read(files.run_files(files.ROOT / RESULTS), known_causes.FILE)
     plots.draw(measured, PLOTS)
-    lines = markdown.document(page.sections(measured), PLOTS.name)
+    lines = page.document(page.sections(measured), PLOTS.name)
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

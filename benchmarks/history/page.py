@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from benchmarks.history import plots, speed_series, tables
 from benchmarks.history.change_points import (
@@ -18,6 +18,7 @@ from mjbench.formats import count_of
 from mjbench.host.machine import Machine
 from mjbench.interval import LogEstimate
 from mjbench.releases.release import NO_CHANGE_PAIRS
+from mjbench.results import charts, markdown
 from mjbench.results.content import Conclusion, Section
 from mjbench.simulation import models
 
@@ -31,6 +32,37 @@ _METHODS = {
 }
 
 
+def document(sections: Iterable[Section], folder: str) -> Iterator[str]:
+    """Yield the lines of a document of sections; the first one has its title.
+
+    Args:
+      folder: of the sections' figures, as the page is to link it.
+    """
+    for number, section in enumerate(sections):
+        if number:
+            yield ""
+        yield f"{'##' if number else '#'} {markdown.escaped(section.heading)}"
+        for text in (*(each.text for each in section.conclusions), *section.facts):
+            yield ""
+            yield markdown.escaped(text)
+        for figure in section.figures:
+            yield ""
+            yield f"![{markdown.escaped(figure.title)}]({folder}/{charts.file_name(figure.title)})"
+        if not section.figures:
+            yield from markdown.tables(section)
+        for note in section.notes:
+            yield ""
+            yield markdown.escaped(note)
+        if not number:
+            links = (f"[{about}]({page})" for about, page in _METHODS.items())
+            yield ""
+            yield f"See {', '.join(links)}."
+        yield ""
+        yield f"Measured by {markdown.code(section.command)}"
+    yield ""
+    yield "Written by mjbench; do not edit."
+
+
 def sections(history: SpeedHistory) -> Iterator[Section]:
     """Yield what changed, a plot of each model, and the change points."""
     first = history.releases()[0]
@@ -41,7 +73,6 @@ def sections(history: SpeedHistory) -> Iterator[Section]:
         conclusions=[Conclusion(sentence) for sentence in conclusions(history)],
         notes=[*_provenance(history)],
         command=measure,
-        see_also=_METHODS,
     )
     yield Section(
         "Change points of a step",

@@ -127,7 +127,7 @@ def _in_list(
     # late: asv imports this module without its packages
     from mjbench.commands.checkup import ranking
 
-    if not closer or ranking.rank(first)[0] != ranking.rank(closer[0])[0]:
+    if not closer or ranking.importance(first) != ranking.importance(closer[0]):
         return None
     same = next((item for item in closer if item.action == first.action), None)
     return same.times if same is not None else _times(_measured(first, longer))

@@ -8,7 +8,10 @@ import click
 HEADINGS: Mapping[str, Sequence[str]] = {
     "Workload": ("--nbatch", "--nstep", "--hold", "--seed", "--settle", "--states", "--actions"),
     "Statistics": ("--min-effect", "--confidence", "--precision", "--as-shipped", "--family"),
-    "Files": ("--results", "--resume", "--html", "--markdown", "--csv", "--json"),
+    "Files": (
+        *("--results", "--resume", "--html", "--markdown", "--csv", "--json", "--junit"),
+        *("--comment", "--github-benchmark", "--github", "--sarif"),
+    ),
     "Other options": ("--time-limit", "--wait", "--help"),
 }
 _SHARED = {flag for flags in HEADINGS.values() for flag in flags}

@@ -18,8 +18,7 @@ def env(names: tuple[str, ...], options: EnvironmentOptions) -> None:
     imported from the current folder, that returns an environment. --nstep steps with random actions
     are recorded, and then repeated in rounds. You get the shares of physics, observation, reward,
     controller and wrappers. Nothing is compared before a plain loop has repeated the environment's
-    physics, to the last bit. --nbatch environments are stepped at once in vectorised forms, such as
-    Gymnasium's.
+    physics, to the last bit. SyncVectorEnv and AsyncVectorEnv step --nbatch environments at once.
 
     \b
     Examples:

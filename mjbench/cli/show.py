@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli import output_file
+from mjbench.cli.command_help import Command
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, command_line, report_line
 from mjbench.cli.shared import FILE, takes
@@ -19,16 +20,13 @@ from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
     from mjbench.commands.show.reports import NamedRun
-    from mjbench.commands.show.side_by_side import Pair
     from mjbench.results.runs import Run
 
-# Runs that are printed; of more there is a list.
-_MOST_RUNS = 20
 # Files that `FormOptions` names.
 _FORMS = {"--html", "--markdown", "--csv", "--json"}
 
 
-class _ShowCommand(click.Command):
+class _ShowCommand(Command):
     """A command whose arguments may be numbers of stored runs, such as -2."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -108,7 +106,7 @@ def _list(files: Sequence[Path], options: ShowOptions) -> None:
                 numbers.append(-number)
             except InputError as error:
                 report_line(str(error))
-        rows = stored_runs.stored_runs(named_runs, numbers)
+        rows = stored_runs.stored_runs(numbers, named_runs)
         section = Section("Run files", tables=[stored_runs.table(rows)])
         if not run.files:
             run.table(stored_runs.table(rows))
@@ -118,7 +116,7 @@ def _list(files: Sequence[Path], options: ShowOptions) -> None:
         _name_files(run)
 
 
-def _show_pair(run: RunContext, pair: "Pair", options: ShowOptions) -> int:
+def _show_pair(run: RunContext, pair: "Sequence[NamedRun]", options: ShowOptions) -> int:
     """Show two runs side by side; return the exit code."""
     from mjbench.commands.show import forms, side_by_side
     from mjbench.commands.show.run_differences import RunDifference
@@ -126,7 +124,8 @@ def _show_pair(run: RunContext, pair: "Pair", options: ShowOptions) -> int:
 
     if flags := sorted({*run.files} - _FORMS):
         raise InputError(f"{flags[0]} takes one RUN")
-    rows = side_by_side.differences(pair, options.across)
+    old, new = (named.run for named in pair)
+    rows = side_by_side.differences(old, new, options.across)
     sections = [side_by_side.section(pair, rows)]
     if not run.files:
         run.show(sections)
@@ -135,7 +134,7 @@ def _show_pair(run: RunContext, pair: "Pair", options: ShowOptions) -> int:
     )
     timed = [row for row in rows if isinstance(row, RunDifference)]
     if options.findings and not timed:
-        return _exit_code([pair.old.run, pair.new.run], options)
+        return _exit_code([old, new], options)
     code = options.exit_code_of_models([(row.model, row.verdict) for row in timed])
     return exit_code(row.status for row in timed) or code
 
@@ -148,7 +147,7 @@ def _show_each(run: RunContext, named_runs: "Sequence[NamedRun]", code: bool) ->
         if len(stored) == 1:
             _print(run, stored[0], code)
         else:
-            _print_several(run, named_runs, code)
+            _print_several(run, stored, code)
         return
     for caution in dict.fromkeys(itertools.chain.from_iterable(map(exports.cautions, stored))):
         report_line(caution)
@@ -180,21 +179,15 @@ def _exit_code(stored: "Sequence[Run]", options: ShowOptions) -> int:
     return exit_code
 
 
-def _print_several(run: RunContext, named_runs: "Sequence[NamedRun]", code: bool) -> None:
-    """Print what machines answer side by side, and each run after it; of many runs, a list."""
-    from mjbench.commands.show import machines, stored_runs
+def _print_several(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
+    """Print what machines answer side by side, and each run after it."""
+    from mjbench.commands.show import machines
 
-    stored = [named.run for named in named_runs]
     compared = machines.of_runs(stored)
     if compared.has_several:
         for line in compared.cautions:
             run.out.print(line, soft_wrap=True)
         run.show(filter(None, [machines.section(compared)]))
-    if len(stored) > _MOST_RUNS:
-        run.out.print()
-        run.table(stored_runs.table(stored_runs.stored_runs(named_runs)))
-        report_line(f"{len(stored)} runs: only listed; --html FILE has a section of each")
-        return
     for number, (each, machine) in enumerate(zip(stored, compared.identities, strict=True), 1):
         run.out.print()
         run.out.rule(f"Run {number} of {len(stored)}: {each.header.command} on {machine.name}")

@@ -205,7 +205,6 @@ class Section:
       command: the command line that measured it.
       is_open: whether its tables are shown at once also on a page of many sections.
       is_summary: whether it stands for the conclusions of other sections, at the head of a page.
-      see_also: pages below docs/ that explain it, by what they are about; linked by documents.
     """
 
     heading: str
@@ -219,7 +218,6 @@ class Section:
     command: str = ""
     is_open: bool = False
     is_summary: bool = False
-    see_also: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tables", filled(*self.tables))

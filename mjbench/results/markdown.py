@@ -11,7 +11,6 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from mjbench.errors import printable
-from mjbench.results import charts
 from mjbench.results.content import DataTable, Report, Section, Tone
 
 _MARKS = {
@@ -41,7 +40,7 @@ def render(report: Report) -> Iterator[str]:
         yield from folded(f"{len(lines) - room} further conclusions", lines[room:])
     left = _MOST_SHOWN - min(_MOST_CONCLUDED, sum(len(line) + 1 for line in lines))
     for section in report.summaries:
-        table = [*_tables(section)]
+        table = [*tables(section)]
         left -= sum(len(line) + 1 for line in table)
         if left > 0:
             yield from table
@@ -65,45 +64,15 @@ def folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
 def _section_lines(section: Section) -> Iterator[str]:
     yield from _conclusions((each.sentence, each.tone) for each in section.conclusions)
     yield from (f"- {escaped(fact)}" for fact in section.facts)
-    yield from _tables(section)
+    yield from tables(section)
     yield ""
     yield from (f"- {escaped(note)}" for note in section.notes)
     yield ""
     yield f"Measured by {code(section.command)}"
 
 
-def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
-    """Yield the lines of a document of sections; the first one has its title.
-
-    Args:
-      plots: folder of the sections' figures, as the page is to link it.
-    """
-    for number, section in enumerate(sections):
-        if number:
-            yield ""
-        yield f"{'##' if number else '#'} {escaped(section.heading)}"
-        for text in (*(each.text for each in section.conclusions), *section.facts):
-            yield ""
-            yield escaped(text)
-        for figure in section.figures:
-            yield ""
-            yield f"![{escaped(figure.title)}]({plots}/{charts.file_name(figure.title)})"
-        if not section.figures:
-            yield from _tables(section)
-        for note in section.notes:
-            yield ""
-            yield escaped(note)
-        if section.see_also:
-            links = (f"[{escaped(about)}]({page})" for about, page in section.see_also.items())
-            yield ""
-            yield f"See {', '.join(links)}."
-        yield ""
-        yield f"Measured by {code(section.command)}"
-    yield ""
-    yield "Written by mjbench; do not edit."
-
-
-def _tables(section: Section) -> Iterator[str]:
+def tables(section: Section) -> Iterator[str]:
+    """Yield the tables of a section, and the code that it shows."""
     for table in section.shown_tables:
         yield ""
         if len(section.shown_tables) > 1:

@@ -65,13 +65,6 @@ def test_the_document_has_what_machines_answer(files: list[Path]) -> None:
     }
 
 
-def test_of_very_many_runs_there_is_a_list(tmp_path: Path) -> None:
-    done = show(*(run_file(tmp_path, labelled(f"m{n}"), SAME) for n in range(21)))
-    assert done.exit_code == 0
-    assert "21 runs: only listed" in done.stderr
-    assert "Run 1 of" not in done.stdout
-
-
 def test_three_runs_of_one_machine_are_shown_one_after_the_other(tmp_path: Path) -> None:
     done = show(*(run_file(tmp_path, labelled("a"), each) for each in (SAME, SLOWER, SAME)))
     assert done.exit_code == 0

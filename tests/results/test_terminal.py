@@ -141,7 +141,7 @@ def test_a_narrow_terminal_wraps_sentences_at_words() -> None:
     text = re.sub(r"\x1b\[[\d;]*m", "", on_a_terminal(["show", run], 60))
     assert max(map(len, text.splitlines())) <= 60
     whole = " ".join(mjbench("show", run).stdout.split())
-    sentence = next(s for s in whole.split("For ") if s.startswith("controls known beforehand"))
+    sentence = next(s for s in whole.split("For ") if s.startswith("RL (closed loop)"))
     assert sentence in " ".join(text.split())
 
 

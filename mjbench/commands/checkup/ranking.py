@@ -12,7 +12,6 @@ from mjbench import formats
 from mjbench.commands.checkup.item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.commands.checkup.result import CheckedPart, Combination
 from mjbench.commands.compare import advice
-from mjbench.commands.compare.advice import Advice
 from mjbench.commands.compare.results import ModelResults, derive_all
 from mjbench.commands.env import show as environment
 from mjbench.commands.env.result import EnvironmentRecord
@@ -42,6 +41,11 @@ _MOST_OF_PROGRAM = 6
 # Settings that err by more, as a share of the motion, are not listed: what they gain is no longer
 # of the same motion, and who only wants to save time would not expect it.
 _MOST_ERROR = 0.05
+_LOOPS = {
+    Loop.CLOSED: " (RL)",
+    Loop.OPEN: " (open loop)",
+    None: " (RL, open loop)",
+}
 _CHANGES = {
     Effect.FREE: ResultChange.NONE,
     Effect.EQUIVALENT: ResultChange.TOLERANCE,
@@ -50,19 +54,28 @@ _CHANGES = {
 
 
 def items(run: Run) -> list[CheckupItem]:
-    """Return what a check-up advises, the most important first; those of a loop in its order."""
-    return sorted(_items(run), key=rank)
+    """Return what a check-up advises, the most important first; those of a loop in its order.
+
+    Of the ways of stepping, the one for RL comes first.
+    """
+    unranked = [*_items(run)]
+    best = max((each.times for each in unranked if each.group == GainGroup.PATHS), default=1.0)
+
+    def rank(item: CheckupItem) -> tuple[int, float, bool]:
+        times = best if item.group == GainGroup.PATHS else item.times
+        is_ranked = item.gain is None or item.group == GainGroup.LOOP  # `run` has ranked these
+        return importance(item), 0.0 if is_ranked else -times, item.loop == Loop.OPEN
+
+    return sorted(unranked, key=rank)
 
 
-def rank(item: CheckupItem) -> tuple[int, float]:
-    """Return where an item stands: wrong results, what keeps results, the rest, the unmeasured."""
+def importance(item: CheckupItem) -> int:
+    """Return 0 for a wrong result, 1 for what keeps results, 2 for the rest, 3 without a gain."""
     if item.change == ResultChange.CORRECTED:
-        return 0, 0.0
+        return 0
     if item.gain is None:
-        return 3, 0.0
-    if item.group == GainGroup.LOOP:  # `run` has ranked them
-        return 1, 0.0
-    return (1 if item.change.keeps else 2), -item.times
+        return 3
+    return 1 if item.group == GainGroup.LOOP or item.change.keeps else 2
 
 
 def short_name(target: str) -> str:
@@ -130,10 +143,13 @@ def _of_paths(
     advised = [each for each in model_results.advice if each.speedup is not None]
     for row in {str(each.variant): each for each in advised}.values():
         loops = {each.loop for each in advised if each.variant == row.variant}
+        loop = None if len(loops) > 1 else row.loop
         yield CheckupItem(
-            action=f"step by {advice.described(row.variant)}{_whose(row, loops)}",
+            action=f"{advice.described(row.variant)}{_LOOPS[loop]}",
+            loop=loop,
             variant=row.variant,
             gain=row.speedup,
+            is_certain=row.is_certain,
             unit=GainUnit.PLAIN_LOOP,
             change=ResultChange.NONE,
             group=GainGroup.PATHS,
@@ -150,8 +166,7 @@ def _of_paths(
     clock = model_results.clock_advice
     if clock is not None and not any(setting.loop.is_clock_off for setting in settings):
         yield CheckupItem(
-            action=f"turn off {engine_clock.TIMER_NAME}:"
-            f" {engine_clock.OFF_CODE} after creating MjData",
+            action=f"{engine_clock.OFF_CODE}: timer off",
             variant=WITHOUT_TIMER,
             gain=clock.speedup,
             unit=GainUnit.PLAIN_LOOP,
@@ -160,14 +175,6 @@ def _of_paths(
             command=command,
             snippet=clock.snippet,
         )
-
-
-def _whose(row: Advice, loops: set[Loop]) -> str:
-    nbatch = row.result.nbatch
-    count = f"{nbatch} simulations at once" if nbatch else "many simulations at once"
-    if loops == {Loop.OPEN}:
-        return f", for {count} with controls known beforehand"
-    return f", for {count}" if Loop.OPEN in loops else f", for {count} in RL"
 
 
 def far_settings(record: TuneRecord, target: str) -> Iterator[str]:
@@ -180,7 +187,7 @@ def far_settings(record: TuneRecord, target: str) -> Iterator[str]:
     size = f"{tuning_notes.percent(error.share)} of the motion" if error else "unknown size"
     yield (
         f"Not listed: {label(fastest.settings)}: {formats.factor(1 / _time(fastest))}"
-        f" {GainUnit.SIMULATED_SECOND}, but with an error of {size}: mjbench tune {target}"
+        f" × as fast, but with an error of {size}: mjbench tune {target}"
     )
 
 

@@ -30,7 +30,6 @@ from mjbench.interval import Interval
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.results.runs import SCHEMA, Run
 from mjbench.results.starts import starts_lines
-from mjbench.simulation import engine_clock
 from mjbench.status import Status
 
 # Stages of a step, and items, that are named at most.
@@ -98,7 +97,8 @@ def list_section(run: Run) -> Section:
 def part_sections(run: Run) -> Iterator[Section]:
     """Yield what parts of a check-up came to, as soon as they are measured."""
     for part in run.of_type(CheckedPart):
-        yield Section(_HEADINGS[part.part], facts=[*_lines(run, part)])
+        if lines := [*_lines(run, part)]:
+            yield Section(_HEADINGS[part.part], facts=lines)
 
 
 # -- conclusions -----------------------------------------------------------------------------------
@@ -129,10 +129,8 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
         first = gains[0]
         is_same = first.change == ResultChange.NONE and not first.change_detail
         changes = "" if is_same else f"; changes in results: {first.change_text}"
-        interval = f" ({first.ends_text})" if first.ends_text else ""
-        gain = f"{first.gain_text} {first.unit}{interval}"
         tone = Tone.GOOD if first.change.keeps else Tone.UNSURE
-        yield Conclusion(f"{name}: {first.action}: {gain}{changes}", tone)
+        yield Conclusion(f"{name}: {first.sentence}{changes}", tone)
     elif others := [each for each in listed_items if each.change != ResultChange.CORRECTED]:
         yield Conclusion(f"{name}: {others[0].action}; what it gains was not measured")
     elif not failed and not (listed_items and is_read_only):
@@ -164,10 +162,7 @@ def _combined(run: Run, least: float = 1.0) -> str:
     for part in run.of_type(CheckedPart):
         gain = combination_gain(part.verdict) if part.verdict is not None else None
         if gain is not None and gain.estimate >= least and part.combination is not None:
-            return (
-                f"{formats.factor(gain.estimate)} times the plain loop{formats.in_brackets(gain)}"
-                f" with the same results, measured together: {_described(part.combination)}"
-            )
+            return f"{formats.as_fast(gain)} with {_described(part.combination)}, same results"
     return ""
 
 
@@ -176,7 +171,7 @@ def _described(combination: Combination) -> str:
     if combination.variant.path != paths.BASE:
         parts.append(advice.described(combination.variant))
     if not combination.has_timer:
-        parts.append(f"without {engine_clock.TIMER_NAME}")
+        parts.append("timer off")
     if combination.settings:
         parts.append(label(combination.settings))
     return ", ".join(parts)
@@ -258,7 +253,6 @@ def _table(listed_items: Sequence[CheckupItem]) -> DataTable:
         (Column("", str), lambda row: row[0]),
         (Column("gain", has_figures=True), lambda row: row[1].gain_text or None),
         (Column("95 %", has_figures=True), lambda row: row[1].ends_text or None),
-        (Column("unit"), lambda row: row[1].unit if row[1].gain is not None else None),
         (Column("what to do", wraps=True), lambda row: row[1].action),
         (Column("changes in results", wraps=True), lambda row: row[1].change_text),
     )
@@ -267,6 +261,10 @@ def _table(listed_items: Sequence[CheckupItem]) -> DataTable:
 def _notes(
     run: Run, parts: Sequence[CheckedPart], listed_items: Sequence[CheckupItem]
 ) -> Iterator[str]:
+    yield from _units(run, listed_items)
+    for number, item in enumerate(listed_items, 1):
+        if item.change == ResultChange.NONE and item.change_detail:
+            yield f"{number} may change in other states: {item.change_detail}"
     yield from _overlaps(listed_items)
     numbers = defaultdict[str, list[str]](list)
     for number, item in enumerate(listed_items, 1):
@@ -291,6 +289,18 @@ def _notes(
     yield from _not_tried(run, parts)
 
 
+def _units(run: Run, listed_items: Sequence[CheckupItem]) -> Iterator[str]:
+    """Yield what gains are multiples of."""
+    numbers = defaultdict[GainUnit, list[str]](list)
+    for number, item in enumerate(listed_items, 1):
+        if item.gain is not None and item.unit is not None:
+            numbers[item.unit].append(str(number))
+    nbatch = max((each.model.nbatch or 1 for each in derive_all(run.records)), default=1)
+    for unit, of_unit in numbers.items():
+        at_once = f", {nbatch} simulations at once" if unit == GainUnit.PLAIN_LOOP else ""
+        yield f"Gain of {listed(of_unit)}: {unit}{at_once}"
+
+
 def _overlaps(listed_items: Sequence[CheckupItem]) -> Iterator[str]:
     """Yield which items replace each other, and that gains do not add up."""
     groups = defaultdict[GainGroup, list[str]](list)
@@ -311,12 +321,11 @@ def _combination_lines(
     assert part.verdict is not None, "it was measured"
     target, gain = shlex.quote(file_argument(part.target)), combination_gain(part.verdict)
     if gain is None:
-        yield f"Together, {_described(combination)} is not certainly faster than the plain loop"
         return
     if gain.estimate < best_alone:
         yield (
-            f"Together, {_described(combination)} is {formats.factor(gain.estimate)} times the"
-            f" plain loop{formats.in_brackets(gain)}: no more than the best of them alone"
+            f"Together, {_described(combination)} is {formats.as_fast(gain)}:"
+            " no more than the best of them alone"
         )
         return
     if combination.settings:
@@ -359,7 +368,7 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
             for record in run.of_type(TuneRecord):
                 yield tuning.conclusion(record).removeprefix(f"{part.target}: ")
         case CheckupPart.TOGETHER:
-            yield _combined(run) or "not certainly faster than the plain loop"
+            yield from filter(None, [_combined(run)])
         case CheckupPart.PROGRAM:
             for row in run.of_type(ProgramRow):
                 yield from filter(None, (program.ending(row), program.conclusion(row)))

@@ -63,7 +63,7 @@ class CompareOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         LARGE_COUNT,
         "Steps that you will take in all simulations together, such as 1e9: a path that compiles"
         " is advised only if that pays within them",
-        unset="those of one block",
+        unset="--nbatch times --nstep",
     )
     rl: bool = option(
         False,

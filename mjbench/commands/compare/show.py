@@ -242,7 +242,7 @@ def detail_lines(model: ModelRecord) -> list[str]:
         f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations"
     ]
     if model.returns:
-        lines.insert(0, f"Each run returns {_RETURNS[model.returns]}")
+        lines.insert(0, f"Each simulation returns {_RETURNS[model.returns]}")
     if model.reduced:
         lines.insert(0, "Sizes are reduced to keep a block short; --nbatch and --nstep set them")
     if model.spread is not None and model.spread != 1.0:

@@ -36,5 +36,7 @@ class EnvironmentOptions(BudgetOptions, SeedOptions, TimeLimitOptions, OutputOpt
     threads: list[int] | None = threads_option()
     nbatch: list[int] | None = nbatch_option("1, 2, 4, … usable cores, vectorised", THREADS)
     skip: list[EnvironmentPart] | None = option(
-        None, names_among(EnvironmentPart), "Leave out these parts: vectors, the vectorised forms."
+        None,
+        names_among(EnvironmentPart),
+        "Leave out these parts: vectors, SyncVectorEnv and AsyncVectorEnv.",
     )

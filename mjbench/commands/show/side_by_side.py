@@ -4,7 +4,7 @@ What `compare` timed has verdicts (see `run_differences`). Of other kinds, rows 
 (`rows`) that are about the same thing are held against each other, figure by figure.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mjbench import formats
@@ -15,7 +15,6 @@ from mjbench.commands.show.run_differences import RunDifference
 from mjbench.errors import InputError
 from mjbench.host import disturbance
 from mjbench.host.disturbance import Disturbance
-from mjbench.interval import Interval
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.results.machine_identity import identify
 from mjbench.results.runs import Run
@@ -25,16 +24,7 @@ _KEYS = (
     *("model", "environment", "program", "loop", "activity", "target", "action", "settings"),
     *("path", "nbatch", "pace", "release", "old", "new", "metric"),
 )
-_OPTIONS = "options."
 _SHOWN = formats.digits(4)
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two runs of one kind."""
-
-    old: NamedRun
-    new: NamedRun
 
 
 @dataclass(frozen=True)
@@ -45,144 +35,103 @@ class FigureDifference:
       row: what it is about, such as `humanoid, python_loop`.
       figure: its column in the flat table.
       ratio: new value over old; None where they are not numbers.
-      are_apart: whether the intervals of the two do not overlap; None without intervals.
     """
 
     row: str
     figure: str
-    old: Interval | Cell
-    new: Interval | Cell
-    ratio: float | None = None
-    are_apart: bool | None = None
+    old: Cell
+    new: Cell
+    ratio: float | None
 
 
-def pair_of(named_runs: Sequence[NamedRun], across: bool) -> Pair | None:
-    """Return two runs to compare: of one kind, and of one machine unless `across`."""
-    if len(named_runs) != 2:
-        return None
-    old, new = sorted(named_runs, key=lambda named: named.run.header.began)
-    machines = set(identify([named.run.header.machine for named in (old, new)]))
-    is_one_kind = kinds.kind_of(old.run) is kinds.kind_of(new.run)
-    return Pair(old, new) if is_one_kind and (across or len(machines) == 1) else None
+Differences = Sequence[RunDifference] | Sequence[FigureDifference]
 
 
-def differences(pair: Pair, across: bool) -> Sequence[RunDifference] | Sequence[FigureDifference]:
+def pair_of(named_runs: Sequence[NamedRun], across: bool) -> Sequence[NamedRun]:
+    """Return two runs to compare, the older first; none where they are not.
+
+    They are of one kind, and of one machine unless `across`.
+    """
+    machines = set(identify([named.run.header.machine for named in named_runs]))
+    are_of_one_kind = len({kinds.kind_of(named.run) for named in named_runs}) == 1
+    if len(named_runs) != 2 or not are_of_one_kind or not (across or len(machines) == 1):
+        return []
+    return sorted(named_runs, key=lambda named: named.run.header.began)
+
+
+def differences(old: Run, new: Run, across: bool) -> Differences:
     """Return how two runs differ; InputError where they have no row in common."""
-    old, new = pair.old.run, pair.new.run
     if kinds.kind_of(new) is kinds.COMPARE:
-        if not (timed := run_differences.differences(old, new, across)):
-            raise InputError(f"{pair.old.file} and {pair.new.file} have no timed row in common")
-        return timed
+        if timed := run_differences.differences(old, new, across):
+            return timed
+        raise InputError("these runs have no timed row in common")
     olds, news = _by_key(old), _by_key(new)
-    if not (common := [key for key in news if key in olds]):
-        raise InputError(f"{pair.old.file} and {pair.new.file} have no row in common")
+    if not olds.keys() & news.keys():
+        raise InputError("these runs have no row in common")
     return [
-        _difference(key, figure, olds[key].get(figure), value)
-        for key in common
-        for figure, value in news[key].items()
-        if olds[key].get(figure) != value
+        FigureDifference(
+            key, figure, olds[key].get(figure), value, _ratio(olds[key].get(figure), value)
+        )
+        for key, figures in news.items()
+        for figure, value in figures.items()
+        if key in olds and olds[key].get(figure) != value
     ]
 
 
-def section(pair: Pair, found: Sequence[RunDifference] | Sequence[FigureDifference]) -> Section:
+def section(pair: Sequence[NamedRun], rows_that_differ: Differences) -> Section:
     """Return what the differences of two runs come to."""
-    timed = [row for row in found if isinstance(row, RunDifference)]
-    figures = [row for row in found if isinstance(row, FigureDifference)]
+    timed = [row for row in rows_that_differ if isinstance(row, RunDifference)]
+    figures = [row for row in rows_that_differ if isinstance(row, FigureDifference)]
     shown = run_differences.differences_section(timed) if timed else _section(pair, figures)
-    named = {"OLD": pair.old, "NEW": pair.new}
     facts = [
         f"{side}: {each.file}, {each.run.header.began}, {each.command}"
-        for side, each in named.items()
+        for side, each in zip(("OLD", "NEW"), pair, strict=True)
     ]
     return replace(shown, facts=facts)
 
 
-def _by_key(run: Run) -> dict[str, Mapping[str, Interval | Cell]]:
+def _by_key(run: Run) -> dict[str, dict[str, Cell]]:
     """Return the figures of each row, by what the row is about."""
-    by_key: dict[str, Mapping[str, Interval | Cell]] = {}
+    by_key: dict[str, dict[str, Cell]] = {}
     for row in rows.of_run(run):
-        filled = {name: cell for name, cell in row.items() if cell not in (None, "")}
-        key = ", ".join(str(cell) for name, cell in filled.items() if _is_key(name))
-        by_key[key] = _figures({n: cell for n, cell in filled.items() if not _is_key(n)})
+        filled: dict[str, Cell] = {
+            name: cell for name, cell in row.items() if cell not in (None, "")
+        }
+        named = [name for name in filled if name in _KEYS or name.startswith("options.")]
+        key = ", ".join(str(filled.pop(name)) for name in named)
+        by_key[key] = filled
     return by_key
 
 
-def _is_key(name: str) -> bool:
-    return name in _KEYS or name.startswith(_OPTIONS)
+def _ratio(old: Cell, new: Cell) -> float | None:
+    if isinstance(old, str | bool | None) or isinstance(new, str | bool | None) or not old:
+        return None
+    return new / old
 
 
-def _figures(row: Mapping[str, Cell]) -> dict[str, Interval | Cell]:
-    """Return cells by column; an estimate and its ends are one."""
-    figures: dict[str, Interval | Cell] = {}
-    for name, cell in row.items():
-        stem, _, part = name.rpartition(".")
-        if part not in ("estimate", "low", "high"):
-            figures[name] = cell
-        elif part == "estimate" and isinstance(cell, float):
-            low, high = row.get(f"{stem}.low"), row.get(f"{stem}.high")
-            figures[stem] = cell
-            if isinstance(low, float) and isinstance(high, float):
-                figures[stem] = Interval(cell, low, high)
-    return figures
-
-
-def _difference(
-    key: str, figure: str, old: Interval | Cell, new: Interval | Cell
-) -> FigureDifference:
-    ratio = are_apart = None
-    numbers = [_number(old), _number(new)]
-    if numbers[0] and numbers[1] is not None:
-        ratio = numbers[1] / numbers[0]
-    if isinstance(old, Interval) and isinstance(new, Interval):
-        are_apart = not (_reaches(old, new) and _reaches(new, old))
-    return FigureDifference(key, figure, old, new, ratio, are_apart)
-
-
-def _reaches(lower: Interval, upper: Interval) -> bool:
-    """Return whether an interval ends where another one begins, or above it."""
-    return lower.high is None or not upper.is_above(lower.high)
-
-
-def _number(value: Interval | Cell) -> float | None:
-    match value:
-        case Interval():
-            return value.estimate
-        case bool() | str() | None:
-            return None
-    return value
-
-
-def _section(pair: Pair, found: Sequence[FigureDifference]) -> Section:
+def _section(pair: Sequence[NamedRun], figures: Sequence[FigureDifference]) -> Section:
     cautions = [
         Conclusion(f"{side}: {disturbance.sentence(each.clauses)}", Tone.CAUTION)
-        for side, named in (("OLD", pair.old), ("NEW", pair.new))
+        for side, named in zip(("OLD", "NEW"), pair, strict=True)
         for each in named.run.of_type(Disturbance)
     ]
-    apart = sum(bool(row.are_apart) for row in found)
-    text = f"Figures that differ: {len(found)}; by more than their intervals: {apart}"
     table = DataTable.of(
         "Differences",
-        found,
+        figures,
         (Column("of", wraps=True), lambda row: row.row),
         (Column("figure"), lambda row: row.figure),
         (Column("old", has_figures=True), lambda row: _text(row.old)),
         (Column("new", has_figures=True), lambda row: _text(row.new)),
         (Column("new / old", formats.decimals(3)), lambda row: row.ratio),
-        (Column("intervals", leaves=1), lambda row: _overlap(row.are_apart)),
     )
     notes = [
         "What is the same in both is left out",
         "The two were measured at different times: the machine may account for a difference",
     ]
-    return Section("NEW beside OLD", [*cautions, Conclusion(text)], tables=[table], notes=notes)
+    count = formats.count_of(len(figures), "figure")
+    conclusion = Conclusion(f"The two differ in {count}")
+    return Section("NEW beside OLD", [*cautions, conclusion], tables=[table], notes=notes)
 
 
-def _text(value: Interval | Cell) -> str:
-    number = _number(value)
-    if number is None:
-        return "" if value is None else str(value)
-    return formats.with_interval(value, _SHOWN) if isinstance(value, Interval) else _SHOWN(number)
-
-
-def _overlap(are_apart: bool | None) -> str:
-    return "" if are_apart is None else "apart" if are_apart else "overlap"
+def _text(value: Cell) -> str:
+    return str(value or "") if isinstance(value, str | bool | None) else _SHOWN(value)

@@ -18,13 +18,13 @@ class StoredRun:
     """A run file in a list.
 
     Attributes:
-      number: by which `mjbench show` takes it, -1 for the newest; None for a file that was named.
+      number: by which `mjbench show` takes it, -1 for the newest.
       subjects: models, environments, programs and functions.
       machine: its name among those of the list.
       records: how many things were measured.
     """
 
-    number: int | None
+    number: int
     file: str
     began: str
     command: str
@@ -34,23 +34,21 @@ class StoredRun:
     is_disturbed: bool
 
 
-def stored_runs(
-    named_runs: Sequence[NamedRun], numbers: Sequence[int | None] | None = None
-) -> list[StoredRun]:
+def stored_runs(numbers: Sequence[int], named_runs: Sequence[NamedRun]) -> list[StoredRun]:
     machines = identify([named.run.header.machine for named in named_runs])
     rows = []
-    for i, named in enumerate(named_runs):
+    for number, named, machine in zip(numbers, named_runs, machines, strict=True):
         header, records = named.run.header, named.run.records
         names = (getattr(record, subject, "") for record in records for subject in _SUBJECTS)
         disturbances = len(named.run.of_type(Disturbance))
         rows.append(
             StoredRun(
-                numbers[i] if numbers else None,
+                number,
                 str(named.file),
                 header.began,
                 header.typed_command,
                 list(dict.fromkeys(filter(None, names))),
-                machines[i].name,
+                machine.name,
                 len(records) - disturbances,
                 bool(disturbances),
             )

@@ -37,7 +37,7 @@ class JudgingOptions(BudgetOptions, SizeOptions):
         False,
         FLAG,
         "Compare builds as they are. By default mjbench moves their machine code in memory"
-        " from launch to launch, so that only what the code does makes a difference.",
+        " from process to process, so that only what the code does makes a difference.",
     )
 
     @property

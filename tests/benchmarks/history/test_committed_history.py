@@ -15,7 +15,7 @@ from benchmarks.studies import history_repeats
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import bundle
 from mjbench.releases.release import NO_CHANGE_PAIRS, OLDEST, version_key
-from mjbench.results import markdown, runs
+from mjbench.results import runs
 from mjbench.status import ExitCode
 
 METHOD = ROOT / "docs/method/history.md"
@@ -99,7 +99,7 @@ def test_the_page_of_method_says_how_exact_the_committed_history_is(history: Spe
 
 
 def test_the_page_is_what_the_command_writes(history: SpeedHistory) -> None:
-    text = "\n".join(markdown.document(of_history.sections(history), plots="history"))
+    text = "\n".join(of_history.document(of_history.sections(history), "history"))
     assert (ROOT / "docs/history.md").read_text() == f"{text}\n", WRITE
     for series in history.models:
         assert (ROOT / "docs/history" / f"{series.name}.svg").is_file()

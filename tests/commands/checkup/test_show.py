@@ -79,17 +79,16 @@ LONGER = recommended(Effect.APPROXIMATE, 0.2, 0.03, TIMESTEP)
 def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_first() -> None:
     listed = ranking.items(run(*PATHS, part(CheckupPart.SETTINGS), tuned(FREE, LONGER)))
     assert [item.action for item in listed] == [
-        "step by mujoco.rollout on 2 threads, for 64 simulations at once with controls known"
-        " beforehand",
+        "Batch.step on 2 threads (RL)",
+        "mujoco.rollout on 2 threads (open loop)",
         "settings: engine clock off, jacobian=sparse",
-        "step by Batch.step on 2 threads, for 64 simulations at once in RL",
         "settings: timestep=0.004",
     ]
     assert [item.change_text for item in listed] == [
-        "nothing",
-        "nothing in the runs seen; jacobian: nothing but rounding",
-        "nothing",
-        "an error of 3 % of the motion",
+        "none",
+        "none",
+        "none seen",
+        "3 % of the motion",
     ]
     assert listed[3].error == 0.03
 
@@ -99,12 +98,12 @@ def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
     section = checkup.list_section(run(tuned(FREE, LONGER, far), part(CheckupPart.SETTINGS)))
     errors = [item.error for item in ranking.items(run(part(CheckupPart.SETTINGS), tuned(far)))]
     assert errors == []
-    assert [row[4] for row in section.tables[0].rows] == [
+    assert [row[3] for row in section.tables[0].rows] == [
         "settings: engine clock off, jacobian=sparse",
         "settings: timestep=0.004",
     ]
     assert (
-        "Not listed: timestep=0.004: 10.00 times as fast, but with an error of 60 % of the motion:"
+        "Not listed: timestep=0.004: 10.00 × as fast, but with an error of 60 % of the motion:"
         " mjbench tune 'my robot.xml'"
     ) in section.notes
     assert not [
@@ -119,24 +118,37 @@ def test_effects_too_slow_for_short_runs_are_notes_of_what_is_listed() -> None:
     changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, slip)
     notes = checkup.list_section(run(part(CheckupPart.SETTINGS), tuned(FREE, changing))).notes
     slow = "with noslip_iterations=0, what is held or stacked may slip over many seconds"
-    assert any(f"Not shown by runs this short: {slow}" in note for note in notes)
+    assert any(f"Not shown by simulations this short: {slow}" in note for note in notes)
 
 
 def test_figures_are_those_of_the_commands_that_look_closer() -> None:
     measured = run(*PATHS, tuned(FREE))
     (open_loop, closed_loop) = advice.advise(derive_all(measured.records)[0])
-    first, settings, third = ranking.items(measured)
-    assert (first.gain, third.gain) == (open_loop.speedup, closed_loop.speedup)
+    first, second, settings = ranking.items(measured)
+    assert (first.gain, second.gain) == (closed_loop.speedup, open_loop.speedup)
     assert first.unit == GainUnit.PLAIN_LOOP
     assert first.command == "mjbench compare 'my robot.xml'"
     assert settings.command == "mjbench tune 'my robot.xml'"
     assert settings.gain is not None
-    assert f"{settings.gain.estimate:.2f} {settings.unit}" in tuning.conclusion(tuned(FREE))
+    assert f"{settings.gain.estimate:.2f} times as fast" in tuning.conclusion(tuned(FREE))
+
+
+def test_the_first_sentence_says_what_is_probable_and_fits_100_characters() -> None:
+    race = raced([(ROLLOUT, 1.5)], spread=0.3, launches=3)
+    unsure = [part(CheckupPart.PATHS), *compared(race, nbatch=64)]
+    text = checkup.list_section(run(*unsure)).conclusions[0].text
+    assert ": probably 1." in text
+    assert len(text) <= 100
+
+
+def test_gains_say_below_the_table_what_they_are_multiples_of() -> None:
+    notes = checkup.list_section(run(*PATHS, tuned(FREE))).notes
+    assert "Gain of 1 and 2: × as fast as a plain Python loop, 64 simulations at once" in notes
 
 
 def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
     turned_off = [item for item in ranking.items(run(*PATHS)) if "timer" in item.action]
-    assert [item.gain_text for item in turned_off] == ["1.30"]
+    assert [item.gain_text for item in turned_off] == ["1.30 ×"]
     assert not [item for item in ranking.items(run(*PATHS, tuned(FREE))) if "timer" in item.action]
     changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, CLOCK, TIMESTEP)
     assert [item for item in ranking.items(run(*PATHS, tuned(changing))) if "timer" in item.action]
@@ -172,22 +184,22 @@ def test_what_is_given_up_is_said() -> None:
     ratio = Interval(0.1, 0.09, 0.11)
     alone = Attempt((SENSOR,), Status.OK, time_ratio=0.1, ratio=ratio, launches=launches)
     (item,) = ranking.items(run(part(CheckupPart.SETTINGS), tuned(attempts=[alone])))
-    assert (item.gain_text, item.change_text) == ("10.00", "gives up sensor data")
+    assert (item.gain_text, item.change_text) == ("10.00 ×", "gives up sensor data")
 
 
 def test_gains_of_one_kind_replace_each_other_and_none_add_up() -> None:
     notes = checkup.list_section(run(*PATHS, tuned(FREE, LONGER))).notes
-    assert "Use one of 1 and 3 (ways of stepping)" in notes
-    assert "Use one of 2 and 4 (settings)" in notes
+    assert "Use one of 1 and 2 (ways of stepping)" in notes
+    assert "Use one of 3 and 4 (settings)" in notes
     assert "Gains overlap: they neither add up nor multiply" in notes
-    assert "Look closer at 1 and 3: mjbench compare 'my robot.xml'" in notes
+    assert "Look closer at 1 and 2: mjbench compare 'my robot.xml'" in notes
 
 
 def test_a_name_that_begins_with_a_dash_is_no_option_in_what_to_run() -> None:
     records = [*PATHS, tuned(FREE, LONGER)]
     dashed = [replace(r, target="-m.xml") if isinstance(r, CheckedPart) else r for r in records]
     notes = checkup.list_section(run(*dashed)).notes
-    assert "Look closer at 1 and 3: mjbench compare ./-m.xml" in notes
+    assert "Look closer at 1 and 2: mjbench compare ./-m.xml" in notes
 
 
 def combined(verdict: Any) -> CheckedPart:
@@ -199,9 +211,8 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
     verdict = replace(FASTER, ratio=Interval(0.25, 0.24, 0.26))
     section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
     assert section.conclusions[0].text == (
-        f"{TARGET}: 4.00 times the plain loop (3.85–4.17) with the same results, measured"
-        " together: mujoco.rollout on 2 threads, without the timer of MuJoCo's Python package,"
-        " jacobian=sparse"
+        f"{TARGET}: 4.00 × as fast (3.85–4.17) with mujoco.rollout on 2 threads, timer off,"
+        " jacobian=sparse, same results"
     )
     assert (
         "Look closer at all of them: mjbench ab model='my robot.xml'"
@@ -212,16 +223,16 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
 def test_a_combination_that_gains_less_than_one_change_alone_is_a_note() -> None:
     verdict = replace(FASTER, ratio=Interval(0.5, 0.49, 0.51))
     section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
-    assert section.conclusions[0].text.startswith(f"{TARGET}: step by mujoco.rollout")
-    assert any("2.00 times the plain loop" in note for note in section.notes)
+    assert section.conclusions[0].text.endswith(" with Batch.step on 2 threads (RL)")
+    assert any("is 2.00 × as fast" in note for note in section.notes)
     assert not any("mjbench ab" in note for note in section.notes)
 
 
 def test_a_combination_that_is_not_faster_or_does_other_work_is_no_advice() -> None:
     for verdict in (SAME, replace(FASTER, changed_work=True)):
         section = checkup.list_section(run(*PATHS, combined(verdict)))
-        assert section.conclusions[0].text.startswith(f"{TARGET}: step by mujoco.rollout")
-        assert any("is not certainly faster" in note for note in section.notes)
+        assert section.conclusions[0].text.endswith(" with Batch.step on 2 threads (RL)")
+        assert not any("Together" in note for note in section.notes)
 
 
 def test_nothing_to_gain_is_an_answer_with_its_reasons() -> None:
@@ -329,13 +340,13 @@ def test_of_an_environment_whole_steps_come_before_its_physics_alone() -> None:
     here = part(CheckupPart.ENVIRONMENT, TargetKind.ENVIRONMENT)
     listed = ranking.items(run(here, record))
     assert [(item.action, item.gain_text, item.unit) for item in listed] == [
-        ("step 2 environments in one AsyncVectorEnv", "1.50", GainUnit.ONE_ENVIRONMENT),
+        ("step 2 environments in one AsyncVectorEnv", "1.50 ×", GainUnit.ONE_ENVIRONMENT),
         (
             "step its physics yourself, by rollout on 2 threads, with controls known beforehand",
-            "5.00",
+            "5.00 ×",
             GainUnit.ENV_STEP,
         ),
-        ("step its physics yourself, by python_loop", "2.00", GainUnit.ENV_STEP),
+        ("step its physics yourself, by python_loop", "2.00 ×", GainUnit.ENV_STEP),
     ]
 
 

@@ -57,7 +57,7 @@ def test_controls_are_held_where_the_model_has_some() -> None:
         steps = ProfiledSteps(0.002, 2000.0, 1500.0, None, work, {"collision": 1.0}, {})
         return text(ProfileRow("m", steps=replace(steps, run_nstep=5), frames=()))
 
-    held = "Each run holds the controls of its start"
+    held = "Each simulation holds the controls of its start"
     assert held in facts(2.0) and held in facts(None)
     assert held not in facts(0.0)
 
