@@ -18,7 +18,6 @@ LISTS = {"--nbatch"}
 BEGINNINGS = {
     "--budget": "Time of the whole command",
     "--fail-on": "Exit 1 for one of these: ",
-    "--metric": "What to compare: ",
     "--only": "Try only these ",
     "--paths": "Ways of stepping to compare",
     "--quick": "A first impression, often uncertain: ",
