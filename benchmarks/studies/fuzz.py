@@ -65,9 +65,9 @@ _NAMES = (
 _VALUES = (
     "0", "1", "2", "-1", "nan", "inf", "1e300", "1e-300", "9" * 40, "", " ", "abc", "1,2", ",",
     "1,,2", "1%", "0.5", "200%", "1s", "2min", "soon", "python_loop", "rollout", "rolout", "c",
-    "mjx9", "slower", "missed", "solver", "tea", "pool=new", "pool=", "=", "solver=99",
-    "timestep=0", "path=rollout,threads=0", "path=rollout", "model=bad.xml", "loop:Path",
-    "broken:Path", "time", "instructions", "\x1b[1m",
+    "mjx9", "slower", "tea", "pool=new", "pool=", "=", "solver=99", "timestep=0",
+    "path=rollout,threads=0", "path=rollout", "bad.xml,solver=cg", "rev=HEAD", "loop.py::f",
+    "loop:Path", "broken:Path", "time", "instructions", "\x1b[1m", "missed", "solver",
 )  # fmt: skip
 _OUTPUTS = ("-", "out.json", "good.xml", "run.jsonl", "loop.py", "folder", "no/such/file", "", "/")
 # What keeps a command line that is good by chance short, by option.
