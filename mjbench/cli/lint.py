@@ -35,7 +35,7 @@ def lint(names: tuple[str, ...], options: LintOptions) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
     It finds stored views (`log.append(data.qpos)` without .copy()), models, MjData and renderers
-    that a loop makes anew, names that it looks up in each step, and more: `--rule all` lists the
+    that a loop makes again, names that it looks up in each step, and more: `--rule all` lists the
     rules.
 
     Findings are FILE:LINE:COLUMN CODE MESSAGE, with roughly what it costs in each step. FILE is a
