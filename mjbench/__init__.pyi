@@ -92,7 +92,7 @@ def compare(
     own results, unless all fail.
 
     Args:
-      *models: names as on the command line, paths, MjModels or MjSpecs; none for all shipped ones.
+      *models: names as on the command line, paths, MjModels or MjSpecs.
       on_progress: called with what is measured now, and the share of all work that is done.
       paths: Ways of stepping to compare, such as rollout, batch_step, mjx, warp (see `mjbench
         paths`), or MODULE:CLASS of your own; python_loop is always added. `c` stands for all C
@@ -100,8 +100,8 @@ def compare(
       threads: Thread counts. Default: 1 and usable cores.
       chunk: Simulations that a thread takes at a time.
       options: Values of any other option of a path, such as pool=new or checks=off.
-      nbatch: Simulations. Several values are measured one after the other. Default: 64; fewer where
-        the plain loop would take more than 20 ms.
+      nbatch: Simulations at once. Default: 64; fewer where the plain loop would take more than 20
+        ms.
       returns: What every path returns: final states; the state after every step, too; and sensor
         data of every step, too, which are of the state before it.
       nstep: Steps of each simulation. Default: 100; fewer where the plain loop would take more than
@@ -109,7 +109,7 @@ def compare(
       hold: Steps for which each control is held: an environment's frame_skip. Default: 1; 5 with
         --rl.
       total_steps: Steps that you will take in all simulations together, such as 1e9: a path that
-        compiles is advised only if that pays within them. Default: those of one block.
+        compiles is advised only if that pays within them. Default: --nbatch times --nstep.
       rl: For RL (closed loop): a policy chooses an action every --hold steps. Only paths that it
         can use are compared, and each call takes the steps of one action.
       budget_s: Time of the whole command, divided among its models. In seconds. Default: 23s for
@@ -162,7 +162,7 @@ def latency(
       deadline_s: Time by which a tick should end. In seconds. Default: the time between two paced
         ticks; free-running, the simulated time of a tick.
       rate_hz: Paced ticks per second. Default: real time.
-      nstep: Steps at each pace. Default: 10,000 ticks, or what the budget allows.
+      nstep: Steps of each simulation. Default: 10,000 ticks, or what the budget allows.
       budget_s: Time of the whole command, divided among its models. In seconds. Default: 15s for
         each model.
       quick: A first impression, often uncertain: 5s for each model.
@@ -222,7 +222,7 @@ def profile(
 def versions(
     old: str,
     *news: str,
-    models: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None = None,
+    models: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] = (),
     paths: str | Iterable[str] | None = None,
     metric: str = "time",
     min_effect: float = 0.01,
@@ -251,10 +251,10 @@ def versions(
       old: a version (`3.5.0`), a wheel, a folder of wheels, `installed`, `newest` or `previous`; or
         packages, with commas, such as `jax==0.7.0,jaxlib==0.7.0`.
       *news: the same, one or several.
-      models: names as on the command line, or paths; None for all shipped models. A compiled
-        model cannot be compared: other releases cannot load it.
+      models: names as on the command line, or paths. A compiled model cannot be compared: other
+        releases cannot load it.
       on_progress: called with what is measured now, and the share of all work that is done.
-      paths: Ways of stepping, each compared between the releases. Default: python_loop.
+      paths: Ways of stepping to compare between the releases. Default: python_loop.
       metric: What to compare: `time`, the time of steps; `instructions`, the instructions of the
         engine; `load`, loading the model; `reset`, mj_resetData; `rays`, casting rays; `rollout`, a
         call of rollout with 5 steps of each simulation; `batch`, a call of Batch.rollout with 5
@@ -268,12 +268,12 @@ def versions(
         targets is called different. As a share: 0.01 is 1 %.
       precision: Stop when half the interval's width is below this. As a share: 0.01 is 1 %.
       as_shipped: Compare builds as they are. By default mjbench moves their machine code in memory
-        from launch to launch, so that only what the code does makes a difference.
+        from process to process, so that only what the code does makes a difference.
       budget_s: Time of the whole command, divided among its verdicts. In seconds. Default: 60s for
         each verdict.
       quick: A first impression, often uncertain: 15s for each verdict.
-      nbatch: Simulations. Default: as many as take 1 ms, or 10 ms for each of several threads; 2 to
-        count instructions.
+      nbatch: Simulations at once. Default: as many as take 1 ms, or 10 ms for each of several
+        threads; 2 to count instructions.
       nstep: Steps of each simulation. Default: up to 100 within that time; 50 to count
         instructions.
       hold: Steps for which each control is held: an environment's frame_skip.

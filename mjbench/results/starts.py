@@ -42,7 +42,7 @@ def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]
 def _source(starts: Starts) -> str:
     if starts.file is None:
         begin, end = plain(starts.settle_s, 3), plain(2 * starts.settle_s, 3)
-        run = f" from {begin} to {end} s of the model's own run"
+        run = f" from {begin} to {end} s of a simulation"
         source = run if starts.settle_s else " at keyframe 0"
         return source + (f", controls of {starts.controls_file}" if starts.controls_file else "")
     if starts.controls_file == starts.file:
@@ -92,7 +92,7 @@ def _regime_lines(window: Window) -> Iterator[str]:
         if abs(after - before) > max(_LEAST_CONTACTS, _SAME_CONTACTS * max(before, after)):
             time_s = plain(window.later.time_s, 2)
             yield (
-                f"At {time_s} s of its own run the model has {plain(after, 3)} contacts a step, so"
+                f"At {time_s} s of a simulation the model has {plain(after, 3)} contacts a step, so"
                 f" other costs: --settle {time_s}s measures there"
             )
     if window.asleep is not None:
@@ -101,13 +101,13 @@ def _regime_lines(window: Window) -> Iterator[str]:
 
 
 def _sleep_in_run(asleep: float, in_run: float | None) -> str:
-    """Return how much of a model sleeps in its own run, beside these steps."""
+    """Return how much of a model sleeps in a whole simulation, beside these steps."""
     if in_run is None:
         return ": states do not hold what sleeps, so all of it is awake at each start"
     if abs(asleep - in_run) <= _SAME_SLEEP:
-        return ", as in its own run"
+        return ", as in a whole simulation"
     return (
-        f", and {short_percent(in_run)} in its own run: states do not hold what sleeps, so"
+        f", and {short_percent(in_run)} in a whole simulation: states do not hold what sleeps, so"
         " these steps do not show what sleeping saves; `mjbench ab` of the plain loop does"
     )
 

@@ -14,11 +14,11 @@ RUN = Starts(5.0, 5.0, window=WINDOW)
 @pytest.mark.parametrize(
     ("starts", "line"),
     [
-        (RUN, "64 starts from 5 to 10 s of the model's own run, 100 steps each"),
+        (RUN, "64 starts from 5 to 10 s of a simulation, 100 steps each"),
         (Starts(0.0, 0.0, window=Window(1, 1, 8.1)), "1 start at keyframe 0, 1 step each"),
         (
             replace(RUN, controls_file="a.npy"),
-            "64 starts from 5 to 10 s of the model's own run, controls of a.npy, 100 steps each",
+            "64 starts from 5 to 10 s of a simulation, controls of a.npy, 100 steps each",
         ),
         (
             Starts(0.0, 0.0, file="s.npz", window=WINDOW),
@@ -51,7 +51,7 @@ def test_older_files_say_only_which_files_were_read() -> None:
         ({"solver_limited": 0.98}, "stopped at its limit of iterations in 98 % of the steps"),
         ({"flat_hfields": 1}, "1 height field is flat (all zero)"),
         ({"flat_hfields": 2}, "2 height fields are flat (all zero)"),
-        ({"later": Later(10.0, 12.0)}, "At 10 s of its own run the model has 12 contacts a step"),
+        ({"later": Later(10.0, 12.0)}, "At 10 s of a simulation the model has 12 contacts a step"),
         ({"asleep": 0.1, "asleep_in_run": 0.9}, "do not show what sleeping saves"),
         ({"asleep": 0.9, "asleep_in_run": 0.9}, "90 % of the model slept in these steps, as in"),
         ({"asleep": 0.1}, "all of it is awake at each start"),

@@ -129,7 +129,7 @@ class CheckupItem:
             case ResultChange.CORRECTED:
                 return "corrects them"
             case ResultChange.NONE:
-                return "none in runs seen" if self.change_detail else "none"
+                return "none seen" if self.change_detail else "none"
             case ResultChange.TOLERANCE:
                 return "within tolerance"
             case ResultChange.ERROR:

@@ -28,7 +28,7 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
         stages = _stages(steps)
         title = f"{row.model}: stages of a step"
         has_controls = steps.run_nstep and steps.work.actuators != 0
-        held = ["Each run holds the controls of its start"] if has_controls else []
+        held = ["Each simulation holds the controls of its start"] if has_controls else []
         yield Section(
             heading=f"{row.model}: where a step's time goes",
             conclusions=[*conclusions(row.model, steps)],

@@ -54,20 +54,20 @@ def _basis(present: CurrentSettings) -> Iterator[str]:
     if present.error is None or present.solver is None:
         yield (
             f"No reference was run, so errors are unknown: settings were compared with the present"
-            f" ones over {plain(present.run_s, 3)} s of {present.nrun} runs"
+            f" ones over {plain(present.run_s, 3)} s of {present.nrun} simulations"
         )
         return
     yield (
         f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
-        f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
-        " it. Change: distance from the runs with the present settings."
+        f" over {plain(present.horizon_s, 3)} s of {present.nrun} simulations; nine in"
+        " ten stay below it. Change: distance from those with the present settings."
         f" Rounding alone: {percent(present.rounding.share)}. The solver alone:"
         f" {percent(present.solver.share)}."
     )
     if not present.is_comparable:
         yield (
-            "These runs part too soon to compare errors: no settings that change states by more"
-            " than rounding are recommended"
+            "These simulations part too soon to compare errors: no settings that change states by"
+            " more than rounding are recommended"
         )
 
 

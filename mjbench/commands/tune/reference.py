@@ -232,7 +232,7 @@ def _healthy(how: str, *runs: Trajectories) -> np.ndarray:
     healthy = ~np.any([each.diverged for each in runs], axis=0)
     if healthy.sum() < LEAST_NRUN:
         raise InputError(
-            f"{int((~healthy).sum())} of {len(healthy)} runs diverge {how}: errors cannot be"
+            f"{int((~healthy).sum())} of {len(healthy)} simulations diverge {how}: errors cannot be"
             " measured"
         )
     return np.asarray(healthy)

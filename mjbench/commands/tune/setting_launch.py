@@ -141,7 +141,9 @@ class _Launch:
         trials = self.baseline.trials
         runs = trajectories.run(changed, trials)
         if runs.diverged.any():
-            raise InputError(f"diverges in {int(runs.diverged.sum())} of {len(runs.diverged)} runs")
+            raise InputError(
+                f"diverges in {int(runs.diverged.sum())} of {len(runs.diverged)} simulations"
+            )
         if loop != NO_CHANGE and len(settings) == 1:  # known to change nothing with others
             check_loop(changed, loop, trials, runs)
         return judged(self.model, self.baseline, runs)

@@ -96,7 +96,7 @@ def _conclusions(record: TuneRecord, first: Conclusion) -> Iterator[Conclusion]:
 def slow_lines(settings: Sequence[Setting]) -> list[str]:
     """Return what settings prevent that is slower than the runs show, in sentences."""
     return [
-        f"Not shown by runs this short: with {each.label}, {slow}"
+        f"Not shown by simulations this short: with {each.label}, {slow}"
         for each in settings
         if (slow := knobs.find(each.knob).slow)
     ]
@@ -300,7 +300,7 @@ def changes(attempt: Attempt) -> str:
     knob = knobs.find(attempt.settings[0].knob)
     count = attempt.accuracy.changed_sensors if attempt.accuracy else 0
     sensors = [f"Here, the data of {count_of(count, 'sensor')} changed."] if count else []
-    slow = [f"Not shown by runs this short: {knob.slow}."] if knob.slow else []
+    slow = [f"Not shown by simulations this short: {knob.slow}."] if knob.slow else []
     return " ".join([*sensors, knob.changes, *slow])
 
 

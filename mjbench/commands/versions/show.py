@@ -193,11 +193,12 @@ def _describe_results(row: VerdictRow) -> str:
 
 
 def _same_work(row: VerdictRow) -> str:
-    """Return that the work is the same, and where runs drift apart nevertheless."""
+    """Return that the work is the same, and where simulations drift apart nevertheless."""
     drifted = next((d for d in row.run_drift if d.difference > changed_work.ROUNDING), None)
     if drifted is None:
         return "same work"
-    return f"same work (runs drift apart: by {drifted.difference:.0e} after {drifted.step} steps)"
+    by = f"by {drifted.difference:.0e} after {drifted.step} steps"
+    return f"same work (simulations drift apart: {by})"
 
 
 def notes(row: VerdictRow) -> list[str]:

@@ -19,9 +19,13 @@ from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.compare import advice
 from mjbench.commands.compare.results import derive_all
 from mjbench.commands.lint.check import Finding
+from mjbench.commands.run import show as program
 from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.launch import UncaughtException
+from mjbench.commands.run.loop_time import LineTime, LoopTime
 from mjbench.commands.run.remedies.remedy import Remedy, RemedyKind
-from mjbench.commands.run.result import ProgramRow
+from mjbench.commands.run.result import LoopReport, ProgramRow
+from mjbench.commands.run.source_loops import SourceLoop
 from mjbench.commands.show import reports
 from mjbench.commands.show.reports import NamedRun
 from mjbench.commands.tune import show as tuning
@@ -87,7 +91,7 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     assert [item.change_text for item in listed] == [
         "none",
         "none",
-        "none in runs seen",
+        "none seen",
         "3 % of the motion",
     ]
     assert listed[3].error == 0.03
@@ -118,7 +122,7 @@ def test_effects_too_slow_for_short_runs_are_notes_of_what_is_listed() -> None:
     changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, slip)
     notes = checkup.list_section(run(part(CheckupPart.SETTINGS), tuned(FREE, changing))).notes
     slow = "with noslip_iterations=0, what is held or stacked may slip over many seconds"
-    assert any(f"Not shown by runs this short: {slow}" in note for note in notes)
+    assert any(f"Not shown by simulations this short: {slow}" in note for note in notes)
 
 
 def test_figures_are_those_of_the_commands_that_look_closer() -> None:
@@ -215,8 +219,8 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
         " jacobian=sparse, same results"
     )
     assert (
-        "Look closer at all of them: mjbench ab model='my robot.xml'"
-        " model=tuned.xml,path=rollout,threads=2,pool=kept,timer=off"
+        "Look closer at all of them: mjbench ab 'my robot.xml'"
+        " tuned.xml,path=rollout,threads=2,pool=kept,timer=off"
     ) in section.notes
 
 
@@ -316,6 +320,29 @@ def test_a_program_that_does_not_step_has_no_verdict() -> None:
         f"{TARGET}: it ended with exit code 1",
         f"{TARGET}: nothing was measured: no loop was seen that steps MuJoCo",
     ]
+
+
+def test_after_an_error_only_that_comes_first() -> None:
+    error = UncaughtException("ValueError: no", None)
+    failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, [], [], exception=error)
+    seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    (conclusion,) = checkup.list_section(seen).conclusions
+    assert conclusion.text == f"{TARGET}: it raised ValueError: no"
+
+
+def test_what_costs_most_and_has_no_remedy_comes_first_as_in_run() -> None:
+    place = Place("train.py", 12, "main", "x = a @ b")
+    lines = [LineTime(place, 0.6, {Activity.NUMPY: 0.6})]
+    shares = {Activity.NUMPY: 0.6, Activity.PHYSICS: 0.4}
+    whole, pids = SourceLoop("train.py", 5, 20), [1]
+    time = LoopTime(whole, [], ["MainThread"], pids, True, 300, 3.0, shares, {}, lines, [])
+    loops = [LoopReport(time, [])]
+    row = ProgramRow("train.py", Status.OK, "", 0, False, 3.0, 100, 300, loops, [])
+    (first,) = checkup.list_section(
+        run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), row)
+    ).conclusions
+    assert first.text == f"{TARGET}: {program.conclusion(row)}"
+    assert "no change is known for this" in first.text
 
 
 def test_a_list_that_was_interrupted_says_so_first() -> None:

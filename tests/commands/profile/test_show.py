@@ -20,7 +20,7 @@ def test_step_stages_and_rendering_are_printed() -> None:
     printed = text(step_profile())
     assert "takes 3 µs: engine 2 µs (67 %), Python 1 µs" in printed
     assert "4 contacts, 0 constraints, 2.5 solver iterations" in printed
-    assert "Python package, a step of the loop is 1.20 (1.19 to 1.21) times as fast" in printed
+    assert "Python package, a step of the loop is 1.20 (1.19–1.21) times as fast" in printed
     assert "kinematics" in printed
     assert "actuation" not in printed  # takes no time
     assert "by egl: 10 ms, as long as 3,333 steps" in printed
@@ -57,7 +57,7 @@ def test_controls_are_held_where_the_model_has_some() -> None:
         steps = ProfiledSteps(0.002, 2000.0, 1500.0, None, work, {"collision": 1.0}, {})
         return text(ProfileRow("m", steps=replace(steps, run_nstep=5), frames=()))
 
-    held = "Each run holds the controls of its start"
+    held = "Each simulation holds the controls of its start"
     assert held in facts(2.0) and held in facts(None)
     assert held not in facts(0.0)
 
@@ -73,7 +73,7 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     assert (
         "the longest stage is collision, 60 % of the engine's time" in section.conclusions[1].text
     )
-    assert "1.20 (1.10 to 1.30) times as fast" in section.conclusions[2].text
+    assert "1.20 (1.10–1.30) times as fast" in section.conclusions[2].text
     assert "collision" in drawn(section)[0]
 
 

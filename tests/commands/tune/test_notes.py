@@ -18,7 +18,7 @@ def test_notes_say_what_figures_rest_on_and_what_was_left_out():
     of_all = TuneRecord(
         model="robot",
         present=PRESENT,
-        withdrawn=[Withdrawal((TIMESTEP,), "diverges in 3 of 64 runs")],
+        withdrawn=[Withdrawal((TIMESTEP,), "diverges in 3 of 64 simulations")],
         attempts=[Attempt((JACOBIAN,), Status.CRASHED, "killed by SIGSEGV")],
         no_reference="crashed",
         untried=4,
@@ -26,8 +26,8 @@ def test_notes_say_what_figures_rest_on_and_what_was_left_out():
         meshes=[MeshNote("arm", "arm_mesh", Primitive.BOX, 0.97)],
     )
     notes = "\n".join(tuning_notes.notes(of_all))
-    assert "over 0.5 s of 64 runs" in notes
-    assert "Withdrawn by the second look: timestep=0.004: diverges in 3 of 64 runs" in notes
+    assert "over 0.5 s of 64 simulations" in notes
+    assert "Withdrawn by the second look: timestep=0.004: diverges in 3 of 64 simulations" in notes
     assert "Failed: jacobian=sparse: killed by SIGSEGV" in notes
     assert "no time for 4 settings" in notes and "no time for 7 combinations" in notes
     of_reference = "so settings that change the motion are not recommended: crashed"

@@ -152,7 +152,7 @@ def test_what_runs_are_too_short_to_show_is_said_where_it_is_offered():
     printed = terminal.text_of(
         tuning.sections([record(recommended(Effect.APPROXIMATE, 0.5, 0.02, noslip))])
     )
-    assert "Not shown by runs this short: with noslip_iterations=0" in printed
+    assert "Not shown by simulations this short: with noslip_iterations=0" in printed
 
 
 def test_a_solver_that_does_not_converge_is_said_first():

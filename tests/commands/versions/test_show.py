@@ -53,7 +53,7 @@ def test_a_verdict_is_a_sentence() -> None:
 def test_the_same_work_may_drift_apart_over_a_run() -> None:
     row = replace(ROW, run_drift=[RunDrift(25, 1e-12), RunDrift(50, 3e-6), RunDrift(100, 2.0)])
     sentence = verdicts.describe_verdict(row)
-    assert sentence.endswith("same work (runs drift apart: by 3e-06 after 50 steps)")
+    assert sentence.endswith("same work (simulations drift apart: by 3e-06 after 50 steps)")
 
 
 @pytest.mark.parametrize(
