@@ -9,6 +9,7 @@ from mjbench.commands.shared_options import (
     TimeLimitOptions,
     code_option,
     hold_option,
+    nbatch_option,
     nstep_option,
     threads_option,
 )
@@ -48,12 +49,7 @@ class CompareOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         "Values of any other option of a path, such as pool=new or checks=off.",
         "--option",
     )
-    nbatch: list[int] | None = option(
-        None,
-        numbers(),
-        "Simulations. Several values are measured one after the other",
-        unset=f"64; {_FEWER}",
-    )
+    nbatch: list[int] | None = nbatch_option(f"64; {_FEWER}", numbers())
     returns: str = option(
         "final",
         choice("final", "trajectory", "sensors"),
