@@ -68,6 +68,14 @@ def writing(file: Path, remark: str = "") -> Iterator[None]:
         raise MachineError(f"cannot write {file}: {reason(error)}{remark}") from error
 
 
+# How MuJoCo says that a step needs more memory than a model reserves, and what helps.
+_ARENA_FULL = "mj_stackAlloc: out of memory"
+_ARENA_HELP = (
+    'the model reserves too little memory; raise <size memory="…"/>, and where many bodies have no'
+    ' joint, merge them: <compiler fusestatic="true"/>'
+)
+
+
 @dataclass(frozen=True)
 class Failure:
     """How work failed: a status, and one line for people."""
@@ -84,7 +92,14 @@ def failure_of(error: BaseException) -> Failure:
         return Failure(Status.FAILED, "out of memory")
     if line := foreign_module(error):
         return Failure(Status.FAILED, line)
-    return Failure(Status.FAILED, describe(error))
+    text = describe(error)
+    is_of_model = _ARENA_FULL in text
+    return Failure(Status.INPUT if is_of_model else Status.FAILED, with_help(text))
+
+
+def with_help(text: str) -> str:
+    """Return an engine's message, with what helps where a model has too little memory."""
+    return f"{text.partition(' max = ')[0]}: {_ARENA_HELP}" if _ARENA_FULL in text else text
 
 
 def describe(error: BaseException) -> str:

@@ -58,3 +58,14 @@ def test_an_error_beside_the_installed_packages_is_not_blamed_on_them() -> None:
 )
 def test_a_file_on_a_command_line_is_no_option(name: str, argument: str) -> None:
     assert file_argument(name) == argument
+
+
+def test_a_model_that_reserves_too_little_memory_is_the_users_to_mend() -> None:
+    class FatalError(Exception):
+        """As that of MuJoCo."""
+
+    failure = failure_of(FatalError("mj_stackAlloc: out of memory at mj_step\n  max = 1, nefc = 0"))
+    assert failure.status == Status.INPUT
+    assert failure.detail.startswith("FatalError: mj_stackAlloc: out of memory at mj_step: the")
+    assert "fusestatic" in failure.detail
+    assert failure_of(FatalError("mj_step: no")).status == Status.FAILED

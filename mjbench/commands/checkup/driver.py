@@ -324,7 +324,9 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Items:
     def ran(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         program = launch.Program(source.words, plan.python)
         launch.check(program)
-        seen = launch.run(program, plan.program_s, most_s=plan.most_program_s, ends_on_signal=True)
+        seen = run_measure.observed(
+            program, plan.program_s, most_s=plan.most_program_s, ends_on_signal=True
+        )
         if not seen.was_interrupted:
             with contextlib.suppress(KeyboardInterrupt):
                 return part, [run_measure.record(program.name, seen)]

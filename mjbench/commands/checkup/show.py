@@ -111,6 +111,8 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
     for row in run.of_type(ProgramRow):
         if ended := program.ending(row):
             yield Conclusion(f"{name}: {ended}", Tone.BAD)
+        if ended and row.has_crashed:
+            return
     for each in derive_all(run.records):
         for caution in each.cautions:
             yield Conclusion(caution, Tone.CAUTION, name)
@@ -123,8 +125,11 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
     for part in failed:
         yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
     gains = [item for item in listed_items if item.gain is not None]
+    rows = [row for row in run.of_type(ProgramRow) if row.loops and not row.wrong]
     if combined := _combined(run, least=_best_alone(listed_items)):
         yield Conclusion(f"{name}: {combined}", Tone.GOOD)
+    elif findings := [each for each in map(program.beside_remedies, rows) if each]:
+        yield from (Conclusion(f"{name}: {each}") for each in findings)
     elif gains:
         first = gains[0]
         is_same = first.change == ResultChange.NONE and not first.change_detail

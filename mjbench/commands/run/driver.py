@@ -22,7 +22,7 @@ def measurement(program: Sequence[str], options: RunOptions) -> Measurement:
     launch.check(to_run)
 
     def items(earlier: Sequence[Record], observer: Observer) -> Items:
-        seen = launch.run(to_run, options.seconds, options.rate_hz)
+        seen = measure.observed(to_run, options.seconds, options.rate_hz)
         yield Item([measure.record(to_run.name, seen)])
 
     arguments = {"program": program, **stored(options)}

@@ -81,6 +81,11 @@ class ThreadTimes:
             for key, last in self._last.items()
         ]
 
+    def queued_s(self, pid: int) -> float | None:
+        """Return for how long the main thread of a process could run, and had no core."""
+        of_main = [each.queued_s for each in self.times() if each.pid == each.tid == pid]
+        return of_main[0] if of_main else None
+
     def contending(self) -> int | None:
         """Return the process with most busy threads; None where none has two."""
         busy = [each.pid for each in self.times() if each.is_busy]

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -35,6 +35,7 @@ from mjbench.commands.run.py_spy import Frame, ThreadSamples
 from mjbench.commands.run.recorded_models import RecordedModel
 from mjbench.commands.run.sampling import ProcessorClock, ProcessorUse, Profiling
 from mjbench.commands.run.step_times import StepTimes
+from mjbench.commands.run.thread_pools import ThreadPools
 from mjbench.errors import InputError, MachineError, file_argument, one_line, shown
 from mjbench.host import files
 
@@ -104,6 +105,8 @@ class ProgramObservation:
     crash: Place | None = None
     exception: UncaughtException | None = None
     gil_waits: Sequence[GilWait] = ()
+    pools: ThreadPools | None = None
+    queued_s: float | None = None
     untimed_pids: Collection[int] = ()
 
 
@@ -126,10 +129,12 @@ def run(
     rate_hz: int | None = None,
     most_s: float = math.inf,
     ends_on_signal: bool = False,
+    environment: Mapping[str, str] | None = None,
 ) -> ProgramObservation:
     """Run a program to its end, and return what was seen.
 
     Args:
+      environment: further variables, of a second run, whose input and output are nobody's.
       ends_on_signal: whether Ctrl-C, SIGTERM and SIGHUP end the run within a second, and the
         program with it; by default they are the program's, which may go on.
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
@@ -140,7 +145,7 @@ def run(
         received: list[signal.Signals] = []
         with _noting_signals(received) if ends_on_signal else _passing_signals_to(running):
             begin = ProcessorClock.now()
-            process = _start(program, folder)
+            process = _start(program, folder, environment)
             running.append(process)
             was_ended, first_ns = False, None
             try:
@@ -183,10 +188,12 @@ def _observation(
 ) -> ProgramObservation:
     """Return what the profiler and the clocks have seen."""
     waits: Sequence[GilWait] = ()
+    pools: ThreadPools | None = None
     threads: Sequence[ThreadSamples] = ()
     problem = py_spy.TOO_SHORT
     if profiling is not None:
         threads, problem = profiling.samples(end_s)
+        pools = profiling.crowded(threads)
         waits = gil_waits.gil_waits(profiling.thread_times.times(), threads, profiling.holders())
     return ProgramObservation(
         wall_s=end_s - begin_s,
@@ -200,6 +207,8 @@ def _observation(
         crash=_crash(folder),
         exception=_exception(folder / f"{pid}.exception"),
         gil_waits=waits,
+        pools=pools,
+        queued_s=None if profiling is None else profiling.thread_times.queued_s(pid),
         untimed_pids=step_times.untimed_pids(folder),
     )
 
@@ -226,11 +235,20 @@ def _innermost_own(text: str) -> Place | None:
     return next(map(activities.place_of, own or stack), None)
 
 
-def _start(program: Program, folder: Path) -> "subprocess.Popen[bytes]":
+def _start(
+    program: Program, folder: Path, variables: Mapping[str, str] | None
+) -> "subprocess.Popen[bytes]":
     path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
+    stream = None if variables is None else subprocess.DEVNULL
     try:
-        return subprocess.Popen(program.command, env=environment)
+        return subprocess.Popen(
+            program.command,
+            env={**environment, **(variables or {})},
+            stdin=stream,
+            stdout=stream,
+            stderr=stream,
+        )
     except OSError as error:
         raise MachineError(
             f"cannot start {shown(program.interpreter)}: {error.strerror}"

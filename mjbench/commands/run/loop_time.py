@@ -128,6 +128,10 @@ class LoopTime:
         return self.activities.get(Activity.PHYSICS, 0.0) >= MOSTLY_PHYSICS
 
     @property
+    def is_half_physics(self) -> bool:
+        return self.activities.get(Activity.PHYSICS, 0.0) >= 0.5
+
+    @property
     def runs_jax(self) -> bool:
         return self.is_timed(Activity.COMPILING) or self.is_timed(Activity.DISPATCH)
 

@@ -1,19 +1,51 @@
 """From what was seen of a program to its record: remedies and its physics are timed on the way."""
 
+import math
 from collections import defaultdict
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
-from mjbench.commands.run import physics_cost, sampled_loops
+from mjbench.commands.run import launch, physics_cost, sampled_loops
 from mjbench.commands.run.activities import Activity
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import file_owners
-from mjbench.commands.run.launch import ProgramObservation
+from mjbench.commands.run.launch import Program, ProgramObservation
 from mjbench.commands.run.loop_time import LoopTime
 from mjbench.commands.run.remedies import listing, remedy_pairs, wrong_results
 from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.source_loops import SourceLoop
 from mjbench.host import machine
 from mjbench.status import Status
+
+# Seconds of steps in a second run.
+SECOND_S = 8.0
+
+
+def observed(
+    program: Program,
+    seconds: float | None,
+    rate_hz: int | None = None,
+    most_s: float = math.inf,
+    ends_on_signal: bool = False,
+) -> ProgramObservation:
+    """Run a program as `launch.run` does; with too many threads, a second time with fewer."""
+    seen = launch.run(program, seconds, rate_hz, most_s, ends_on_signal)
+    if seen.pools is None or seen.was_interrupted or not _steps_per_s(seen):
+        return seen
+    second = launch.run(
+        program,
+        min(SECOND_S, math.inf if seconds is None else seconds),
+        rate_hz,
+        min(most_s, 2 * SECOND_S),
+        ends_on_signal,
+        seen.pools.environment,
+    )
+    speedup = _steps_per_s(second) / _steps_per_s(seen)
+    return replace(seen, pools=replace(seen.pools, speedup=speedup or None))
+
+
+def _steps_per_s(seen: ProgramObservation) -> float:
+    return sum(each.steps_per_s or 0.0 for each in seen.steps)
 
 
 def record(name: str, observation: ProgramObservation) -> ProgramRow:
@@ -39,14 +71,14 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
     asked = listing.pairs(times, findings, incidents)
     measured = remedy_pairs.measure(observation.models, asked)
     physics = None
-    if times and times[0].is_mostly_physics:
+    if times and times[0].is_half_physics:
         most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
         stages = next((each.stages for each in most if each.stages), {})
         physics = physics_cost.measure(observation.models, stages)
     loops = []
     for time in times:
         busy_s = others_busy_s(time, times, calls, of_main)
-        listed = listing.remedies(time, findings, measured, incidents, busy_s)
+        listed = listing.remedies(time, findings, measured, incidents, busy_s, observation.pools)
         loops.append(LoopReport(time, listed))
     return ProgramRow(
         program=name,
@@ -71,6 +103,7 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
             observation.threads, observation.pid, times, observation.wall_s, calls
         ),
         physics=physics,
+        queued_s=observation.queued_s,
         untimed_processes=len(stepping.intersection(observation.untimed_pids)),
     )
 

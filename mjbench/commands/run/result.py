@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from mjbench.bounds import AnyInt, NonNegativeInt, PositiveFloat
+from mjbench.bounds import AnyInt, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from mjbench.commands.run.activities import Place
 from mjbench.commands.run.gil_waits import GilWait
 from mjbench.commands.run.launch import UncaughtException
@@ -56,6 +56,7 @@ class ProgramRow:
         whose waits look alike.
       outside_loops: lines that take time outside the loops, such as imports and set-up, with all
         that they call; shares are of `wall_s`.
+      queued_s: for which its main thread could run, and had no core; None where that is not known.
       untimed_processes: that step, and whose steps were not timed, since the disk is full.
     """
 
@@ -79,6 +80,12 @@ class ProgramRow:
     gil_waits: Sequence[GilWait] = ()
     outside_loops: Sequence[LineTime] = ()
     untimed_processes: NonNegativeInt = 0
+    queued_s: NonNegativeFloat | None = None
+
+    @property
+    def has_crashed(self) -> bool:
+        """Whether an error ended it: then nothing else matters."""
+        return self.crash is not None or self.exception is not None
 
     @property
     def cost_share(self) -> float:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt
-from mjbench.commands.run import py_spy
+from mjbench.commands.run import py_spy, thread_pools
 from mjbench.commands.run.gil_waits import Holders, ThreadTimes
 from mjbench.commands.run.py_spy import ThreadSamples
+from mjbench.commands.run.thread_pools import MappedLibraries, ThreadPools
 from mjbench.errors import InputError
 from mjbench.host import machine
 
@@ -93,6 +94,7 @@ class Profiling:
     earlier_cpu_s: float = 0.0
     problem: str = ""
     thread_times: ThreadTimes = field(default_factory=ThreadTimes)
+    libraries: MappedLibraries = field(default_factory=MappedLibraries)
     holding: "_Holding | None" = None
 
     @classmethod
@@ -108,6 +110,7 @@ class Profiling:
             pids = {int(file.stem) for file in self.folder.glob("*.steps")}
             self.children = sorted(pids - {self.pid})
             self.thread_times.look((self.pid, *self.children))
+            self.libraries.look(self.children)
             self._look_for_holders()
         self.looks_listed += 1
         if self.begin_s is None and self.sampler.has_begun:
@@ -127,6 +130,11 @@ class Profiling:
         elif self.begin_s is not None and (pid := self.thread_times.contending()) is not None:
             beside = py_spy.start(pid, self.folder, HOLDERS_RATE_HZ, HOLDERS_S)
             self.holding = _Holding(pid, beside)
+
+    def crowded(self, seen: Sequence[ThreadSamples]) -> ThreadPools | None:
+        of_python = {(each.thread.pid, each.thread.tid) for each in seen}
+        times, cores = self.thread_times.times(), machine.usable_cores()
+        return thread_pools.crowded(times, of_python, self.libraries.variables, cores)
 
     def holders(self) -> Holders | None:
         return None if self.holding is None else self.holding.holders()

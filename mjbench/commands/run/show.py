@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench import formats
-from mjbench.commands.run import costly_places
+from mjbench.commands.run import costly_places, paced_loop
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.costly_places import CostlyPlaces
@@ -16,6 +16,7 @@ from mjbench.commands.run.remedies import listing
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.steps_show import steps_section
+from mjbench.errors import with_help
 from mjbench.formats import count_of, duration, plain, whole_percent
 from mjbench.interval import Interval
 from mjbench.results import charts
@@ -45,6 +46,8 @@ _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
 # Half the width of an interval of a share from which on it is shown.
 _CLOSE = 0.05
+# The last tenth of so many iterations takes so many times as long as the first: they grow.
+_LEAST_GROWING, _GROWN = 200, 1.5
 # A loop that waits for this share is not what the program does.
 _MOSTLY_WAITING = 0.5
 # A loop of which JAX compiles for this share says little about its iterations.
@@ -56,6 +59,9 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
     for row in rows:
         is_bad = row.status != Status.OK or bool(row.wrong)
         ended, wrong = ending(row), list(dict.fromkeys(map(_wrong, row.wrong)))
+        if ended and row.has_crashed and not wrong:
+            yield Section(row.program, [Conclusion(f"{row.program}: {ended}", Tone.BAD)])
+            continue
         outside = _outside(row) if row.wrong else ""
         yield Section(
             row.program,
@@ -66,7 +72,7 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
                 ),
                 *(Conclusion(f"{row.program}: then, {text}", Tone.BAD) for text in wrong[1:]),
                 *([Conclusion(f"Outside the loops that step, {outside}.")] if outside else ()),
-                *map(Conclusion, _waiting_lines(row)),
+                *map(Conclusion, [*_waiting_lines(row), *_growth_lines(row)]),
             ],
             facts=[*end_lines(row), *_untimed_lines(row), *_memory_lines(row)],
         )
@@ -100,7 +106,8 @@ def ending(row: ProgramRow) -> str:
         return ""
     if row.exception is not None:
         place = row.exception.place
-        return f"it raised {row.exception.text}{f' at {place}: {place.text}' if place else ''}"
+        at_place = f" at {place}: {place.text}" if place else ""
+        return f"it raised {with_help(row.exception.text)}{at_place}"
     return f"it was ended by {name}" if name else f"it ended with exit code {row.exit_code}"
 
 
@@ -116,33 +123,50 @@ def conclusion(row: ProgramRow) -> str:
         return "first, " + _wrong(row.wrong[0])
     if row.status != Status.OK:
         return f"no samples were taken: {row.detail}"
-    outside = _outside(row)
     if not row.loops:
-        but = ""
-        if row.steps and not outside:
-            but = ", although it steps; run it for longer"
-        elif row.was_ended and not row.steps:
-            but = f" in {plain(row.wall_s, 2)} s; run it for longer"
-        return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
+        return _no_loop(row)
     loop = first_loop(row)
     remedy = listing.first(loop.remedies)
-    costly = costly_places.costliest(loop.time, loop.remedies)
-    if outside:
+    if (finding := beside_remedies(row)) is None:
+        assert remedy is not None, "otherwise there is something else to say"
+        return "first, " + _first(loop.time, remedy)
+    is_paced = bool(paced_loop.pace(loop.time, row.steps, row.queued_s))
+    if remedy is None or is_paced:
+        return finding
+    return f"{finding}. Then, {_first(loop.time, remedy)}"
+
+
+def beside_remedies(row: ProgramRow) -> str | None:
+    """Return what matters more than the first remedy of the loops; None where nothing does."""
+    loop = first_loop(row)
+    time, remedy = loop.time, listing.first(loop.remedies)
+    gain = 0.0 if remedy is None or remedy.gain is None else remedy.gain
+    costly = costly_places.costliest(time, loop.remedies)
+    physics = time.activities.get(Activity.PHYSICS, 0.0)
+    if outside := _outside(row):
         loops_s = sum(report.time.seconds for report in row.loops)
-        then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
         return (
             f"first, look outside the loops that step, which take {plain(loops_s, 2)} s of the"
-            f" program's {plain(row.wall_s, 2)} s: {outside}{then}"
+            f" program's {plain(row.wall_s, 2)} s: {outside}"
         )
-    is_small = remedy is None or (remedy.gain or 0.0) < 1 - MOSTLY_PHYSICS
-    if loop.time.is_mostly_physics and is_small:
-        then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
-        return _mostly_physics(row, loop.time) + then
+    if pace := paced_loop.pace(time, row.steps, row.queued_s):
+        return f"the loop in {where(time)} {pace}"
+    if time.is_mostly_physics and gain < 1 - MOSTLY_PHYSICS:
+        return _mostly_physics(row, time)
     if remedy is None:
-        return _nothing_to_do(loop.time, costly)
-    if costly is not None and costly.share > (remedy.gain or 0.0):
-        return f"{_without_remedy(loop.time, costly)}. Then, {_first(loop.time, remedy)}"
-    return "first, " + _first(loop.time, remedy)
+        is_known = time.is_half_physics and time.samples >= FEW_SAMPLES
+        has_most = is_known and (costly is None or costly.share < physics)
+        return _mostly_physics(row, time) if has_most else _nothing_to_do(time, costly)
+    return _without_remedy(time, costly) if costly is not None and costly.share > gain else None
+
+
+def _no_loop(row: ProgramRow) -> str:
+    but, outside = "", _outside(row)
+    if row.steps and not outside:
+        but = ", although it steps; run it for longer"
+    elif row.was_ended and not row.steps:
+        but = f" in {plain(row.wall_s, 2)} s; run it for longer"
+    return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
 
 
 def first_loop(row: ProgramRow) -> LoopReport:
@@ -166,6 +190,20 @@ def _waiting_lines(row: ProgramRow) -> Iterator[str]:
             f"{where(row.loops[0].time)} waits for {count_of(len(pids), 'worker')}, busy for"
             f" {whole_percent(busy)} of their time: nothing to save there"
         )
+
+
+def _growth_lines(row: ProgramRow) -> Iterator[str]:
+    """Yield that iterations take longer and longer, unless steps of the engine do."""
+    for steps in row.steps[:1]:
+        each, step = steps.iteration, steps.step
+        if each is None or step is None or each.count < _LEAST_GROWING:
+            continue
+        grown_ns, of_steps_ns = each.end_ns - each.early_ns, step.end_ns - step.early_ns
+        if each.end_ns >= _GROWN * each.early_ns and grown_ns > 2 * of_steps_ns:
+            yield (
+                f"An iteration takes longer and longer: {duration(each.early_ns)} at the start,"
+                f" {duration(each.end_ns)} at the end"
+            )
 
 
 def _outside(row: ProgramRow) -> str:

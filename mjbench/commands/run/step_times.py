@@ -20,6 +20,8 @@ from mjbench.errors import InputError
 # reset the timers in some of them.
 LEAST_TIMER_SHARE, MOST_TIMER_SHARE = 1e-3, 1.1
 
+# An iteration is late that takes so many medians.
+_LATE = 1.5
 _RECORDS = np.dtype([(name, "<i8") for name in ("kind", "thread", "begin", "end", "nstep", "dt")])
 
 
@@ -66,20 +68,38 @@ class Durations:
       p50_ns: the median.
       p99_ns: what 99 % do not exceed.
       max_ns: the longest.
+      late: how many took longer than `late_ns`.
+      early_ns, end_ns: medians of the first tenth, and of the last.
     """
 
     count: NonNegativeInt
     p50_ns: NonNegativeFloat
     p99_ns: NonNegativeFloat
     max_ns: NonNegativeFloat
+    late: NonNegativeInt = 0
+    early_ns: NonNegativeFloat = 0.0
+    end_ns: NonNegativeFloat = 0.0
+
+    @property
+    def late_ns(self) -> float:
+        return _LATE * self.p50_ns
 
     @classmethod
     def of(cls, durations_ns: np.ndarray) -> "Durations | None":
-        """Return the quantiles of (count,) ns; None of nothing."""
+        """Return the quantiles of (count,) ns in the order of time; None of nothing."""
         if not len(durations_ns):
             return None
         p50, p99 = np.quantile(durations_ns, [0.5, 0.99], method="higher")
-        return cls(len(durations_ns), float(p50), float(p99), float(durations_ns.max()))
+        tenth = max(1, len(durations_ns) // 10)
+        return cls(
+            count=len(durations_ns),
+            p50_ns=float(p50),
+            p99_ns=float(p99),
+            max_ns=float(durations_ns.max()),
+            late=int((durations_ns > _LATE * p50).sum()),
+            early_ns=float(np.median(durations_ns[:tenth])),
+            end_ns=float(np.median(durations_ns[-tenth:])),
+        )
 
 
 @dataclass(frozen=True)
@@ -220,14 +240,19 @@ def _step_ns(steps: np.ndarray) -> np.ndarray:
 def _intervals_ns(header: Header, records: np.ndarray, burst: np.ndarray) -> np.ndarray:
     """Return (count,) ns between the begins of records of one burst and one thread.
 
-    What the clock costs for a record is subtracted.
+    What the clock costs for a record is subtracted. They are in the order of their begins.
     """
-    intervals = []
+    begins, intervals = [], []
     for thread in np.unique(records["thread"]):
         of_thread = records["thread"] == thread
         begin, number = records["begin"][of_thread], burst[of_thread]
-        intervals.append(np.diff(begin)[np.diff(number) == 0] - header.timed_ns)
-    return np.maximum(np.concatenate(intervals), 0) if intervals else np.empty(0)
+        is_within = np.diff(number) == 0
+        begins.append(begin[:-1][is_within])
+        intervals.append(np.diff(begin)[is_within] - header.timed_ns)
+    if not intervals:
+        return np.empty(0)
+    in_order = np.argsort(np.concatenate(begins))
+    return np.asarray(np.maximum(np.concatenate(intervals)[in_order], 0))
 
 
 def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) -> dict[str, float]:

@@ -19,9 +19,13 @@ from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.compare import advice
 from mjbench.commands.compare.results import derive_all
 from mjbench.commands.lint.check import Finding
+from mjbench.commands.run import show as program
 from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.launch import UncaughtException
+from mjbench.commands.run.loop_time import LineTime, LoopTime
 from mjbench.commands.run.remedies.remedy import Remedy, RemedyKind
-from mjbench.commands.run.result import ProgramRow
+from mjbench.commands.run.result import LoopReport, ProgramRow
+from mjbench.commands.run.source_loops import SourceLoop
 from mjbench.commands.show import reports
 from mjbench.commands.show.reports import NamedRun
 from mjbench.commands.tune import show as tuning
@@ -215,8 +219,8 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
         " jacobian=sparse, same results"
     )
     assert (
-        "Look closer at all of them: mjbench ab model='my robot.xml'"
-        " model=tuned.xml,path=rollout,threads=2,pool=kept,timer=off"
+        "Look closer at all of them: mjbench ab 'my robot.xml'"
+        " tuned.xml,path=rollout,threads=2,pool=kept,timer=off"
     ) in section.notes
 
 
@@ -316,6 +320,29 @@ def test_a_program_that_does_not_step_has_no_verdict() -> None:
         f"{TARGET}: it ended with exit code 1",
         f"{TARGET}: nothing was measured: no loop was seen that steps MuJoCo",
     ]
+
+
+def test_after_an_error_only_that_comes_first() -> None:
+    error = UncaughtException("ValueError: no", None)
+    failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, [], [], exception=error)
+    seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    (conclusion,) = checkup.list_section(seen).conclusions
+    assert conclusion.text == f"{TARGET}: it raised ValueError: no"
+
+
+def test_what_costs_most_and_has_no_remedy_comes_first_as_in_run() -> None:
+    place = Place("train.py", 12, "main", "x = a @ b")
+    lines = [LineTime(place, 0.6, {Activity.NUMPY: 0.6})]
+    shares = {Activity.NUMPY: 0.6, Activity.PHYSICS: 0.4}
+    whole, pids = SourceLoop("train.py", 5, 20), [1]
+    time = LoopTime(whole, [], ["MainThread"], pids, True, 300, 3.0, shares, {}, lines, [])
+    loops = [LoopReport(time, [])]
+    row = ProgramRow("train.py", Status.OK, "", 0, False, 3.0, 100, 300, loops, [])
+    (first,) = checkup.list_section(
+        run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), row)
+    ).conclusions
+    assert first.text == f"{TARGET}: {program.conclusion(row)}"
+    assert "no change is known for this" in first.text
 
 
 def test_a_list_that_was_interrupted_says_so_first() -> None:

@@ -139,8 +139,8 @@ def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
     processes = []
     start_program = launch._start
 
-    def start(program, folder):
-        processes.append(start_program(program, folder))
+    def start(program, folder, environment):
+        processes.append(start_program(program, folder, environment))
         return processes[0]
 
     def refuse(*arguments):

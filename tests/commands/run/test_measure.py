@@ -1,4 +1,4 @@
-"""What a program does elsewhere while one of its loops waits."""
+"""What a program does elsewhere while one of its loops waits, and what a second run shows."""
 
 from dataclasses import replace
 
@@ -7,8 +7,11 @@ import pytest
 from mjbench.commands.run import measure
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.launch import Program, ProgramObservation
 from mjbench.commands.run.loop_time import LoopTime
 from mjbench.commands.run.source_loops import SourceLoop
+from mjbench.commands.run.step_times import StepTimes
+from mjbench.commands.run.thread_pools import ThreadPools
 
 LOOP = SourceLoop("train.py", 10, 20)
 
@@ -43,3 +46,32 @@ def test_what_another_process_computes_counts_without_any_step():
     worker = replace(waiting(8.0), pids=[2], in_main=False, activities=of_worker)
     main = waiting(10.0)
     assert measure.others_busy_s(main, [main, worker], [], {LOOP}) == pytest.approx(6.0)
+
+
+POOLS = ThreadPools([2, 3], 2, 2, {Activity.NUMPY: "OPENBLAS_NUM_THREADS"})
+
+
+def seen(steps_per_s, pools=None):
+    times = StepTimes(2, 1.0, 1, steps_per_s, 1.0, None, None, False, {}, 0.0, 0, 0.0, 0.0)
+    return ProgramObservation(10.0, 1, [], [times, replace(times, pid=3)], 100, pools=pools)
+
+
+def test_a_program_with_too_many_threads_runs_again_with_one_in_each_process(monkeypatch):
+    runs = iter([seen(100.0, POOLS), seen(250.0)])
+    asked = []
+
+    def run(*arguments):
+        asked.append(arguments)
+        return next(runs)
+
+    monkeypatch.setattr(measure.launch, "run", run)
+    program = Program(["train.py"])
+    assert measure.observed(program, 3.0).pools.speedup == pytest.approx(2.5)
+    assert [arguments[1] for arguments in asked] == [3.0, 3.0]
+    assert asked[1][-1] == {"OPENBLAS_NUM_THREADS": "1"}
+
+
+@pytest.mark.parametrize("first", [seen(100.0), seen(0.0, POOLS)])
+def test_no_other_program_runs_twice(monkeypatch, first):
+    monkeypatch.setattr(measure.launch, "run", lambda *arguments: first)
+    assert measure.observed(Program(["train.py"]), None) is first

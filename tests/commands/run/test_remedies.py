@@ -17,7 +17,7 @@ from mjbench.commands.run.remedies.line_remedies import LINE_REMEDIES
 from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair, TimeRatio
 from mjbench.commands.run.source_loops import SourceLoop
-from mjbench.commands.run.step_times import Durations, StepTimes
+from mjbench.commands.run.thread_pools import ThreadPools
 
 PHYSICS, PYTHON, NUMPY = Activity.PHYSICS, Activity.PYTHON, Activity.NUMPY
 BINDINGS = Activity.BINDINGS
@@ -46,23 +46,6 @@ def loop(*lines, activities=None):
         packages={},
         lines=lines,
         inner_functions=[],
-    )
-
-
-def steps(**values):
-    times = {"collections": 0, "collections_s": 0.0, "steps_per_s": 1000.0, **values}
-    return StepTimes(
-        pid=1,
-        span_s=10.0,
-        nstep=10_000,
-        real_time_factor=2.0,
-        step=Durations(10, 1.0, 2.0, 3.0),
-        iteration=None,
-        of_environment=False,
-        stages={},
-        cost_share=0.01,
-        longest_collection_s=0.0,
-        **times,
     )
 
 
@@ -559,3 +542,16 @@ def test_processes_that_are_started_again_and_again_cost_their_whole_line():
 def test_lines_that_look_alike_are_not_tried(line: str, pair: RemedyPair) -> None:
     (remedy,) = [each for each in LINE_REMEDIES if each.pair == pair]
     assert not remedy.line.search(line)
+
+
+def test_too_many_threads_save_what_a_second_run_with_fewer_did():
+    time = replace(loop(line(13, {NUMPY: 0.9}), line(12, {PHYSICS: 0.1})), pids=[2, 3])
+    pools = ThreadPools([2, 3], 2, 2, {NUMPY: "OPENBLAS_NUM_THREADS"}, speedup=2.5)
+    (remedy,) = listing.remedies(time, pools=pools)
+    assert (remedy.place.line, remedy.basis, remedy.gain) == (13, Basis.RERUN, pytest.approx(0.6))
+    assert remedy.text == (
+        "2 processes × 2 threads of BLAS on 2 cores: set OPENBLAS_NUM_THREADS=1 before Python"
+        " starts"
+    )
+    assert listing.remedies(replace(time, pids=[1]), pools=pools) == []
+    assert listing.remedies(time, pools=replace(pools, speedup=1.01)) == []

@@ -16,6 +16,7 @@ from mjbench.commands.run.physics_cost import Cost, CostKind, PhysicsCost
 from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.source_loops import SourceLoop
+from mjbench.commands.run.step_times import Durations, StepTimes
 from mjbench.results import terminal
 from mjbench.results.content import Tone
 from mjbench.status import Status
@@ -255,7 +256,7 @@ def test_a_loop_that_is_nearly_all_physics_is_told_what_costs_in_it() -> None:
 def test_a_wide_interval_of_a_pair_is_shown(error: float, ends: str) -> None:
     uncertain = replace(remedy(), gain_error=error)
     assert program.conclusion(row(MIXED, uncertain)).endswith(f"0.60 of today's time{ends}")
-    assert program.saving(uncertain) == ("40 % (30 to 50 %)" if ends else "40 %")
+    assert program.saving(uncertain) == ("40 % (30–50 %)" if ends else "40 %")
 
 
 def test_a_large_saving_comes_before_what_costs_in_physics() -> None:
@@ -319,3 +320,76 @@ def test_a_wrong_result_stands_at_the_head_of_a_report_once() -> None:
 def test_steps_that_could_not_be_timed_are_said(processes, said):
     first = next(program.sections([row(MIXED, untimed_processes=processes)]))
     assert [fact.partition("no space")[0] for fact in first.facts] == said
+
+
+def steps(count: int = 5000, late: int = 0, factor: float = 1.0, **more: Any) -> StepTimes:
+    iteration = Durations(count, 2e6, 3e6, 9e7, late, 2e6, 2e6)
+    engine = Durations(count, 3e4, 4e4, 5e5, 0, 3e4, 3e4)
+    values = {"collections": 0, "collections_s": 0.0, "longest_collection_s": 0.0, **more}
+    return StepTimes(
+        1, 10.0, count, 500.0, factor, engine, iteration, False, {}, cost_share=0.0, **values
+    )
+
+
+PACED = loop({Activity.SLEEPING: 0.9, Activity.PHYSICS: 0.1})
+
+
+@pytest.mark.parametrize(
+    ("seen", "more", "cause"),
+    [
+        (
+            {"late": 3, "longest_collection_s": 0.343},
+            {},
+            "but 3 of 5,000 timed iterations were late (over 3 ms), the longest 343 ms: a garbage"
+            " collection took 343 ms; call gc.collect() and gc.freeze() after set-up, before the"
+            " loop",
+        ),
+        ({"late": 3}, {"queued_s": 1.2}, "the longest 90 ms: its thread waited 1.2 s for a core"),
+        ({"late": 3}, {"queued_s": 0.0}, "what they have in common was not seen"),
+    ],
+)
+def test_of_a_loop_that_keeps_real_time_late_iterations_and_their_cause_are_said(
+    seen: dict[str, Any], more: dict[str, Any], cause: str
+) -> None:
+    said = program.conclusion(replace(row(PACED, remedy(), **more), steps=[steps(**seen)]))
+    assert said.startswith(
+        "the loop in train.py:5–9 keeps real time (1 ×; it sleeps 90 % of the time), but 3 of"
+    )
+    assert cause in said
+    assert "do otherwise" not in said
+
+
+def test_a_call_that_takes_as_long_as_a_period_makes_iterations_late() -> None:
+    draws = CallTime("render", 1, 1, PLACE, None, 100.0, 0.5, 0, 1, 0, 0)
+    said = program.conclusion(replace(row(replace(PACED, calls=[draws])), steps=[steps(late=9)]))
+    assert said.endswith("the longest 90 ms: render at train.py:7 takes 5 ms each time")
+
+
+@pytest.mark.parametrize(("time", "factor"), [(PACED, 0.5), (loop({Activity.PHYSICS: 1.0}), 1.0)])
+def test_a_loop_that_does_not_sleep_to_keep_real_time_keeps_no_rate(
+    time: LoopTime, factor: float
+) -> None:
+    said = program.conclusion(replace(row(time), steps=[steps(factor=factor)]))
+    assert "keeps real time" not in said
+
+
+def test_iterations_that_take_longer_and_longer_are_said_unless_steps_do() -> None:
+    iteration = Durations(5000, 5e4, 1e5, 1e5, 0, 1e4, 9e4)
+    growing = replace(steps(), iteration=iteration)
+    (_, grows) = next(program.sections([replace(row(MIXED), steps=[growing])])).conclusions
+    assert grows.text == (
+        "An iteration takes longer and longer: 10 µs at the start, 90 µs at the end"
+    )
+    slower = replace(growing, step=replace(iteration, early_ns=1e3))
+    assert len(next(program.sections([replace(row(MIXED), steps=[slower])])).conclusions) == 1
+
+
+def test_after_an_error_the_report_is_about_the_error() -> None:
+    full = "FatalError: mj_stackAlloc: out of memory, stack overflow max = 1 narena = 2"
+    failed = row(MIXED, remedy(), exception=UncaughtException(full, PLACE))
+    (section,) = program.sections([replace(failed, exit_code=1)])
+    (conclusion,) = section.conclusions
+    assert "fusestatic" in conclusion.text
+    assert "max =" not in conclusion.text
+    assert conclusion.text.endswith("at train.py:7: mj_step(model, data)")
+    assert not section.facts

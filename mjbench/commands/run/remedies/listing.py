@@ -22,6 +22,7 @@ from mjbench.commands.run.remedies.call_savings import CallRemedy, CallsInLoop, 
 from mjbench.commands.run.remedies.loop_remedies import of_samples
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Remedy, RemedyKind
 from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair
+from mjbench.commands.run.thread_pools import ThreadPools
 from mjbench.errors import InputError
 
 # A line that is one call.
@@ -70,6 +71,7 @@ def remedies(
     measured: MeasuredRatios | None = None,
     incidents: Sequence[Incident] = (),
     others_busy_s: float = 0.0,
+    pools: ThreadPools | None = None,
 ) -> list[Remedy]:
     """Return what to do about a loop, by gain.
 
@@ -81,6 +83,7 @@ def remedies(
     listed = [
         *_savings(loop, findings, measured, others_busy_s),
         *loop_remedies.of_turns(loop, measured, incidents),
+        *loop_remedies.of_pools(loop, pools),
     ]
     if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
         listed += loop_remedies.of_software_rendering(loop, listed)

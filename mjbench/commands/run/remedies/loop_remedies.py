@@ -1,6 +1,7 @@
 """What to do about a loop as a whole: about an activity, models that are built in it, and steps."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import mujoco
 
@@ -17,6 +18,7 @@ from mjbench.commands.run.remedies.call_savings import (
 )
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair, TimedWay
+from mjbench.commands.run.thread_pools import ThreadPools
 from mjbench.host import machine
 from mjbench.simulation import engine_clock
 
@@ -76,6 +78,25 @@ def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
         if share := loop.activities.get(activity):
             idle = min(share, max(0.0, 1 - others_busy_s / loop.seconds))
             yield _of_activity(loop, activity, text, idle, RemedyKind.ACTIVITY)
+
+
+def of_pools(loop: LoopTime, pools: ThreadPools | None) -> Iterator[Remedy]:
+    """Yield how many threads libraries should have in each of several processes."""
+    if pools is None or pools.speedup is None or set(pools.pids).isdisjoint(loop.pids):
+        return
+    activity = max(pools.variables, key=lambda each: loop.activities.get(each, 0.0))
+    share = loop.activities.get(activity, 0.0)
+    library = "BLAS" if activity == Activity.NUMPY else "OpenMP"
+    text = (
+        f"{len(pools.pids)} processes × {pools.threads} threads of {library} on"
+        f" {pools.usable_cores} cores: set {pools.variables[activity]}=1 before Python starts"
+    )
+    if share:
+        gain = 1 - 1 / pools.speedup
+        remedy = _of_activity(loop, activity, text, gain, RemedyKind.THREADS)
+        yield replace(
+            remedy, basis=Basis.RERUN, share=share, gain_error=None, effect="nothing but rounding"
+        )
 
 
 def of_software_rendering(loop: LoopTime, listed: Sequence[Remedy]) -> Iterator[Remedy]:

@@ -23,6 +23,8 @@ class RemedyKind(enum.StrEnum):
     CLOCK = "package's timer"
     """A step reads the timer of MuJoCo's Python package."""
     COLLECTION = "garbage collection"
+    THREADS = "threads"
+    """A library computes on more threads than cores can run."""
     ACTIVITY = "activity"
 
 
@@ -37,6 +39,8 @@ class Basis(enum.StrEnum):
     """The calls were timed one by one, and would not be made any more."""
     PAIRED = "paired"
     """Both ways were timed in turns on the program's own model and states."""
+    RERUN = "run again"
+    """The program ran a second time, for a short while, with the change."""
     BOUND = "at most"
     """It is the share of what would change; what replaces it takes time, too."""
 
