@@ -67,7 +67,6 @@ def compare(
     *models: Model,
     paths: str | Iterable[str] | None = None,
     threads: int | Iterable[int] | None = None,
-    chunk: int | Iterable[int] | None = None,
     options: Mapping[str, Any] | None = None,
     nbatch: int | Iterable[int] | None = None,
     returns: str = "final",
@@ -98,8 +97,8 @@ def compare(
         paths`), or MODULE:CLASS of your own; python_loop is always added. `c` stands for all C
         paths, `usual` for those and, where installed, mjx. Default: c.
       threads: Thread counts. Default: 1 and usable cores.
-      chunk: Simulations that a thread takes at a time.
-      options: Values of any other option of a path, such as pool=new or checks=off.
+      options: Values of any other option of a path, such as pool=new, or chunk=1,4: simulations
+        that a thread takes at a time.
       nbatch: Simulations at once. Default: 64; fewer where the plain loop would take more than 20
         ms.
       returns: What every path returns: final states; the state after every step, too; and sensor

@@ -76,3 +76,12 @@ def test_documents_and_runs_are_said_to_be_of_commands(name: str) -> None:
     options = {option for parameter in group.params for option in parameter.opts}
     subcommands = group.commands if isinstance(group, click.Group) else {}
     assert {*rest} <= {*options, *subcommands}
+
+
+@pytest.mark.parametrize("name", ["show", "doctor", "sweep", *(
+    name for name in cli.commands
+    if {"resume", "wait"} & {parameter.name for parameter in cli.commands[name].params}
+)])  # fmt: skip
+def test_what_measures_or_shows_writes_the_same_files(name: str) -> None:
+    flags = {option for parameter in cli.commands[name].params for option in parameter.opts}
+    assert {"--html", "--markdown", "--csv", "--json"} <= flags
