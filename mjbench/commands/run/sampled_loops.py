@@ -311,6 +311,8 @@ def _building_line(
 ) -> LineTime | None:
     """Return the outermost line under which models are built or loaded, and nothing steps.
 
+    What waits for other processes may let them step.
+
     Where there are several, it is that with most of their time, and has the time of all.
     """
     seconds: dict[Place, list[float]] = defaultdict(list)
@@ -319,7 +321,7 @@ def _building_line(
         is_slow_call = activities.is_slow_call(sample.stack[-1])
         for place in sample.own_places:
             seconds[place].append(sample.seconds)
-            if sample.activity == Activity.PHYSICS and not is_slow_call:
+            if sample.activity in (Activity.PHYSICS, *WAITING) and not is_slow_call:
                 steps_s[place] += sample.seconds
     # a torn stack may show a step under another line
     without_steps = {

@@ -180,6 +180,16 @@ def test_a_model_is_built_by_the_outermost_line_that_does_not_step(file):
     assert time.building.share == pytest.approx(0.75)
 
 
+def test_a_line_that_also_waits_for_others_does_more_than_build(file):
+    element = Frame("add", "/lib/python3/site-packages/dm_control/mjcf/element.py", 5)
+    whole = [Frame("main", file, 9)]
+    built = [*whole, Frame("observe", file, 2), element]
+    waits = [*whole, Frame("step", file, 3), Frame("_recv", _connection(), 9)]
+    seen = [built] * 30 + [waits] * 70 + [stacks(file)["step"]] * 10
+    (time,) = sampled_loops.loop_times([samples(seen)], 1)
+    assert time.building.place.line == 2
+
+
 def test_time_of_a_line_that_builds_for_several_lines_counts_once(file):
     """Line 2 builds for line 9, which does nothing else, and for line 8, which also steps."""
     element = Frame("add", "/lib/python3/site-packages/dm_control/mjcf/element.py", 5)
