@@ -12,6 +12,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-versi
 
 UPGRADE := build/upgrade
 SITE := build/site
+MODELS := $(basename $(notdir $(wildcard models/*.xml)))
 LAB := build/lab/mujoco-lab.html
 LAB_PACKAGE := build/lab/node_modules
 
@@ -40,7 +41,7 @@ help:
 	@echo "All but clean set up .venv first, if it is missing or out of date."
 
 bench: $(BASE)
-	$(BIN)/mjbench compare
+	$(BIN)/mjbench compare $(MODELS)
 
 # Style and types beside each other; then the tests, in three processes, since some wait. CI checks the types of macOS, too.
 test: $(STAMP)
@@ -72,9 +73,9 @@ types-darwin: $(STAMP)
 upgrade: $(STAMP)
 	rm -rf $(UPGRADE) && mkdir -p $(UPGRADE)
 	status=0; \
-	$(BIN)/mjbench versions previous newest --results $(UPGRADE) --fail-on slower --allow-inconclusive \
+	$(BIN)/mjbench versions previous newest $(MODELS) --results $(UPGRADE) --fail-on slower --allow-inconclusive \
 	  || status=$$?; \
-	$(BIN)/mjbench versions previous newest --results $(UPGRADE) --metric instructions --min-effect 0.5% \
+	$(BIN)/mjbench versions previous newest $(MODELS) --results $(UPGRADE) --metric instructions --min-effect 0.5% \
 	  || status=$$?; \
 	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --html $(UPGRADE)/report.html \
 	  --markdown $(UPGRADE)/report.md || status=$$?; \

@@ -92,7 +92,7 @@ def compare(
     own results, unless all fail.
 
     Args:
-      *models: names as on the command line, paths, MjModels or MjSpecs; none for all shipped ones.
+      *models: names as on the command line, paths, MjModels or MjSpecs.
       on_progress: called with what is measured now, and the share of all work that is done.
       paths: Ways of stepping to compare, such as rollout, batch_step, mjx, warp (see `mjbench
         paths`), or MODULE:CLASS of your own; python_loop is always added. `c` stands for all C
@@ -223,7 +223,7 @@ def profile(
 def versions(
     old: str,
     *news: str,
-    models: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None = None,
+    models: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] = (),
     paths: str | Iterable[str] | None = None,
     metric: str = "time",
     min_effect: float = 0.01,
@@ -252,8 +252,8 @@ def versions(
       old: a version (`3.5.0`), a wheel, a folder of wheels, `installed`, `newest` or `previous`; or
         packages, with commas, such as `jax==0.7.0,jaxlib==0.7.0`.
       *news: the same, one or several.
-      models: names as on the command line, or paths; None for all shipped models. A compiled
-        model cannot be compared: other releases cannot load it.
+      models: names as on the command line, or paths. A compiled model cannot be compared: other
+        releases cannot load it.
       on_progress: called with what is measured now, and the share of all work that is done.
       paths: Ways of stepping, each compared between the releases. Default: python_loop.
       metric: What to compare: `time`, the time of steps; `instructions`, the instructions of the

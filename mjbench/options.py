@@ -347,8 +347,8 @@ SETTINGS = Kind("NAME=V,V", "Mapping[str, Any]", check=_settings, is_repeated=Tr
 FLAG = Kind("", "bool", is_flag=True)
 
 
-def text(metavar: str, is_repeated: bool = False) -> Kind:
-    return Kind(metavar, "str", is_repeated=is_repeated)
+def text(metavar: str) -> Kind:
+    return Kind(metavar, "str")
 
 
 def file(metavar: str, annotation: str = "Path", note: str = "") -> Kind:

@@ -15,7 +15,7 @@ WIDTH = 100
 MOST_NAMES = 4
 CAUTION = (
     "These are times of one process. From one to the next, the same code differs by several"
-    " percent. Whether a change of yours is slower: mjbench ab rev=main rev=HEAD bench.py::FUNCTION"
+    " percent. Whether a change of yours is slower: mjbench ab main HEAD bench.py::FUNCTION"
 )
 
 

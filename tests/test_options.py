@@ -34,9 +34,8 @@ from mjbench.commands.tune import driver as tune
 from mjbench.commands.tune.options import TuneOptions
 from mjbench.commands.versions.driver import between_releases
 from mjbench.commands.versions.options import (
-    BisectOptions,
     ExplainOptions,
-    TargetOptions,
+    RevisionOptions,
     VersionsOptions,
 )
 from mjbench.counts import instructions
@@ -52,8 +51,8 @@ from mjbench.verification import plan
 
 CARTPOLE = models.resolve("cartpole")
 KINDS: dict[str, type[Any]] = {
-    "ab": TargetOptions,
-    "bisect": BisectOptions,
+    "ab": RevisionOptions,
+    "bisect": RevisionOptions,
     "checkup": CheckupOptions,
     "compare": CompareOptions,
     "doctor": DoctorOptions,
@@ -157,7 +156,7 @@ def test_a_function_knows_no_option_of_the_command_line_alone() -> None:
 
 def test_sizes_that_are_chosen_are_those_that_help_names() -> None:
     counted, block_ms = instructions, 1000 * plan.LONG_BLOCK_S
-    unset = {each.name: each.unset for each in options_of(TargetOptions)}
+    unset = {each.name: each.unset for each in options_of(RevisionOptions)}
     assert f"1 ms, or {1000 * run_sizes.THREADED_RUN_S:g} ms for each" in unset["nbatch"]
     assert 1000 * run_sizes.RUN_S == 1
     assert f"{counted.NBATCH} to count instructions" in unset["nbatch"]

@@ -66,14 +66,14 @@ _VALUES = (
     "0", "1", "2", "-1", "nan", "inf", "1e300", "1e-300", "9" * 40, "", " ", "abc", "1,2", ",",
     "1,,2", "1%", "0.5", "200%", "1s", "2min", "soon", "python_loop", "rollout", "rolout", "c",
     "mjx9", "slower", "tea", "pool=new", "pool=", "=", "solver=99", "timestep=0",
-    "path=rollout,threads=0", "path=rollout", "model=bad.xml", "loop:Path", "broken:Path", "time",
-    "instructions", "\x1b[1m",
+    "path=rollout,threads=0", "path=rollout", "bad.xml,solver=cg", "rev=HEAD", "loop.py::f",
+    "loop:Path", "broken:Path", "time", "instructions", "\x1b[1m", "missed", "solver",
 )  # fmt: skip
 _OUTPUTS = ("-", "out.json", "good.xml", "run.jsonl", "loop.py", "folder", "no/such/file", "", "/")
 # What keeps a command line that is good by chance short, by option.
 SHORT = {
     "--budget": "1s", "--time-limit": "1s", "--nbatch": "2", "--nstep": "4", "--hold": "2",
-    "--seconds": "1",
+    "--tick": "2", "--seconds": "1",
 }  # fmt: skip
 # Options that name a file to write.
 OUTPUT_FLAGS = (
@@ -81,7 +81,7 @@ OUTPUT_FLAGS = (
     *("--github", "--sarif"),
 )
 # Options that would wait for another command, take long, or contradict --budget.
-NEVER = ("--wait", "--clock", "--quick")
+NEVER = ("--wait", "--quick")
 # Commands and subcommands that reach the network, write into the project or take long.
 _LEFT_OUT = {"update", "verify", "install", "remove"}
 

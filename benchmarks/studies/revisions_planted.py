@@ -1,4 +1,4 @@
-"""Does `mjbench ab rev=…` find what makes a function slower, and nothing where nothing does?
+"""Does `mjbench ab main HEAD …` find what makes a function slower, and nothing where nothing does?
 
     python -m benchmarks.studies.revisions_planted [--pairs 20] [--json FILE]
 

@@ -27,10 +27,6 @@ TALLY = Path(__file__).parents[2] / "results/truths.json"
 PART = PagePart("method/errors.md", "truths", "benchmarks.studies.truths")
 
 
-def _function(name: str) -> tuple[str, str]:
-    return "--function", name
-
-
 def _jax(version: str) -> str:
     return f"jax=={version},jaxlib=={version},numpy==2.1.3,scipy==1.14.1"
 
@@ -47,63 +43,63 @@ _SIZES = ("--settle", "0", "--nbatch", "1", "--nstep", "10")
 _MEMORY = ("--metric", "memory", *_SIZES)
 _NUMPY_NOTES = "its notes", "https://numpy.org/doc/stable/release/2.4.0-notes.html"
 _MUJOCO_CHANGES = "changelog", "https://mujoco.readthedocs.io/en/stable/changelog.html"
-_ARRAY = _function("numpy_small.py::array")
+_ARRAY = "numpy_small.py::array"
 TRUTHS = (
     Truth(
         "NumPy 2.4.0: functions of single numbers",
-        (*_NUMPY, *_function("numpy_small.py::scalars")),
+        (*_NUMPY, "numpy_small.py::scalars"),
         1 / 6,
         False,
         _NUMPY_NOTES,
-        (*_NUMPY, *_ARRAY),
+        (*_NUMPY, _ARRAY),
     ),
     Truth(
         "NumPy 2.4.0: `ndindex`",
-        (*_NUMPY, *_function("numpy_small.py::indices")),
+        (*_NUMPY, "numpy_small.py::indices"),
         1 / 5.2,
         False,
         _NUMPY_NOTES,
-        (*_NUMPY, *_ARRAY),
+        (*_NUMPY, _ARRAY),
     ),
     Truth(
         "NumPy 2.4.0: `unique` of complex numbers",
-        (*_NUMPY, *_function("numpy_small.py::unique_complex")),
+        (*_NUMPY, "numpy_small.py::unique_complex"),
         1 / 1.45,
         False,
         _NUMPY_NOTES,
-        (*_NUMPY, *_function("numpy_small.py::sort_complex")),
+        (*_NUMPY, "numpy_small.py::sort_complex"),
     ),
     Truth(
         "JAX 0.7.1: a loop sets random elements of an array",
-        (*_JAX, *_function("jax_carried_array.py::random_elements"), *_LONGER),
+        (*_JAX, "jax_carried_array.py::random_elements", *_LONGER),
         5.5,
         True,
         ("jax#31284", "https://github.com/jax-ml/jax/issues/31284"),
-        (*_JAX, *_function("jax_carried_array.py::computed_elements"), *_LONGER),
+        (*_JAX, "jax_carried_array.py::computed_elements", *_LONGER),
     ),
     Truth(
         "JAX 0.4.33: a scan carries a 3 × 3 matrix in float64",
-        (*_OLD_JAX, *_function("jax_small_scan.py::covariances"), *_LONGER),
+        (*_OLD_JAX, "jax_small_scan.py::covariances", *_LONGER),
         10.0,
         True,
         ("jax#36799", "https://github.com/jax-ml/jax/issues/36799"),
-        (*_OLD_JAX, *_ARRAY),
+        (*_OLD_JAX, _ARRAY),
     ),
     Truth(
         "JAX 0.4.33: a loop carries two numbers",
-        (*_OLD_JAX, *_function("jax_small_scan.py::count"), *_LONGER),
+        (*_OLD_JAX, "jax_small_scan.py::count", *_LONGER),
         21.0,
         True,
         ("jax#25190", "https://github.com/jax-ml/jax/issues/25190"),
-        (*_OLD_JAX, *_ARRAY),
+        (*_OLD_JAX, _ARRAY),
     ),
     Truth(
         "MuJoCo Warp 3.8.0: collisions, on a CPU",
-        (*_WARP, *_function("warp_steps.py::collide"), *_LONGER),
+        (*_WARP, "warp_steps.py::collide", *_LONGER),
         None,
         True,
         ("mujoco_warp#1321", "https://github.com/google-deepmind/mujoco_warp/issues/1321"),
-        (*_WARP, *_function("warp_steps.py::kinematics"), *_LONGER),
+        (*_WARP, "warp_steps.py::kinematics", *_LONGER),
     ),
     Truth(
         "MuJoCo 3.2.4: peak memory of 300 spheres, with Newton",

@@ -19,7 +19,6 @@ from mjbench.commands.compare.results import ModelResults, PathResult, derive_al
 from mjbench.commands.show.documents import CompareDocument
 from mjbench.errors import InputError
 from mjbench.measuring.timing import Progress
-from mjbench.simulation import models as shipped_models
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -71,7 +70,7 @@ def compare(
     own results, unless all fail.
 
     Args:
-      *models: names as on the command line, paths, MjModels or MjSpecs; none for all shipped ones.
+      *models: names as on the command line, paths, MjModels or MjSpecs.
       on_progress: called with what is measured now, and the share of all work that is done.
 
     Raises:
@@ -81,7 +80,7 @@ def compare(
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
     plans = plans_of(options, _own_path_folder(options.paths or ()))
-    with model_sources.sources(models or shipped_models.shipped()) as sources:
+    with model_sources.sources(models) as sources:
         work = measurement(sources, plans, options.budget)
         return Comparison.of(work, options.wait, on_progress)
 

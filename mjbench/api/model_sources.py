@@ -38,9 +38,10 @@ def sources(given: "Sequence[Model]") -> Iterator[list[ModelSource]]:
     """Yield the sources of models, each once; files of compiled ones last as long as the block.
 
     Raises:
-      InputError: there is no such model, or an MjSpec does not compile.
+      InputError: there is none, or no such model, or an MjSpec does not compile.
       MachineError: a compiled model cannot be saved.
     """
+    models.check_any(given)
     sources_by_position = {
         i: named(model) for i, model in enumerate(given) if isinstance(model, str | os.PathLike)
     }
@@ -67,8 +68,8 @@ def _saved(model: "Model", file: Path, taken: Collection[str]) -> ModelSource:
         model = _compiled(model)
     if mujoco is None or not isinstance(model, mujoco.MjModel):
         raise InputError(
-            f"a model is one of {', '.join(models.shipped())}, {models.FORMS}, an MjModel or an"
-            f" MjSpec, not {_described(model)}"
+            f"a model is one of {models.choices()}, an MjModel or an MjSpec,"
+            f" not {_described(model)}"
         )
     models.save(model, file)
     name = shown(bytes(model.names).split(b"\0")[0].decode(errors="replace") or "model")

@@ -15,7 +15,7 @@ from mjbench.errors import InputError
 from mjbench.measuring.timing import Progress
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.releases import installs
-from mjbench.simulation import models as shipped_models
+from mjbench.simulation.models import check_any
 
 if TYPE_CHECKING:
     import os
@@ -43,7 +43,7 @@ class ReleaseComparison(Result):
 def versions(
     old: str,
     *news: str,
-    models: "str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None" = None,
+    models: "str | os.PathLike[str] | Iterable[str | os.PathLike[str]]" = (),
     options: VersionsOptions,
     on_progress: Progress | None = None,
 ) -> ReleaseComparison:
@@ -57,8 +57,8 @@ def versions(
       old: a version (`3.5.0`), a wheel, a folder of wheels, `installed`, `newest` or `previous`; or
         packages, with commas, such as `jax==0.7.0,jaxlib==0.7.0`.
       *news: the same, one or several.
-      models: names as on the command line, or paths; None for all shipped models. A compiled
-        model cannot be compared: other releases cannot load it.
+      models: names as on the command line, or paths. A compiled model cannot be compared: other
+        releases cannot load it.
       on_progress: called with what is measured now, and the share of all work that is done.
 
     Raises:
@@ -70,16 +70,15 @@ def versions(
     if not news:
         raise InputError('name an old and a new release, such as versions("3.3.0", "4.0.0")')
     specs = installs.parse_available(map(str, (old, *news)))
-    sources = model_sources.each_once(map(model_sources.named, _several(models)))
+    check_any(names := _several(models))
+    sources = model_sources.each_once(map(model_sources.named, names))
     measurement = between_releases(specs, sources, options.paths, options.plan)
     return ReleaseComparison.of(measurement, options.wait, on_progress)
 
 
 def _several(
-    models: "str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None",
+    models: "str | os.PathLike[str] | Iterable[str | os.PathLike[str]]",
 ) -> "Sequence[str | os.PathLike[str]]":
-    if models is None:
-        return shipped_models.shipped()
     if isinstance(models, str) or not isinstance(models, Iterable):
         return [models]
     return list(models)

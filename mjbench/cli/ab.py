@@ -10,7 +10,7 @@ import click
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
-from mjbench.commands.versions.options import TargetOptions
+from mjbench.commands.versions.options import RevisionOptions
 from mjbench.errors import InputError, shown
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.session import Measurement
 
-# What a side begins with that is a revision of the user's code.
+# What a side may begin with that is a revision of the user's code.
 REVISION = "rev="
 
 
@@ -26,61 +26,43 @@ REVISION = "rev="
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
 @click.argument("functions", metavar="[FUNCTION]…", nargs=-1)
-@takes(TargetOptions)
-def ab(baseline: str, candidate: str, functions: tuple[str, ...], options: TargetOptions) -> None:
-    """Is CANDIDATE faster or slower than BASELINE, each given as KEY=VALUE,KEY=VALUE?
+@takes(RevisionOptions)
+def ab(baseline: str, candidate: str, functions: tuple[str, ...], options: RevisionOptions) -> None:
+    """Is CANDIDATE faster or slower than BASELINE?
 
-    Keys: model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
+    Each is a model, such as robot.xml, KEY=VALUE,KEY=VALUE, or both, with a comma between. Keys:
+    model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
     MjOption (solver, integrator, iterations, tolerance, …), timer=off (without the timer of
-    MuJoCo's Python package). A model, path or release that one of
-    the two leaves out is the other's; where both leave it out, it is cartpole, python_loop or
-    installed.
+    MuJoCo's Python package). A model, path or release that one of the two leaves out is the
+    other's; where both leave it out, path is python_loop, and release is installed.
 
-    Or each is rev=REVISION, a branch, tag or commit of the git repository here, or rev=WORKTREE,
-    what is not committed included. Then name functions of your code, and rev= may be left out. Each
-    is called without arguments, after `setup()` of its module, if there is one. With
-    bench.py::step, both sides run the CANDIDATE's bench.py, so that a new benchmark can time old
-    code. If bench.py itself changed, write bench:step: each side then runs its own.
+    With functions of your code, each is a revision of the git repository here: a branch, a tag, a
+    commit, or WORKTREE, which includes what is not committed. `rev=main` is the same as `main`.
+    A function is called without arguments, after `setup()` of its module, if there is one. Both
+    sides run the CANDIDATE's file, so that a new benchmark can time old code.
 
     \b
     Examples:
-      mjbench ab path=rollout,threads=2 path=batch_rollout,threads=2
-      mjbench ab model=a.xml model=b.xml
-      mjbench ab model=humanoid,solver=newton solver=cg
-      mjbench ab model=a.xml model=b.xml --metric load
-      mjbench ab rev=main rev=HEAD bench.py::step
-      mjbench ab rev=main rev=HEAD bench:step --metric memory
-      mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
+      mjbench ab a.xml b.xml
+      mjbench ab a.xml b.xml --metric load
+      mjbench ab humanoid,solver=newton solver=cg
+      mjbench ab humanoid,path=rollout,threads=2 path=batch_rollout,threads=2
+      mjbench ab main HEAD bench.py::step
+      mjbench ab main HEAD bench.py::step --metric memory
+      mjbench ab HEAD WORKTREE my_package/physics.py::step --own-files --fail-on slower
     """
     from mjbench.commands.versions import show
 
     plan = options.plan
-    if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
+    if functions or any(side.startswith(REVISION) for side in (baseline, candidate)):
         from mjbench.commands.versions.driver import between_revisions
 
-        comparison = revision_comparison(baseline, candidate, functions, plan)
+        comparison = revision_comparison(baseline, candidate, functions, options)
         measurement = between_revisions(comparison, plan)
-    elif functions:
-        name = shown(functions[0])
-        if _are_functions(functions):
-            raise InputError(f"{name}: functions are compared in revisions, rev=…")
-        text = "name a model beside the rest, as in path=rollout,model=cartpole"
-        raise InputError(f"{name} is no function: {text}")
     else:
         measurement = _of_targets(baseline, candidate, plan)
     run = measure_and_print(measurement, options, summary=show.sections)
     run.exit_with(options.exit_code_of_run(run.session.run(), plan.confidence))
-
-
-def _are_functions(names: Sequence[str]) -> bool:
-    return any(":" in name for name in names)
-
-
-def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
-    """Return sides with `rev=` where it was left out, as it may be before a function."""
-    if not _are_functions(functions):
-        return list(sides)
-    return [f"{REVISION}{side}" if side and "=" not in side else side for side in sides]
 
 
 def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurement":
@@ -97,29 +79,28 @@ def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurem
 
 
 def revision_comparison(
-    baseline: str, candidate: str, functions: Sequence[str], plan: "VerdictPlan"
+    baseline: str, candidate: str, functions: Sequence[str], options: RevisionOptions
 ) -> "RevisionComparison":
     """Return the comparison of functions in two revisions, as a command line names them.
 
     Raises:
-      InputError: there are none, or the plan says what is of models alone.
+      InputError: there are none, or the options say what is of models alone.
     """
     from mjbench.commands.versions import function_sides
     from mjbench.commands.versions.driver import check_function_plan
     from mjbench.commands.versions.function_sides import RevisionComparison
     from mjbench.releases.revisions import Repository
 
-    sides = _as_revisions((baseline, candidate), functions)
-    if not all(side.startswith(REVISION) for side in sides):
-        raise InputError("a revision is compared with a revision: give rev=… twice")
-    if not functions:
-        raise InputError(f"name a function of your code: {function_sides.FORMS}")
-    check_function_plan(plan)
+    sides = [side.removeprefix(REVISION) for side in (baseline, candidate)]
+    if any("=" in side for side in sides):
+        raise InputError("a revision is compared with a revision: give two, such as main HEAD")
+    others = [shown(name) for name in functions if not function_sides.is_function(name)]
+    if others or not functions:
+        instead = f", not {others[0]}" if others else ""
+        raise InputError(f"name a function of your code, {function_sides.FORM}{instead}")
     cwd = Path.cwd().resolve()
     repository = Repository(cwd)
-    old, new = (repository.parse(side.removeprefix(REVISION)) for side in sides)
-    parsed = [
-        function_sides.parse_function(name, cwd, repository.top)
-        for name in dict.fromkeys(functions)
-    ]
-    return RevisionComparison(repository, old, new, parsed, cwd)
+    parsed = function_sides.parse_functions(functions, cwd, repository.top)
+    check_function_plan(options.plan)
+    old, new = map(repository.parse, sides)
+    return RevisionComparison(repository, old, new, parsed, cwd, options.own_files)

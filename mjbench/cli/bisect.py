@@ -1,6 +1,5 @@
 """The command `mjbench bisect`: which commit, or which release of MuJoCo, made it slower?"""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import click
@@ -9,8 +8,8 @@ from mjbench.cli.ab import REVISION, revision_comparison
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
-from mjbench.commands.versions.options import BisectOptions
-from mjbench.simulation import models
+from mjbench.cli.versions import model_of
+from mjbench.commands.versions.options import RevisionOptions
 
 if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
@@ -21,54 +20,43 @@ if TYPE_CHECKING:
 @click.argument("baseline", metavar="OLD")
 @click.argument("candidate", metavar="NEW")
 @click.argument("target", metavar="FUNCTION|MODEL")
-@takes(BisectOptions)
-def bisect(baseline: str, candidate: str, target: str, options: BisectOptions) -> None:
+@takes(RevisionOptions)
+def bisect(baseline: str, candidate: str, target: str, options: RevisionOptions) -> None:
     """Which commit or release after OLD, up to NEW, made it slower or faster?
 
     The ends are compared first, then the version in the middle with OLD, and so on by halving. The
     one that is found is compared with the one before it. A verdict that is inconclusive gets twice
     the time.
 
-    With rev=OLD rev=NEW, these are commits, and FUNCTION is one of your code, named as for
-    `mjbench ab rev=…`; before a FILE.py::FUNCTION, rev= may be left out. All commits run
-    NEW's copy of that file. Of merges, first parents are followed.
+    With a FUNCTION of your code, these are commits, named as for `mjbench ab`. All commits run
+    NEW's file. Of merges, first parents are followed.
 
-    Otherwise, they are the final releases of MuJoCo from OLD to NEW, and the steps of MODEL are
-    timed. Releases that are installed are preferred, others are installed in the cache, as by
-    `mjbench versions`. What cannot be installed is skipped.
+    With a MODEL, they are the final releases of MuJoCo from OLD to NEW. Releases that are installed
+    are preferred, others are installed in the cache, as by `mjbench versions`. What cannot be
+    installed is skipped.
 
     \b
     Examples:
       mjbench bisect 3.2.7 3.4.0 robot.xml
-      mjbench bisect rev=v1.0 rev=HEAD bench.py::step
+      mjbench bisect 3.2.7 3.4.0 robot.xml --metric load --fail-on slower
+      mjbench bisect v1.0 HEAD bench.py::step
     """
-    of = _of_revisions if _are_revisions((baseline, candidate), target) else _of_releases
-    measurement = of(baseline, candidate, target, options.plan)
-    measure_and_print(measurement, options, at_end=True).exit()
+    from mjbench.commands.versions.bisect_driver import revision_bisection
+    from mjbench.commands.versions.function_sides import is_function
 
-
-def _are_revisions(sides: Sequence[str], target: str) -> bool:
-    """Return whether two sides are meant as revisions: models of packages have a colon, too."""
-    from mjbench.releases.release_names import is_release
-
-    if "::" in target or any(side.startswith(REVISION) for side in sides):
-        return True
-    return ":" in target and not all(map(is_release, sides))
+    plan, sides = options.plan, (baseline, candidate)
+    if is_function(target) or any(side.startswith(REVISION) for side in sides):
+        measurement = revision_bisection(revision_comparison(*sides, [target], options), plan)
+    else:
+        measurement = _of_releases(baseline, candidate, target, plan)
+    run = measure_and_print(measurement, options, at_end=True)
+    run.exit_with(options.exit_code_of_run(run.session.run(), plan.confidence))
 
 
 def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan") -> "Measurement":
     from mjbench.commands.versions.bisect_driver import release_bisection
     from mjbench.releases import installs
 
-    source = models.resolve(model)
+    source = model_of(model)
     old, new = installs.parse_available([baseline, candidate])
     return release_bisection(old, new, source, plan)
-
-
-def _of_revisions(
-    baseline: str, candidate: str, function: str, plan: "VerdictPlan"
-) -> "Measurement":
-    from mjbench.commands.versions.bisect_driver import revision_bisection
-
-    comparison = revision_comparison(baseline, candidate, [function], plan)
-    return revision_bisection(comparison, plan)

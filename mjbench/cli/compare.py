@@ -8,7 +8,7 @@ from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
-@models_argument()
+@models_argument
 @takes(CompareOptions)
 def compare(sources: list[ModelSource], options: CompareOptions) -> None:
     """Compare ways of stepping MODELs (default: all C paths): do they agree, and how fast are they?
@@ -17,8 +17,6 @@ def compare(sources: list[ModelSource], options: CompareOptions) -> None:
     race: in one fresh process after the other, all paths are timed in turns, and paths that are
     certainly slower are dropped. MJX and Warp compile first; they are held to tolerances and
     timed alone. Raw samples go to a run file in results/runs; `mjbench show` prints it again.
-
-    Without a MODEL: all shipped models.
 
     Exit code: 1 if a path disagrees with the plain loop.
 

@@ -218,7 +218,7 @@ Examples:
   mjbench train.py --num-envs 8            # what should this program change?
   mjbench compare robot.xml --scaling      # which number of threads is best?
   mjbench versions 3.4.0 3.5.0 robot.xml   # is 3.5.0 slower than 3.4.0?
-  mjbench ab HEAD WORKTREE bench:step      # is my worktree slower than HEAD?
+  mjbench ab HEAD WORKTREE bench.py::step  # is my worktree slower than HEAD?
   mjbench show --html report.html          # the last results as a page
 
 \b

@@ -8,14 +8,14 @@ from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
-@models_argument("cartpole")
+@models_argument
 @takes(LatencyOptions)
 def latency(sources: list[ModelSource], options: LatencyOptions) -> None:
     """How long does each tick of a controller take, and which ticks miss their deadline?
 
     A tick is a step, or --tick steps with the same controls. Ticks are measured free-running, each
     after the other, and paced: due at a fixed rate, as in a controller. You learn what slow ones
-    have in common. Without a MODEL: cartpole.
+    have in common.
 
     \b
     Examples:

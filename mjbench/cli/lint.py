@@ -35,8 +35,8 @@ def lint(names: tuple[str, ...], options: LintOptions) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
     It finds stored views (`log.append(data.qpos)` without .copy()), models, MjData and renderers
-    that a loop makes anew, names that it looks up in each step, and more: `--explain all` lists the
-    rules.
+    that a loop makes again, names that it looks up in each step, and more: `--explain all` lists
+    the rules.
 
     Findings are FILE:LINE:COLUMN CODE MESSAGE, with roughly what it costs in each step. FILE is a
     Python file, or a folder, which stands for all of them below it. `# noqa: MJB001` at the end of

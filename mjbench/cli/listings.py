@@ -1,17 +1,19 @@
 """`mjbench models` and `mjbench paths`: what there is to measure."""
 
+import click
+
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import models_argument, takes
+from mjbench.cli.shared import takes
 from mjbench.commands.shared_options import JsonOptions
 from mjbench.commands.show.options import ListOptions
-from mjbench.simulation.models import ModelSource
+from mjbench.simulation.models import resolve_all, shipped
 
 
 @cli.command()
-@models_argument()
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
 @takes(ListOptions)
-def models(sources: list[ModelSource], options: ListOptions) -> None:
+def models(names: tuple[str, ...], options: ListOptions) -> None:
     """List models: sizes, contacts and constraints at the start, timestep, integrator, solver.
 
     Without a MODEL: all shipped models.
@@ -25,6 +27,7 @@ def models(sources: list[ModelSource], options: ListOptions) -> None:
     from mjbench.commands.show.model_facts import list_models
     from mjbench.results.json_form import ResultsDocument
 
+    sources = resolve_all(names or shipped())
     with RunContext(options, [source.path for source in sources]) as run:
         listed = list_models(sources, options.time_limit_s)
         run.table(listings.models_table(listed))

@@ -10,7 +10,7 @@ from mjbench.simulation.models import ModelSource
 @cli.command()
 @mode("--habits", "What does each habit of a Python loop cost?")
 @mode("--instructions", "Count instructions by function; needs valgrind.")
-@models_argument("cartpole")
+@models_argument
 @takes(ProfileOptions)
 def profile(sources: list[ModelSource], options: ProfileOptions) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
@@ -18,7 +18,6 @@ def profile(sources: list[ModelSource], options: ProfileOptions) -> None:
     Stages, such as collision, constraint solver and kinematics, are from MuJoCo's own timers.
     Rendering is timed with EGL and with OSMesa, or on macOS with CGL. Steps are from states along
     a simulation of the model, or from those of --states, each with its controls held.
-    Without a MODEL: cartpole.
 
     \b
     Examples:
@@ -31,7 +30,7 @@ def profile(sources: list[ModelSource], options: ProfileOptions) -> None:
 
 
 @cli.command("profile --habits")
-@models_argument("cartpole")
+@models_argument
 @takes(HabitOptions)
 def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
@@ -39,7 +38,6 @@ def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
     Loops start from states along a simulation of the model, or from those of --states, and hold
     their controls.
-    Without a MODEL: cartpole.
 
     \b
     Examples:
@@ -52,13 +50,13 @@ def profile_habits(sources: list[ModelSource], options: HabitOptions) -> None:
 
 
 @cli.command("profile --instructions")
-@models_argument()
+@models_argument
 @takes(InstructionOptions)
 def profile_instructions(sources: list[ModelSource], options: InstructionOptions) -> None:
     """Count instructions per step, by function and stage; within 0.1 % the same on a busy machine.
 
     Needs valgrind. The first release draws start states and controls; every other one does the same
-    work. Without a MODEL: all shipped models.
+    work.
 
     \b
     Example:

@@ -14,7 +14,6 @@ from mjbench.cli.command_help import Command
 from mjbench.errors import one_line
 from mjbench.options import Kind, Option, TextError, options_of
 from mjbench.simulation import models
-from mjbench.simulation.models import ModelSource
 
 
 class Text(click.ParamType[Any]):
@@ -142,19 +141,10 @@ def _click_type(kind: Kind) -> click.ParamType[Any] | None:
     return Text(kind) if kind.expected else None
 
 
-def models_argument(*default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that adds the argument MODEL to a command, which gets `sources`.
-
-    Args:
-      default: models of a command line without any: none stands for all shipped ones, which
-        comparisons have; what looks closely at one model has the cart-pole.
-    """
-
-    def sources(names: tuple[str, ...]) -> list[ModelSource]:
-        return [models.resolve(name) for name in names or default or models.shipped()]
-
-    argument = click.argument("names", nargs=-1, metavar="[MODEL]…")
-    return as_one("sources", sources, argument)
+def models_argument(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the argument MODEL to a command, which gets `sources`."""
+    argument = click.argument("names", nargs=-1, metavar="MODEL…")
+    return as_one("sources", models.resolve_all, argument)(command)
 
 
 def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

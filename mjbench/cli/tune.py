@@ -8,14 +8,14 @@ from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
-@models_argument("cartpole")
+@models_argument
 @takes(TuneOptions)
 def tune(sources: list[ModelSource], options: TuneOptions) -> None:
     """Which settings make a model faster, and what do they cost in accuracy?
 
     Tries settings alone and together. Those that change no state come first, then those that change
     no more than rounding does, then others, with their error and their change of the motion.
-    Recommendations are measured again from new starts. Without a MODEL: cartpole.
+    Recommendations are measured again from new starts.
 
     \b
     Examples:

@@ -1,7 +1,7 @@
 """Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import replace
 
 from mjbench.counts import counted_program
 from mjbench.counts.function_differences import function_differences
@@ -9,12 +9,20 @@ from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import Failure
 from mjbench.interval import Interval
-from mjbench.paired.metrics import Metric
-from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow, WorkDifference
-from mjbench.paired.verdict import judge_exactly
-from mjbench.releases.release_names import ReleaseSpec
+from mjbench.paired import verdict
+from mjbench.paired.metrics import METRICS, Metric
+from mjbench.paired.records import (
+    Judgement,
+    Pair,
+    TargetRow,
+    VerdictRecord,
+    VerdictRow,
+    WorkDifference,
+)
+from mjbench.paired.targets import Target
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import changed_work, state_drift
-from mjbench.simulation.models import ModelSource
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
 
@@ -65,10 +73,28 @@ def instruction_verdict(
         (old, new),
         Metric.INSTRUCTIONS,
         Failure(failed.status if failed else Status.OK, "; ".join(details)),
-        judge_exactly(ratio, min_effect) if ratio else None,
+        verdict.judge_exactly(ratio, min_effect) if ratio else None,
         _work(baseline, candidate),
         seconds=baseline.seconds + candidate.seconds,
     )
+
+
+def decide_targets(
+    pool: WorkerPool,
+    baseline: Target,
+    candidate: Target,
+    plan: VerdictPlan,
+    on_launch: Callable[[Judgement], None] = lambda judgement: None,
+) -> VerdictRecord:
+    """Return the verdict on two targets, from launches or, by an exact metric, from counts."""
+    if not METRICS[plan.sizes.metric].is_exact:
+        return verdict.decide_pair(pool, baseline, candidate, plan, on_launch)
+    with InstructionCounter(plan.sizes) as counter:
+        sides = (baseline, candidate)
+        old, new = (count for side in sides for count in counter.count(side.release, [side.model]))
+    if baseline.model != candidate.model:  # each was stepped from states of its own
+        new = replace(new, followed=None)
+    return instruction_verdict(old, new, plan.min_effect)
 
 
 def _work(baseline: ModelCount, candidate: ModelCount) -> WorkDifference:
@@ -108,36 +134,3 @@ def _ratio(baseline: ModelCount, candidate: ModelCount) -> Interval | None:
         return None
     estimate = candidate.instructions_per_step / baseline.instructions_per_step
     return Interval(estimate, estimate / (1 + REPEATABILITY), estimate * (1 + REPEATABILITY))
-
-
-@dataclass(frozen=True)
-class InstructionComparison:
-    """What is counted: models in an old release, and in new ones."""
-
-    baseline: ReleaseSpec
-    candidates: Sequence[ReleaseSpec]
-    sources: Sequence[ModelSource]
-    min_effect: float
-
-
-def verdicts(
-    comparison: InstructionComparison,
-    counter: InstructionCounter,
-    stored: Sequence[VerdictRecord] = (),
-    on_candidate: Callable[[int], None] = lambda number: None,
-) -> Iterator[VerdictRecord]:
-    """Yield the verdict on each model in each new release.
-
-    `on_candidate` is called with the position of a release before its models are counted.
-    """
-    baselines: dict[str, ModelCount] = {}
-    for number, candidate in enumerate(comparison.candidates):
-        on_candidate(number)
-        finished = {r.model: r for r in stored if r.sides[1].build == candidate.key}
-        yield from finished.values()
-        missing = [source for source in comparison.sources if source.name not in finished]
-        new = [source for source in missing if source.name not in baselines]
-        for count in counter.count(comparison.baseline, new) if new else ():
-            baselines[count.model] = count
-        for count in counter.count(candidate, missing) if missing else ():
-            yield instruction_verdict(baselines[count.model], count, comparison.min_effect)

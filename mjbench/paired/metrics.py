@@ -94,11 +94,6 @@ class MetricSpec:
         return self.measured == Measured.COMPILATION
 
     @property
-    def is_of_targets(self) -> bool:
-        """Whether two targets that a user describes can be compared by it."""
-        return self.measured not in (Measured.COUNTS, Measured.COMPILATION)
-
-    @property
     def follows_placement(self) -> bool:
         """Whether it may depend on where machine code lies in memory."""
         return self.measured in (Measured.STEPS, Measured.OPERATION)

@@ -18,7 +18,8 @@ from mjbench.releases import release_names
 from mjbench.simulation import model_options, models
 
 _TIMER = ("on", "off")
-_DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": release_names.INSTALLED}
+_DEFAULTS = {"path": paths.BASE, "release": release_names.INSTALLED}
+_SHARED = ("model", *_DEFAULTS)
 
 
 @dataclass(frozen=True)
@@ -66,13 +67,15 @@ class Target:
 
 
 def parse(baseline: str, candidate: str) -> tuple[Target, Target]:
-    """Return the targets that two texts such as `path=rollout,threads=2` describe.
+    """Return the targets that two texts such as `robot.xml,path=rollout,threads=2` describe.
 
     A model, path or release that one text leaves out is the other's.
     """
     first, second = _settings(baseline), _settings(candidate)
-    shared = {key: first.get(key, second.get(key, value)) for key, value in _DEFAULTS.items()}
-    return _target(baseline, {**shared, **first}), _target(candidate, {**shared, **second})
+    shared = {key: each[key] for each in (second, first) for key in _SHARED if key in each}
+    models.check_any([shared["model"]] if "model" in shared else [])
+    both = {**_DEFAULTS, **shared}
+    return _target(baseline, {**both, **first}), _target(candidate, {**both, **second})
 
 
 def of_releases(
@@ -111,12 +114,12 @@ def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
         unused = [*target.options] if spec.refusal else []
         if not (target.has_timer or spec.is_of_steps):
             unused.append("timer")
-        if spec.reads_source:
+        if spec.reads_source or spec.is_exact:
             unused += target.model_options
         if unused:
             raise InputError(
-                f"{listed(unused)} would make no difference to --metric {metric}, which compares"
-                f" {spec.meaning}: leave out {listed(unused)}"
+                f"--metric {metric} compares {spec.meaning} without {listed(unused)}: leave out"
+                f" {listed(unused)}"
             )
 
 
@@ -142,21 +145,34 @@ def _settings(text: str) -> dict[str, str]:
     settings = {}
     for setting in filter(None, text.split(",")):
         key, value = _split(setting)
+        if release_names.is_release(setting):
+            raise InputError(
+                f"{text!r}: a release is release={setting}; `mjbench versions` compares releases"
+            )
+        if "=" not in setting or models.is_file(Path(setting)):
+            _check_model(setting)
+            key, value = "model", setting
         if key == "option":  # option=solver:cg is the same as solver=cg
             key, value = _split(value.replace(":", "="))
         if not key or not value:
-            raise InputError(
-                f"{text!r}: {setting!r} is not KEY=VALUE, such as path=rollout; two revisions need"
-                " a function after them, such as bench.py::step"
-            )
-        if value.startswith("="):
-            raise InputError(
-                f"{text!r}: a release is release={setting}; `mjbench versions` compares packages"
-            )
+            raise InputError(f"{text!r}: {setting!r} is not KEY=VALUE, such as path=rollout")
         if key in settings:
             raise InputError(f"{text!r}: {key} is given twice")
         settings[key] = value
     return settings
+
+
+def _check_model(name: str) -> None:
+    """Refuse a part of a side that has no `=` and names no model."""
+    try:
+        models.resolve(name)
+    except InputError as error:
+        if Path(name).suffix in models.SUFFIXES:
+            raise
+        raise InputError(
+            f"{error}; a setting is KEY=VALUE, such as path=rollout, and two revisions need a"
+            " function after them, such as bench.py::step"
+        ) from None
 
 
 def _split(setting: str) -> tuple[str, str]:
@@ -174,7 +190,7 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
         if settings.get("timer", "on") not in _TIMER:
             raise InputError("timer is on or off")
         for key, value in settings.items():
-            if key in _DEFAULTS or key == "timer":
+            if key in _SHARED or key == "timer":
                 continue
             if key in path_options:
                 options[key] = path_options[key].value(value)
@@ -184,7 +200,7 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
             else:
                 raise InputError(
                     f"no {key!r}; path {path.name} has {', '.join(path_options) or 'no options'};"
-                    f" other keys are {', '.join(_DEFAULTS)}, timer, and the fields of MjOption"
+                    f" other keys are {', '.join(_SHARED)}, timer, and the fields of MjOption"
                     f" {', '.join(model_options.FIELDS)}"
                 )
     except InputError as error:

@@ -42,15 +42,15 @@ class FunctionSource:
 
     Attributes:
       name: of the function, or of a class and its method: `Class.method`.
-      file: that the module stands for; empty where it is found by its name.
-      text: of that file, which may be another revision's; None likewise.
+      file: that the module stands for.
+      text: of that file, which may be another revision's.
       folders: to import from, before all others if `are_first`, else after them.
     """
 
     name: str
     module: str
-    file: str = ""
-    text: bytes | None = None
+    file: str
+    text: bytes
     folders: tuple[str, ...] = ()
     are_first: bool = True
     cwd: str = ""
@@ -169,9 +169,7 @@ class TimedFunction:
 
 
 def _imported(source: FunctionSource) -> types.ModuleType:
-    """Import a module by its name, or run a text as the file that it stands for."""
-    if source.text is None:
-        return importlib.import_module(source.module)
+    """Run a text as the file that it stands for."""
     parent = source.module.rpartition(".")[0]
     if parent:
         importlib.import_module(parent)

@@ -22,6 +22,7 @@ from mjbench.releases.release import OLDEST, version_key
 INSTALLED = "installed"
 # Name the last release on the package index, and the one before it.
 NEWEST, PREVIOUS = "newest", "previous"
+NAMES = (INSTALLED, NEWEST, PREVIOUS)
 # What a release can be, for messages.
 FORMS = (
     f"a version such as 3.5.0, a wheel of mujoco, a folder of its wheels, `{INSTALLED}`,"
@@ -90,7 +91,7 @@ def wheel_digest(key: str) -> str:
 
 def is_release(text: str) -> bool:
     """Return whether an argument of the command line names a release rather than a model."""
-    is_known = text in (INSTALLED, NEWEST, PREVIOUS) or _version(text) is not None
+    is_known = text in NAMES or _version(text) is not None
     return is_known or wheels.names_wheels(text) or packages.are_packages(text)
 
 
@@ -118,7 +119,7 @@ def parse_release(text: str) -> ReleaseSpec:
     else:
         files, version = [], _version(text)
     if version is None:
-        meant = suggestion(text, [INSTALLED, NEWEST, PREVIOUS])
+        meant = suggestion(text, NAMES)
         raise InputError(f"{one_line(repr(text), 100)} is not a release{meant}: give {FORMS}")
     if Version(version).release < OLDEST:
         oldest = ".".join(map(str, OLDEST))

@@ -13,7 +13,7 @@ import importlib.util
 import os
 import re
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,7 +41,7 @@ UTF16 = "it is encoded in UTF-16, which MuJoCo does not read: save it as UTF-8"
 # the same robot as MJCF and as URDF.
 _SUFFIX_GROUPS = ((".xml", _COMPILED), (".urdf",))
 SUFFIXES = tuple(suffix for group in _SUFFIX_GROUPS for suffix in group)
-# What a model can be, beside a shipped one, for messages.
+# What a model can be, beside a shipped one.
 FORMS = "a path to .xml, .urdf or .mjb, or PACKAGE:NAME such as gymnasium:ant"
 
 # Timesteps between the engine's mjMINVAL and mjMAXVAL, in seconds: time passes by no other.
@@ -68,6 +68,22 @@ def shipped_folder() -> Path:
 
 def shipped() -> list[str]:
     return sorted(path.stem for path in shipped_folder().glob("*.xml"))
+
+
+def choices() -> str:
+    """Return what a model can be, for messages."""
+    return f"{', '.join(shipped())}, {FORMS}"
+
+
+def check_any(given: Collection[object]) -> None:
+    """Refuse a command line, or a call, without a model."""
+    if not given:
+        raise InputError(f"name a model, one of {choices()}")
+
+
+def resolve_all(names: Sequence[str]) -> list[ModelSource]:
+    check_any(names)
+    return [resolve(name) for name in names]
 
 
 def resolve(name: str) -> ModelSource:
@@ -198,7 +214,7 @@ def _missing_error(name: str, path: Path) -> InputError:
         return InputError(f"no such file: {label}")
     return UnknownModelError(
         f"no model {one_line(repr(name), 100)}{suggestion(name, shipped())};"
-        f" the shipped models are {', '.join(shipped())}; or give {FORMS}"
+        f" give one of {choices()}"
     )
 
 
@@ -258,7 +274,7 @@ def _search(folder: Path, tail: Sequence[str]) -> list[Path]:
     if not tail:
         return []
     direct = folder.joinpath(*tail)
-    if direct.suffix in SUFFIXES and _is_file(direct):
+    if direct.suffix in SUFFIXES and is_file(direct):
         return [direct]
     for suffixes in _SUFFIX_GROUPS:
         files = [
@@ -276,10 +292,10 @@ def _search(folder: Path, tail: Sequence[str]) -> list[Path]:
 
 
 def _model_files(folder: Path, suffixes: Sequence[str]) -> Iterable[Path]:
-    return (p for suffix in suffixes for p in folder.rglob(f"*{suffix}") if _is_file(p))
+    return (p for suffix in suffixes for p in folder.rglob(f"*{suffix}") if is_file(p))
 
 
-def _is_file(path: Path) -> bool:
+def is_file(path: Path) -> bool:
     try:
         return path.is_file()
     except OSError:  # its name is too long, or a folder above it is closed to us

@@ -95,6 +95,10 @@ def test_states_of_the_program_are_the_starts(inline: None) -> None:
     assert timed.free_running.ntick == 100
 
 
+def installed_twice(**options: Any) -> object:
+    return mjbench.versions("installed", "installed", models="cartpole", **options)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -106,12 +110,10 @@ def test_states_of_the_program_are_the_starts(inline: None) -> None:
         (lambda: mjbench.compare("cartpole", paths="json:loads"), "json:loads"),
         (lambda: mjbench.versions("installed"), "name an old and a new release"),
         (lambda: mjbench.versions("installed", "tea"), "is not a release"),
-        (lambda: mjbench.versions("installed", "installed", models=[]), "name a model"),
-        (lambda: mjbench.versions("installed", "installed", paths="mjx"), "in place of installed"),
-        (
-            lambda: mjbench.versions("installed", "installed", paths="rollout", metric="memory"),
-            "steps by python_loop only",
-        ),
+        (lambda: mjbench.compare(), "name a model, one of cartpole, "),
+        (lambda: mjbench.versions("installed", "installed"), "name a model, one of cartpole, "),
+        (lambda: installed_twice(paths="mjx"), "in place of installed"),
+        (lambda: installed_twice(paths="rollout", metric="memory"), "steps by python_loop only"),
         (lambda: mjbench.profile("missing.xml"), "no such file"),
         (lambda: mjbench.latency("cartpole", rate_hz=0), "rate_hz must be above 0"),
         (lambda: mjbench.latency("cartpole", states="missing.npz"), "no such file"),

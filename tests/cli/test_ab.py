@@ -7,18 +7,22 @@ from commands import mjbench
 
 
 def test_changed_work_can_fail_the_command(tmp_path: Path) -> None:
-    arguments = ("ab", "model=cube_table", "iterations=1,solver=cg", "--budget", "0.2s")
+    arguments = ("ab", "cube_table", "iterations=1,solver=cg", "--budget", "0.2s")
     assert mjbench(*arguments, "--fail-on", "changed-work", cwd=tmp_path).returncode == 1
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("path=nothing", "path=rollout"), "no path 'nothing'"),
-        (("speed=1", "path=rollout"), "no 'speed'"),
-        (("threads", "path=rollout"), "is not KEY=VALUE"),
-        (("", "solver=cg", "--fail-on", ""), "is not one of slower, faster"),
-        (("path=rollout,threads=100000", ""), "at most 1024"),
+        (("cartpole,path=nothing", "path=rollout"), "no path 'nothing'"),
+        (("cartpole,speed=1", "path=rollout"), "no 'speed'"),
+        (("threads", "path=rollout"), "no model 'threads'"),
+        (("path=rollout", "solver=cg"), "name a model, one of cartpole, "),
+        (("cartpole", "solver=cg", "--fail-on", ""), "is not one of slower, faster"),
+        (("cartpole,path=rollout,threads=100000", ""), "at most 1024"),
+        (("3.4.0", "3.5.0"), "a release is release=3.4.0"),
+        (("pile", "solver=cg", "--metric", "instructions"), "without solver: leave out solver"),
+        (("pile", "cloth", "--metric", "compile"), "is of paths that compile only"),
     ],
 )
 def test_bad_arguments_are_reported_in_one_line(

@@ -1,4 +1,4 @@
-"""`mjbench ab rev=… rev=…` in a scratch repository: from the command line to the comment."""
+"""`mjbench ab OLD NEW FUNCTION` in a scratch repository: from the command line to the comment."""
 
 import json
 import subprocess
@@ -31,6 +31,9 @@ def other(): return results()
 def new():
     from physics import added
     added()
+def elsewhere():
+    import mine
+    mine.step()
 """
 
 
@@ -60,7 +63,7 @@ def test_functions_are_compared_and_become_a_comment(
     file, runs = tmp_path / "out.json", ("--results", str(tmp_path))
     functions = [f"bench.py::{name}" for name in ("step", "other", "new")]
     fail_on = ("--fail-on", "slower", "--json", str(file))
-    done = ab(checkout, "rev=old", "rev=WORKTREE", *functions, *fail_on, *runs)
+    done = ab(checkout, "old", "rev=WORKTREE", *functions, *fail_on, *runs)
     assert done.returncode == 1, done.stderr
     step, other, new = json.loads(file.read_text())["results"]
     assert (step["verdict"], step["status"]) == ("slower", "ok")
@@ -85,14 +88,16 @@ def test_functions_are_compared_and_become_a_comment(
         (("old", "path=rollout", "bench.py::step"), 2, "a revision is compared with a revision"),
         (("rev=old", "rev=new"), 2, "name a function of your code"),
         (("rev=old", "path=rollout"), 2, "a revision is compared with a revision"),
-        (("path=rollout", "", "bench.py::step"), 2, "functions are compared in revisions"),
-        (("path=rollout", "path=rollout", "cartpole"), 2, "cartpole is no function: name a model"),
+        (("path=rollout", "path=rollout", "cartpole"), 2, "a revision is compared with a revision"),
+        (("old", "new", "cartpole"), 2, "name a function of your code, FILE.py::FUNCTION"),
+        (("old", "new", "physics:step"), 2, "such as bench.py::step, not physics:step"),
+        (("old", "new"), 2, "two revisions need a function after them"),
         (("rev=old", "rev=new", "bench.py::step", "--nbatch", "4"), 2, "are of models"),
         (("rev=old", "rev=new", "bench.py::step", "--metric", "load"), 2, "is of models"),
         (("rev=old", "rev=new", "bench.py::none"), 2, "bench has no none"),
         (("rev=old", "rev=new", "bench.py::new"), 6, "new, so not compared"),
         (("rev=new", "rev=old", "bench.py::new"), 3, "cannot import name 'added'"),
-        (("rev=old", "rev=new", "mine:step"), 5, "which is not the revision's"),
+        (("rev=old", "rev=new", "bench.py::elsewhere"), 5, "which is not the revision's"),
     ],
 )
 def test_what_cannot_be_compared_has_an_exit_code_and_a_line(
@@ -110,20 +115,28 @@ def test_what_cannot_be_compared_has_an_exit_code_and_a_line(
 
 
 def test_the_same_files_are_said_to_be_the_same(checkout: Path, tmp_path: Path) -> None:
-    done = ab(checkout, "new", "HEAD", "physics:added", "--results", str(tmp_path))
+    done = ab(checkout, "new", "HEAD", "physics.py::added", "--results", str(tmp_path))
     assert done.returncode == 0
     assert "same: both revisions have the same files, so nothing was timed" in done.stdout
 
 
 def test_a_search_needs_a_history(checkout: Path, tmp_path: Path) -> None:
-    words = ("bisect", "rev=new", "rev=old", "bench.py::step", "--results", str(tmp_path))
+    words = ("bisect", "new", "rev=old", "bench.py::step", "--results", str(tmp_path))
     done = mjbench(*words, cwd=checkout)
     assert done.returncode == 2
     assert "does not come after new" in done.stderr
 
 
 def test_ends_that_do_other_work_end_a_search(checkout: Path, tmp_path: Path) -> None:
-    words = ("bisect", "rev=old", "rev=new", "physics:results", "--results", str(tmp_path))
+    words = (
+        "bisect",
+        "old",
+        "new",
+        "physics.py::results",
+        "--own-files",
+        "--results",
+        str(tmp_path),
+    )
     done = mjbench(*words, cwd=checkout)
     assert done.returncode == 1
-    assert "physics:results: results differ: call 1 returns 2 instead of 1" in done.stdout
+    assert "physics.py::results: results differ: call 1 returns 2 instead of 1" in done.stdout

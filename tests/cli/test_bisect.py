@@ -14,6 +14,10 @@ from commands import mjbench
         (("3.2.7", "3.x", "cartpole"), "'3.x' is not a release"),
         (("3.2.7", "3.4.0", "none.xml"), "none.xml"),
         (("numpy==2.3.5", "numpy==2.4.0", "cartpole"), "searches releases of MuJoCo alone"),
+        (("main", "HEAD", "cartpole"), "'main' is not a release"),
+        (("main", "HEAD", "bench:step"), "a function is FILE.py::FUNCTION, such as bench.py::step"),
+        (("3.2.7", "3.4.0", "cartpole", "--metric", "compile"), "is of paths that compile only"),
+        (("main", "HEAD", "bench.py::step"), "in no checkout of a git repository"),
         (("rev=main", "3.4.0", "bench.py::step"), "in no checkout of a git repository"),
     ],
 )

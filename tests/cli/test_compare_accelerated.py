@@ -30,6 +30,6 @@ def test_a_model_that_mjx_does_not_take_is_reported_with_its_own_reason(
 
 
 def test_targets_that_take_turns_cannot_be_accelerated() -> None:
-    run = mjbench("ab", "path=mjx", "path=rollout")
+    run = mjbench("ab", "pile,path=mjx", "path=rollout")
     assert run.returncode == 2
     assert "mjbench compare --paths mjx" in run.stderr

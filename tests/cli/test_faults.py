@@ -298,7 +298,9 @@ def test_a_machine_that_is_used_up_is_one_line_and_nothing_to_report(
     assert result.stderr == f"mjbench: {line}\n"
 
 
-@pytest.mark.parametrize("words", [["compare", "cartpole"], ["versions", "installed", "installed"]])
+@pytest.mark.parametrize(
+    "words", [["compare", "pile"], ["versions", "installed", "installed", "pile"]]
+)
 def test_a_disk_without_room_for_scratch_files_is_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: list[str]
 ) -> None:

@@ -113,7 +113,7 @@ def test_installs_that_were_not_used_for_long_are_pruned(tmp_path: Path) -> None
         "versions installed 9.9.9 cartpole",
         "versions mujoco==3.4.0,jax==0.7.0 mujoco==9.9.9,jax==0.7.0 cartpole --paths mjx",
         "versions --explain installed 9.9.9 cartpole",
-        "ab release=3.4.0 release=9.9.9",
+        "ab cartpole,release=3.4.0 release=9.9.9",
         "bisect 3.4.0 9.9.9 cartpole",
         "profile --instructions --releases 9.9.9 cartpole",
         "releases install 3.4.0 9.9.9",

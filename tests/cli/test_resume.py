@@ -99,7 +99,7 @@ def test_a_finished_run_is_shown_and_left_as_it_is(
     assert file.read_text() == before
     for other, message in (
         ((*COMPARE, "--nstep", "30"), "nstep 20, and this command 30"),
-        (("ab", "path=rollout", "path=rollout"), "the command compare"),
+        (("ab", "pile", "path=rollout"), "the command compare"),
         ((*words, "--json", str(file)), "choose another"),
     ):
         refused = invoke(*other, "--resume", str(file))
@@ -111,7 +111,7 @@ def test_a_finished_run_is_shown_and_left_as_it_is(
 @pytest.mark.parametrize("name", ["missing.jsonl", "notes.txt", "."])
 def test_what_is_no_run_file_cannot_be_continued(tmp_path: Path, name: str) -> None:
     (tmp_path / "notes.txt").write_text("notes\n")
-    done = mjbench("ab", "path=rollout", "path=rollout", "--resume", name, cwd=tmp_path)
+    done = mjbench("ab", "pile", "path=rollout", "--resume", name, cwd=tmp_path)
     assert done.returncode == 2
     assert (tmp_path / "notes.txt").read_text() == "notes\n"
 
@@ -160,7 +160,7 @@ def test_a_changed_model_is_noticed_also_beside_one_of_the_same_name(
     for folder in ("a", "b"):
         Path(folder).mkdir()
         Path(folder, "m.xml").write_text("<mujoco/>")
-    words = ["ab", "model=a/m.xml", "model=b/m.xml"]
+    words = ["ab", "a/m.xml", "b/m.xml"]
     assert CliRunner().invoke(cli, words).exit_code == 0
     (file,) = Path("results/runs").glob("*.jsonl")
     Path("a/m.xml").write_text("<mujoco ></mujoco>")
@@ -204,7 +204,9 @@ def test_a_search_is_continued_after_its_last_measurement(
     (record,) = json.loads(Path("out.json").read_text())["results"]
     assert [change["version"]["name"] for change in record["changes"]] == ["3.3.1"]
     stored = file.read_text()
-    assert "3.3.1: slower by 3 %" in invoke(*words, "--resume", str(file)).stdout
+    gated = invoke(*words, "--resume", str(file), "--fail-on", "slower")
+    assert "3.3.1: slower by 3 %" in gated.stdout
+    assert gated.exit_code == 1
     assert file.read_text() == stored
 
 

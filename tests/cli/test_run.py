@@ -53,25 +53,33 @@ def planted(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("program", "arguments", "activity", "code"),
+    ("program", "arguments", "activity"),
     [
-        ("slow_observation.py", ["6000"], "Python", 7),
-        ("collector.py", ["2000"], "garbage collection", 0),
-        ("vector_env.py", ["1500", "fork"], "waiting for other processes", 0),
+        ("collector.py", ["2000"], "garbage collection"),
+        ("vector_env.py", ["1500", "fork"], "waiting for other processes"),
     ],
 )
-def test_the_planted_cause_comes_first(planted, program, arguments, activity, code):
+def test_the_planted_cause_comes_first(planted, program, arguments, activity):
     done, row, _ = planted(program, *arguments)
-    assert done.returncode == code, done.stderr
+    assert done.returncode == 0, done.stderr
     first = row["loops"][0]["remedies"][0]
     assert first["activity"] == activity
-    assert first["gain"] > 0.3
-    lines = [line for line in done.stderr.splitlines() if line.startswith(program)]
-    ending, conclusion = lines[:2] if code else ("", lines[0])  # how it ended comes first
-    assert ending == (f"{program}: it ended with exit code {code}" if code else "")
+    assert first["gain"] > 0.1
+    (conclusion, *_) = [line for line in done.stderr.splitlines() if line.startswith(program)]
     assert f"first, {activity}" in conclusion
     shares = row["loops"][0]["time"]["activities"].values()
     assert sum(shares) == pytest.approx(1.0)
+
+
+def test_slow_python_without_a_known_change_is_named_as_that(planted):
+    program = "slow_observation.py"
+    done, row, _ = planted(program, "6000")
+    assert done.returncode == 7, done.stderr
+    assert all(each["activity"] != "Python" for each in row["loops"][0]["remedies"])
+    lines = [line for line in done.stderr.splitlines() if line.startswith(program)]
+    ending, conclusion = lines[:2]  # how it ended comes first
+    assert ending == f"{program}: it ended with exit code 7"
+    assert f"{program}: your own Python and NumPy at" in conclusion
 
 
 def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path, capfd):
@@ -102,13 +110,13 @@ def test_rendering_comes_first(tmp_path):
     )
     assert row["was_ended"]
     assert done.returncode == 0
-    assert row["loops"][0]["remedies"][0]["activity"] == "rendering"
+    assert "rendering at" in done.stderr
 
 
 def test_a_policy_comes_first(tmp_path):
     pytest.importorskip("torch", reason="PyTorch is not installed")
-    _, row = run(tmp_path, "--sample-rate", "100", PLANTED / "policy.py", HUMANOID, "20000")
-    assert row["loops"][0]["remedies"][0]["activity"] == "policy"
+    done, _ = run(tmp_path, "--sample-rate", "100", PLANTED / "policy.py", HUMANOID, "20000")
+    assert "policy.py: policy at" in done.stderr
 
 
 def test_output_input_arguments_and_exit_code_are_the_programs(tmp_path):

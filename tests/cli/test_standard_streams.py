@@ -39,7 +39,7 @@ def code_with_full_error(*words: str) -> int:
         ["compare", "--nope"],
         ["lint", "missing.py"],
         ["versions", "3.17.0", "4.0.0", "missing.xml", "--fail-on", "slower"],
-        ["ab", "model=missing.xml", "model=missing.xml"],
+        ["ab", "missing.xml", "missing.xml"],
         ["missing"],
         ["missing.xml"],
     ],

@@ -22,7 +22,7 @@ TAKES_STATES = (
     ("compare", "cartpole", "--scaling"),
     ("versions", "installed", "installed", "cartpole"),
     ("versions", "installed", "installed", "cartpole", "--metric", "instructions"),
-    ("ab", "model=cartpole", "model=cartpole"),
+    ("ab", "cartpole", "cartpole"),
     ("versions", "--explain", "installed", "installed", "cartpole"),
     ("profile", "--instructions", "cartpole"),
     ("latency", "cartpole"),

@@ -19,7 +19,7 @@ CARTPOLE = ROOT / "models" / "cartpole.xml"
 def tuned(tmp_path_factory):
     """Return a folder in which a cart-pole was tuned, with a brief budget, and the process."""
     folder = tmp_path_factory.mktemp("tuned")
-    arguments = ["tune", str(CARTPOLE), "--allow", "free", "--budget", "5s"]
+    arguments = ["tune", str(CARTPOLE), "--allow", "free", "--budget", "5s", "--only", "program"]
     arguments += ["--json", "tune.json", "--results", "runs"]
     return folder, mjbench(*arguments, cwd=folder)
 

@@ -10,6 +10,8 @@ from paired_examples import decided
 
 from mjbench.paired import time_limit, verdict
 
+SAME = ("installed", "installed", "cartpole")
+
 
 def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -> None:
     done = mjbench(
@@ -41,7 +43,7 @@ def test_verdicts_that_are_decided_with_those_of_other_commands_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(verdict, "decide_pair", lambda pool, *targets: decided(*targets[:2]))
-    words = ("versions", "installed", "installed", "cartpole")
+    words = ("versions", *SAME)
     for family in ("30", "1"):
         done = mjbench(*words, "--family", family, "--results", family, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
@@ -52,7 +54,7 @@ def test_verdicts_that_are_decided_with_those_of_other_commands_say_so(
 
 def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
     done = mjbench(
-        *("versions", "installed", "installed", "cartpole"),
+        *("versions", *SAME),
         cwd=tmp_path,
         env={"PYTHONPATH": broken_worker.python_path(tmp_path, "load_model", "os._exit(7)")},
     )
@@ -65,10 +67,11 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
     [
         (("installed",), "name an OLD and a NEW release"),
         (
-            ("installed", "installed", "cartpole", "--metric", "memory", "--paths", "rollout"),
+            (*SAME, "--metric", "memory", "--paths", "rollout"),
             "--metric memory steps by python_loop only",
         ),
-        (("--new", "installed"), "name an OLD and a NEW release"),
+        (("installed", "cartpole"), "name an OLD and a NEW release"),
+        (("installed", "installed"), "name a model, one of cartpole, "),
         (
             ("installed", "main"),
             "main is neither a release nor a model: a release is a version such",
@@ -77,24 +80,43 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         (("installed", "installed", "cartpol"), "nor a model (did you mean cartpole?)"),
         (("installed", "installed", "no.xml"), "no such file: no.xml"),
         (("installed", "."), ". is a folder without wheels; name wheels of mujoco, or a model's"),
-        (("missing.whl", "installed"), "no such wheel"),
-        (("installed", "installed", "--fail-on", "tea"), "'tea' is not one of"),
-        (("installed", "installed", "--min-effect", "0"), "above 0% and below 100%"),
-        (("installed", "installed", "--budget", "soon"), "not a time such as 60s"),
-        (("installed", "installed", "--paths", "mjx"), "name the packages in place of installed"),
-        (("numpy==2.3.5", "numpy==2.4.0", "--paths", "mjx,rollout"), "compile: leave out rollout"),
-        (("installed", "3.5.0", "--paths", "mjx", "--metric", "load"), "leave out --metric"),
-        (("jax==0.7.0", "jax==0.7.1", "cartpole"), "python_loop does not use jax: name a path"),
-        (("numpy==", "numpy==2.4.0"), "numpy== is no package"),
-        (("installed", "cartpole", "--function", "bench.py::step"), "'cartpole' is not a release"),
-        (("installed", "3.5.0", "--function", "none.py::step"), "there is no file"),
-        (("installed", "3.5.0", "--function", "b:f", "--paths", "mjx"), "are of models"),
-        (("installed", "3.5.0", "--function", "b:f", "--nstep", "2"), "are of models"),
-        (("installed", "installed", "--nstep", "5", "--hold", "2"), "not a multiple"),
-        (("installed", "installed", "--states", "no.npz"), "--states no.npz: no such file"),
-        (("installed", "installed", "--states", "empty.npz"), "empty.npz: not an .npz file"),
+        (("missing.whl", "installed", "pile"), "no such wheel"),
+        ((*SAME, "--fail-on", "tea"), "'tea' is not one of"),
+        ((*SAME, "--min-effect", "0"), "above 0% and below 100%"),
+        ((*SAME, "--budget", "soon"), "not a time such as 60s"),
         (
-            ("installed", "installed", "--states", "empty.npz", "--settle", "0"),
+            (*SAME, "--paths", "mjx"),
+            "name the packages in place of installed",
+        ),
+        (
+            (*SAME, "--paths", "mjx,rollout"),
+            "compile: leave out rollout",
+        ),
+        (
+            (*SAME, "--paths", "mjx", "--metric", "load"),
+            "leave out --metric",
+        ),
+        (("jax==0.7.0", "jax==0.7.1", "cartpole"), "python_loop does not use jax: name a path"),
+        (("numpy==", "numpy==2.4.0", "pile"), "numpy== is no package"),
+        (
+            ("installed", "3.5.0", "cartpole", "bench.py::step"),
+            "name models or functions, not both",
+        ),
+        (("installed", "3.5.0", "none.py::step"), "there is no file"),
+        (("installed", "3.5.0", "bench:step"), "a function is FILE.py::FUNCTION, such as bench.py"),
+        (("installed", "3.5.0", "b.py::f", "--paths", "mjx"), "are of models"),
+        (("installed", "3.5.0", "b.py::f", "--nstep", "2"), "are of models"),
+        ((*SAME, "--nstep", "5", "--hold", "2"), "not a multiple"),
+        (
+            (*SAME, "--states", "no.npz"),
+            "--states no.npz: no such file",
+        ),
+        (
+            (*SAME, "--states", "empty.npz"),
+            "empty.npz: not an .npz file",
+        ),
+        (
+            (*SAME, "--states", "empty.npz", "--settle", "0"),
             "give --settle or --states, not both",
         ),
     ],

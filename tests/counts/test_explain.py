@@ -135,6 +135,9 @@ def test_a_time_that_could_not_be_compared_says_why() -> None:
     assert lines[2:] == ["time not compared: no core"]
 
 
+METRIC = ("--metric", "instructions")
+
+
 class InventedCounter:
     """Counts without Callgrind: the second release takes `factor` as many instructions."""
 
@@ -199,7 +202,19 @@ def test_instructions_can_gate_an_upgrade(
     assert (again.exit_code, counter.calls) == (code, 2)
 
 
+def test_two_models_are_compared_by_their_instructions(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(instructions, "unavailable", lambda: None)
+    monkeypatch.setattr(InstructionCounter, "count", InventedCounter(1.02).count)
+    words = ("ab", "pile", "cloth", *METRIC, "--fail-on", "slower")
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 1, done.stderr
+    assert "cloth" in done.stdout
+
+
 def test_instructions_are_of_the_plain_loop() -> None:
-    done = mjbench("versions", "2.3.7", "4.0.0", "--metric", "instructions", "--paths", "rollout")
+    done = mjbench("versions", "2.3.7", "4.0.0", "pile", *METRIC, "--paths", "rollout")
     assert done.returncode == 2
     assert "counts python_loop only" in done.stderr

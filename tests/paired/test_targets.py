@@ -1,5 +1,7 @@
 """Targets as a user writes them."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,7 +12,7 @@ from mjbench.simulation import model_options
 
 
 def test_a_model_or_path_that_one_target_leaves_out_is_the_others() -> None:
-    baseline, candidate = targets.parse("model=humanoid,solver=newton", "path=rollout,solver=cg")
+    baseline, candidate = targets.parse("humanoid,solver=newton", "path=rollout,solver=cg")
     assert baseline.model == candidate.model
     assert baseline.model.name == "humanoid"
     assert (baseline.path, candidate.path) == ("rollout", "rollout")
@@ -18,37 +20,63 @@ def test_a_model_or_path_that_one_target_leaves_out_is_the_others() -> None:
     assert dict(candidate.model_options) == {"solver": "cg"}
 
 
-def test_defaults_are_the_cartpole_in_a_python_loop() -> None:
-    baseline, candidate = targets.parse("", "iterations=5")
-    assert (baseline.model.name, baseline.path) == ("cartpole", "python_loop")
+@pytest.mark.parametrize("baseline", ["pile,path=rollout", "path=rollout,model=pile"])
+def test_a_side_that_names_a_model_needs_no_key(baseline: str) -> None:
+    old, new = targets.parse(baseline, "cloth")
+    assert (old.model.name, new.model.name) == ("pile", "cloth")
+    assert old.path == new.path == "rollout"
+
+
+def test_a_file_is_a_model_whatever_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "solver=cg.xml"
+    file.write_text("<mujoco/>")
+    baseline, candidate = targets.parse(f"{file},solver=cg", "model=cartpole")
+    assert (baseline.model.path, candidate.model.name) == (file, "cartpole")
+
+
+def test_a_model_that_both_targets_leave_out_is_bad_input() -> None:
+    with pytest.raises(InputError, match=r"^name a model, one of cartpole, .*, a path to \.xml"):
+        targets.parse("path=rollout", "path=batch_rollout")
+
+
+def test_defaults_are_a_python_loop_in_the_installed_release() -> None:
+    baseline, candidate = targets.parse("cartpole", "iterations=5")
+    assert (baseline.path, baseline.release.name) == ("python_loop", "installed")
     assert baseline.release == candidate.release
     assert baseline.row().options == candidate.row().options == {}
 
 
 def test_options_of_a_path_are_parsed_and_completed() -> None:
-    baseline, candidate = targets.parse("path=rollout,threads=2", "path=rollout")
+    baseline, candidate = targets.parse("pile,path=rollout,threads=2", "path=rollout")
     assert baseline.options["threads"] == baseline.nthread == 2
     assert candidate.options["threads"] == candidate.nthread == 1
 
 
 def test_any_path_can_step_without_the_timer() -> None:
-    baseline, candidate = targets.parse("", "path=rollout,threads=2,timer=off")
+    baseline, candidate = targets.parse("pile", "path=rollout,threads=2,timer=off")
     assert baseline.has_timer
     assert not candidate.has_timer
     assert not candidate.row().has_timer
     with pytest.raises(InputError, match="timer is on or off"):
-        targets.parse("timer=maybe", "")
+        targets.parse("timer=maybe", "pile")
 
 
 def test_option_names_a_field_of_mjoption_too() -> None:
-    _, candidate = targets.parse("", "option=solver:cg")
+    _, candidate = targets.parse("pile", "option=solver:cg")
     assert dict(candidate.model_options) == {"solver": "cg"}
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("threads", "'threads' is not KEY=VALUE"),
+        (
+            "humanid",
+            r"no model 'humanid' \(did you mean humanoid\?\).*; a setting is KEY=VALUE, such as",
+        ),
+        ("origin/main", "no such file: origin/main; .* two revisions need a function after them"),
+        ("pile,cloth", "'pile,cloth': model is given twice"),
+        ("no.xml", "no such file: no.xml$"),
+        ("3.5.0", "a release is release=3.5.0; `mjbench versions` compares releases"),
         ("=2", "'=2' is not KEY=VALUE"),
         ("solver=", "'solver=' is not KEY=VALUE"),
         ("speed=1", "no 'speed'; path python_loop has clock"),
@@ -68,7 +96,7 @@ def test_option_names_a_field_of_mjoption_too() -> None:
 )
 def test_a_target_that_means_nothing_is_bad_input(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        targets.parse(text, "")
+        targets.parse(text, "cartpole")
 
 
 KEYS = st.sampled_from(

@@ -281,7 +281,7 @@ def combination_command(combination: Combination, target: str) -> str:
         settings["timer"] = "off"
     model = "tuned.xml" if combination.settings else target
     texts = [f"{name}={value}" for name, value in settings.items()]
-    return f"mjbench ab model={target} model={model},{','.join(texts)}"
+    return f"mjbench ab {target} {model},{','.join(texts)}"
 
 
 # -- a program -------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """What `mjbench compare` comes to: what follows for each model, its table, and notes."""
 
+import shlex
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -13,6 +14,7 @@ from mjbench.commands.compare.judgement_notes import (
     version_lines,
 )
 from mjbench.commands.compare.results import ModelResults, PathResult, derive_all
+from mjbench.errors import file_argument
 from mjbench.formats import count_of, plain
 from mjbench.paired.race_record import MAX_LAUNCHES, MIN_LAUNCHES
 from mjbench.paths.accelerated import keyword_arguments
@@ -48,13 +50,15 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
     """Yield what several models, or one at several sizes, come to together."""
     results = [result for model in models for result in model.results]
     if rows := crossovers(results):
-        names = dict.fromkeys(row.model for row in rows)
+        crossing = dict.fromkeys(row.model for row in rows)
         yield Section(
             "From how many simulations on is an accelerated path faster?",
             [Conclusion(describe_crossover(row)) for row in rows],
-            figures=[comparison_figures.crossover_figure(name, models) for name in names],
+            figures=[comparison_figures.crossover_figure(name, models) for name in crossing],
         )
-    if len({each.model.model for each in models}) > 1:
+    names = [*dict.fromkeys(each.model.model for each in models)]
+    if len(names) > 1:
+        against = " ".join(shlex.quote(file_argument(name)) for name in names[:2])
         advice = advice_table(models)
         if advice.rows:
             yield Section(
@@ -62,6 +66,10 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
                 [_advice_conclusion(models)],
                 figures=[comparison_figures.advice_figure(models)],
                 tables=[advice],
+                notes=[
+                    "Ways of stepping of each model; for one against the other: mjbench ab"
+                    f" {against}"
+                ],
                 is_summary=True,
             )
 

@@ -186,7 +186,7 @@ class CSearch:
         """Return settings alone, and those of their combinations that do what they may."""
         chosen = pareto_front.combinations(alone)
         self._advance(2, f"{len(chosen)} combinations", 0.0)
-        tried = self._run(chosen, TOGETHER_END, timed_s=self._timed_s)
+        tried = [] if self._is_over else self._run(chosen, TOGETHER_END, timed_s=self._timed_s)
         self._set(untried_combinations=len(chosen) - len(tried))
         return [*alone, *self._noted(each for each in tried if self._may_be(each))]
 
@@ -199,6 +199,10 @@ class CSearch:
         """
         first_error = self._present.tolerated_error
         if not (front := self._front(attempts, first_error)):
+            return
+        if self._is_over:
+            for each in front:
+                self._withdraw(each.settings, "no time to run them from new starts")
             return
         error = self._present_again(any(self._needs_error(each) for each in attempts))
         if self._record.no_reference:
@@ -218,7 +222,7 @@ class CSearch:
                     self._withdraw(first.settings, reason)
                 else:
                     confirmed[first.settings] = first, second
-            if self._clock() - self._begin_s >= self._plan.budget_s:
+            if self._is_over:
                 break
             front = [
                 each
@@ -428,6 +432,10 @@ class CSearch:
 
     def _leave_untried(self, count: int) -> None:
         self._set(untried=self._record.untried + count)
+
+    @property
+    def _is_over(self) -> bool:
+        return self._clock() - self._begin_s >= self._plan.budget_s
 
     def _end_s(self, share: float) -> float:
         """Return when a part ends, by the clock: at a share of the budget, but not at once."""

@@ -17,9 +17,9 @@ from typing import ClassVar, TypeVar
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.commands.versions import function_sides, function_verdict
 from mjbench.commands.versions.function_sides import RevisionComparison
+from mjbench.counts import explain
 from mjbench.errors import InputError, MachineError
 from mjbench.formats import listed, short_commit
-from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.targets import Target
@@ -325,7 +325,7 @@ def search_releases(
     on_phase: Callable[[str], None] = lambda text: None,
     earlier: Sequence[Record] = (),
 ) -> Iterator[BisectMeasured]:
-    """Yield what is measured, and which releases changed the time of a model's steps."""
+    """Yield what is measured, and which releases changed what is compared of a model."""
     versions = [release.version for release in releases.specs]
     shares = plan.budget.divided(expected_comparisons(len(versions) - 1), on_phase)
 
@@ -340,7 +340,7 @@ def search_releases(
         on_phase(f"comparing {versions[first]} and {versions[last]}")
         old, new = (Target(releases.specs[number], source) for number in (first, last))
         timed = replace(plan, time_limit_s=shares.next_s(effort))
-        return _uninterrupted(verdict.decide_pair(pool, old, new, timed))
+        return _uninterrupted(explain.decide_targets(pool, old, new, timed))
 
     rows = [VersionRow(number, name) for number, name in enumerate(versions) if number]
     searched = SearchRange(source.name, VersionKind.RELEASE, versions[0], versions[-1], rows)
@@ -362,7 +362,7 @@ def search_revisions(
     old, new, repository = comparison.baseline, comparison.candidate, comparison.repository
     commits = repository.history(old, new)
     (function,) = comparison.functions
-    if function.file is not None:  # all commits are measured by one benchmark
+    if not comparison.own_files:  # all commits are measured by one benchmark
         function = replace(function, content=repository.text(new, function.file))
     revisions = [old, *(each.revision for each in commits)]
     shares = plan.budget.divided(expected_comparisons(len(commits)), on_phase)

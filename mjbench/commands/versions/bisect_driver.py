@@ -14,7 +14,9 @@ from mjbench.commands.versions.bisect import (
 )
 from mjbench.commands.versions.function_sides import RevisionComparison
 from mjbench.errors import InputError
+from mjbench.paired import targets
 from mjbench.paired.verdict import VerdictPlan
+from mjbench.paths import BASE
 from mjbench.releases import bundle, catalogue
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results.runs import Record
@@ -35,6 +37,7 @@ def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Mea
             **asdict(plan),
             "revisions": [asdict(each) for each in (comparison.baseline, comparison.candidate)],
             "function": function.text,
+            "own_files": comparison.own_files,
         },
         comparison.files,
     )
@@ -43,11 +46,12 @@ def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Mea
 def release_bisection(
     baseline: ReleaseSpec, candidate: ReleaseSpec, source: ModelSource, plan: VerdictPlan
 ) -> Measurement:
-    """Return the search between two releases; InputError if packages are beside one of them."""
+    """Return the search between two releases; InputError for packages, or another metric."""
     if baseline.has_packages or candidate.has_packages:
         raise InputError(
             "bisect searches releases of MuJoCo alone: `mjbench versions` has packages"
         )
+    targets.check_metric(plan.sizes.metric, [BASE])
     releases = catalogue.releases_between(baseline, candidate, bundle.default_path())
     measurement = _measurement(
         lambda *observers: bisect.search_releases(releases, source, plan, *observers),

@@ -14,6 +14,7 @@ from mjbench.commands.versions.bisect import (
 )
 from mjbench.errors import file_argument
 from mjbench.formats import count_of
+from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Verdict
 from mjbench.releases.release_names import wheel_digest
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
@@ -86,7 +87,8 @@ def _conclusions(record: BisectRecord, count: int) -> Iterator[Conclusion]:
 
 def _causes(change: BisectChange, record: BisectRecord) -> Iterator[str]:
     """Yield how to see why a release is slower or faster."""
-    if record.kind != VersionKind.RELEASE:
+    metric = METRICS[change.verdict.metric]
+    if record.kind != VersionKind.RELEASE or not (metric.is_of_steps or metric.is_exact):
         return
     if any(wheel_digest(side.build) for side in change.verdict.sides):  # a version names none
         return

@@ -21,14 +21,12 @@ from mjbench.commands.versions.function_sides import (
     RevisionComparison,
 )
 from mjbench.counts import explain
-from mjbench.counts.explain import InstructionComparison
-from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
 from mjbench.formats import listed
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
-from mjbench.paired import targets, verdict
-from mjbench.paired.metrics import METRICS, Metric
+from mjbench.paired import targets
+from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import Judgement, TargetRow, VerdictRecord, finished
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
@@ -74,8 +72,11 @@ def between_releases(
             raise InputError("--paths are of models, not of functions")
         check_function_plan(plan)
         cwd = Path.cwd().resolve()
-        parsed = function_sides.parse_functions(functions, cwd)
-        return _of_functions(EnvironmentComparison(baseline, candidates, parsed, cwd), plan)
+        parsed = function_sides.parse_functions(functions, cwd, Path(cwd.anchor))
+        comparison = EnvironmentComparison(baseline, candidates, parsed, cwd)
+        if missing := next((file for file in comparison.files if not file.is_file()), None):
+            raise InputError(f"there is no file {missing}")
+        return _of_functions(comparison, plan)
     if not path_names:
         _check_packages(specs)
         path_names = [BASE]
@@ -89,9 +90,6 @@ def between_releases(
         compiled = AcceleratedComparison(baseline, candidates, sources, path_names, plan.sizes)
         return _of_compiled(compiled, plan)
     targets.check_metric(metric, path_names)
-    if METRICS[metric].is_exact:
-        comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
-        return _of_instructions(comparison, plan)
     pairs = targets.of_releases(baseline, candidates, sources, path_names)
     return between_targets("versions", pairs, replace(plan, family=max(len(pairs), plan.family)))
 
@@ -106,7 +104,7 @@ def _check_packages(specs: Sequence[ReleaseSpec]) -> None:
     if unused := sorted(named - {"numpy"}):
         raise InputError(
             f"{BASE} does not use {listed(unused)}: name a path that does, such as --paths mjx, or"
-            " a function, --function"
+            f" in place of a model a function, {function_sides.FORM}"
         )
 
 
@@ -129,37 +127,12 @@ def _decide_targets(
     pool: WorkerPool, pair: tuple[Target, Target], plan: VerdictPlan, on_progress: Progress
 ) -> VerdictRecord:
     name = f"{pair[1].model.name}, MuJoCo {pair[1].release.version}"
-    return verdict.decide_pair(pool, *pair, plan, _shown_launch(name, on_progress))
-
-
-def _of_instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measurement:
-    builds, sources = [comparison.baseline, *comparison.candidates], comparison.sources
-
-    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
-        def on_candidate(number: int) -> None:
-            version = comparison.candidates[number].version
-            observer(f"MuJoCo {version}", number / len(comparison.candidates))
-
-        with InstructionCounter(plan.sizes) as counter:
-            for record in explain.verdicts(comparison, counter, finished(earlier), on_candidate):
-                yield Item([record])
-
-    return Measurement(
-        "versions",
-        {
-            **asdict(plan),
-            "metric": Metric.INSTRUCTIONS,
-            "releases": [release.key for release in builds],
-            "models": [source.name for source in sources],
-        },
-        input_files(sources, builds, plan.sizes.starts),
-        measure,
-        finished,
-    )
+    on_progress(name, 0.0)
+    return explain.decide_targets(pool, *pair, plan, _shown_launch(name, on_progress))
 
 
 def between_revisions(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of functions in two revisions, `mjbench ab rev=…`."""
+    """Return the measurement of functions in two revisions, `mjbench ab main HEAD …`."""
     revisions = comparison.baseline, comparison.candidate
     measurement = _function_measurement(
         "ab",
@@ -167,6 +140,7 @@ def between_revisions(comparison: RevisionComparison, plan: VerdictPlan) -> Meas
         {
             "revisions": [asdict(revision) for revision in revisions],
             "functions": [function.text for function in comparison.functions],
+            "own_files": comparison.own_files,
         },
         comparison.files,
         len(comparison.functions),

@@ -46,9 +46,13 @@ class FailOnOptions:
 
     def exit_code_of_run(self, run: "Run", confidence: float) -> ExitCode:
         """Return the exit code that the verdicts of a run stand for."""
+        from mjbench.commands.versions.bisect import BisectRecord
         from mjbench.paired.records import VerdictRecord
 
-        return self.exit_code([record.row() for record in run.of_type(VerdictRecord)], confidence)
+        rows = [record.row() for record in run.of_type(VerdictRecord)]
+        for search in run.of_type(BisectRecord):
+            rows += [change.verdict for change in search.changes] or filter(None, [search.ends])
+        return self.exit_code(rows, confidence)
 
     def exit_code(self, rows: Sequence["VerdictRow"], confidence: float) -> ExitCode:
         """Return the exit code that verdicts stand for; a failure outweighs a finding."""

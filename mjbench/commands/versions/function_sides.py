@@ -21,8 +21,8 @@ from mjbench.releases.revisions import Repository, Revision
 from mjbench.simulation.starts import Starts
 from mjbench.status import ExitCode
 
-# What a function of the user's code can be, for messages.
-FORMS = "FILE.py::FUNCTION or MODULE:FUNCTION"
+# How a function of the user's code is named, for messages.
+FORM = "FILE.py::FUNCTION, such as bench.py::step"
 
 
 class OtherCodeError(MachineError):
@@ -110,32 +110,36 @@ class FunctionName:
     """A function that a user named.
 
     Attributes:
-      file: within the repository; None where a module is named.
       name: of the function, or `Class.method`.
+      file: within the repository.
       content: of the file; None for that of the candidate.
     """
 
     text: str
     name: str
-    file: Path | None = None
-    module: str = ""
+    file: Path
     content: bytes | None = None
 
 
 @dataclass(frozen=True)
 class RevisionComparison:
-    """Functions to compare in two revisions."""
+    """Functions to compare in two revisions.
+
+    Attributes:
+      own_files: whether each side runs its own file of a function.
+    """
 
     repository: Repository
     baseline: Revision
     candidate: Revision
     functions: Sequence[FunctionName]
     cwd: Path
+    own_files: bool = False
 
     @property
     def files(self) -> list[Path]:
-        named = [each.file for each in self.functions if each.file is not None]
-        files = [self.repository.top / file for file in dict.fromkeys(named)]
+        named = dict.fromkeys(each.file for each in self.functions)
+        files = [self.repository.top / file for file in named]
         return [file for file in files if file.is_file()]
 
     @property
@@ -156,42 +160,42 @@ class RevisionComparison:
         )
 
     def _changed_files(self) -> Iterator[str]:
-        top = self.repository.top
-        for function in self.functions:
-            if function.file is None:
-                continue
-            revisions = self.baseline, self.candidate
-            old, new = (self.repository.text(each, function.file) for each in revisions)
-            if old is None or new is None or old == new:
-                continue
-            base, module = package_of(top, function.file)
-            is_importable = (top / base).resolve() in revision_builds.source_folders(top)
-            instead = f": for the function of each, name {module}:{function.name}"
-            yield (
-                f"{function.file} itself differs, and both sides run that of {self.candidate.name}"
-                + (instead if is_importable else "; what it imports is of each side")
-            )
+        if self.own_files:
+            return
+        revisions = self.baseline, self.candidate
+        for file in dict.fromkeys(function.file for function in self.functions):
+            old, new = (self.repository.text(each, file) for each in revisions)
+            if old is not None and new is not None and old != new:
+                yield (
+                    f"{file} itself differs, and both sides run that of {self.candidate.name}; with"
+                    " --own-files, each side runs its own"
+                )
 
 
 def parse_function(text: str, cwd: Path, top: Path) -> FunctionName:
-    """Return the function that a text names, such as `bench.py::step` or `package.module:step`.
+    """Return the function that a text names, such as `bench.py::step`.
 
     A file is looked for in the current folder, which lies in the repository `top`.
     """
-    file, separator, names = text.partition("::")
-    if separator and file and names and "[" not in names:
-        path = (cwd / file).resolve()
-        if path.suffix != ".py":
-            raise InputError(f"{shown(file)} is no Python file")
-        if not path.is_relative_to(top.resolve()):
-            raise InputError(f"{shown(file)} lies outside of the repository {top}")
-        return FunctionName(text, names.replace("::", "."), path.relative_to(top.resolve()))
-    module, separator, name = text.partition(":")
-    if not separator or not all(
-        part.isidentifier() for part in (*module.split("."), *name.split("."))
-    ):
-        raise InputError(f"{shown(text)} is no function: give {FORMS}")
-    return FunctionName(text, name, module=module)
+    file, _, names = text.partition("::")
+    if not file or not names or "[" in names:
+        raise InputError(f"{shown(text)} is no function: give {FORM}")
+    path = (cwd / file).resolve()
+    if path.suffix != ".py":
+        raise InputError(f"{shown(file)} is no Python file")
+    if not path.is_relative_to(top.resolve()):
+        raise InputError(f"{shown(file)} lies outside of the repository {top}")
+    return FunctionName(text, names.replace("::", "."), path.relative_to(top.resolve()))
+
+
+def parse_functions(texts: Sequence[str], cwd: Path, top: Path) -> list[FunctionName]:
+    """Return the functions that texts name, each once."""
+    return [parse_function(text, cwd, top) for text in dict.fromkeys(texts)]
+
+
+def is_function(text: str) -> bool:
+    """Return whether an argument of the command line is meant as a function."""
+    return "::" in text
 
 
 @dataclass(frozen=True)
@@ -283,10 +287,13 @@ def _targets(
     sides: Sequence[_Side],
     own: frozenset[str],
 ) -> FunctionTargets:
-    """Return a function in both revisions; the text of a file is the candidate's on both sides."""
-    top, layout, text = comparison.repository.top.resolve(), sides[1].folder, None
-    if function.file is not None:
-        text = function.content or _text(top, layout, function.file)
+    """Return a function in both revisions: in the candidate's file, unless each has its own."""
+    top, layout = comparison.repository.top.resolve(), sides[1].folder
+    if comparison.own_files:
+        files = [side.folder / function.file for side in sides]
+        texts = [file.read_bytes() if file.is_file() else b"" for file in files]
+    else:
+        texts = [function.content or _text(top, layout, function.file)] * len(sides)
     baseline, candidate = (
         FunctionTarget(
             function.text,
@@ -302,25 +309,22 @@ def _targets(
             CodeOrigin(own, side.code_folders, str(top)),
             side.release,
         )
-        for side in sides
+        for side, text in zip(sides, texts, strict=True)
     )
     return baseline, candidate
 
 
 def function_source(
-    function: FunctionName, text: bytes | None, tree: Path, layout: Path, folders: Sequence[Path]
+    function: FunctionName, text: bytes, tree: Path, layout: Path, folders: Sequence[Path]
 ) -> FunctionSource:
     """Return where a process finds a function.
 
     Args:
       layout: tree by whose packages the file is imported as a module.
     """
-    module, file = function.module, ""
-    if function.file is not None:
-        base, module = package_of(layout, function.file)
-        file, folders = str(tree / function.file), [tree / base, *folders]
-    unique = tuple(dict.fromkeys(map(str, folders)))
-    return FunctionSource(function.name, module, file, text, unique)
+    base, module = package_of(layout, function.file)
+    unique = tuple(dict.fromkeys(map(str, [tree / base, *folders])))
+    return FunctionSource(function.name, module, str(tree / function.file), text, unique)
 
 
 def _cwd(folder: Path, place: Path) -> Path:
@@ -356,23 +360,13 @@ class EnvironmentComparison:
     @property
     def files(self) -> list[Path]:
         """The user's files that hold the functions, and the wheels that are named."""
-        named = [self.root / each.file for each in self.functions if each.file is not None]
+        named = [self.root / each.file for each in self.functions]
         specs = (self.baseline, *self.candidates)
         return [*dict.fromkeys(named), *(wheel for spec in specs for wheel in spec.files)]
 
     @property
     def root(self) -> Path:
         return Path(self.cwd.anchor)
-
-
-def parse_functions(texts: Sequence[str], cwd: Path) -> list[FunctionName]:
-    """Return the functions that texts name."""
-    root = Path(cwd.anchor)
-    functions = [parse_function(text, cwd, root) for text in dict.fromkeys(texts)]
-    for each in functions:
-        if each.file is not None and not (root / each.file).is_file():
-            raise InputError(f"there is no file {root / each.file}")
-    return functions
 
 
 def install_all(comparison: EnvironmentComparison) -> list[FunctionTargets]:
@@ -400,8 +394,7 @@ def install(spec: ReleaseSpec) -> CodeOrigin:
 def _target_in(
     comparison: EnvironmentComparison, function: FunctionName, spec: ReleaseSpec, origin: CodeOrigin
 ) -> FunctionTarget:
-    root, cwd, text = comparison.root, comparison.cwd, None
-    if function.file is not None:
-        text = (root / function.file).read_bytes()
+    root, cwd = comparison.root, comparison.cwd
+    text = (root / function.file).read_bytes()
     source = function_source(function, text, root, root, revision_builds.source_folders(cwd))
     return FunctionTarget(function.text, None, "", replace(source, cwd=str(cwd)), origin, spec)

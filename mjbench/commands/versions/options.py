@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mjbench.commands.shared_options import BudgetOptions, OutputOptions, SizeOptions, top_option
 from mjbench.commands.versions.fail_on import FailOnOptions
-from mjbench.options import COUNT, FLAG, NAMES, SHARE, choice, names_among, option, text
+from mjbench.options import COUNT, FLAG, NAMES, SHARE, choice, names_among, option
 from mjbench.paired import outcomes
 from mjbench.paired.metrics import METRICS, Metric
 
@@ -56,46 +56,28 @@ class JudgingOptions(BudgetOptions, SizeOptions):
         )
 
 
-def _metric(*metrics: Metric) -> Any:
-    """Return the option `--metric` with these metrics."""
-    meanings = "; ".join(f"`{metric}`, {METRICS[metric].meaning}" for metric in metrics)
-    notes = [METRICS[metric].note for metric in metrics if METRICS[metric].note]
-    help_text = " ".join([f"What to compare: {meanings}.", *notes])
-    return option(Metric.TIME.value, choice(*metrics, metavar="METRIC"), help_text)
+def _metric_help() -> str:
+    meanings = "; ".join(f"`{metric}`, {spec.meaning}" for metric, spec in METRICS.items())
+    notes = [spec.note for spec in METRICS.values() if spec.note]
+    return " ".join([f"What to compare: {meanings}.", *notes])
 
 
 @dataclass(frozen=True, kw_only=True)
-class VersionsOptions(FailOnOptions, JudgingOptions, OutputOptions):
+class TargetOptions(FailOnOptions, JudgingOptions, OutputOptions):
+    """How two targets are compared."""
+
+    metric: str = option(Metric.TIME.value, choice(*Metric, metavar="METRIC"), _metric_help())
+
+
+@dataclass(frozen=True, kw_only=True)
+class VersionsOptions(TargetOptions):
     """How releases are compared."""
 
-    old: str | None = option(
-        None,
-        text("RELEASE"),
-        "The old release, if it is not the first argument.",
-        of_functions=False,
-    )
-    news: tuple[str, ...] = option(
-        (),
-        text("RELEASE", is_repeated=True),
-        "A new release; may be given several times.",
-        "--new",
-        of_functions=False,
-    )
     paths: list[str] | None = option(
         None,
         NAMES,
         "Ways of stepping, each compared between the releases",
         unset="python_loop",
-    )
-    metric: str = _metric(*Metric)
-    functions: tuple[str, ...] = option(
-        (),
-        text("FUNCTION", is_repeated=True),
-        "A function of your code to time in place of a MODEL, such as bench.py::step; may be given"
-        " several times. It is called as by `mjbench ab rev=…`; your code is the same on both"
-        " sides.",
-        "--function",
-        of_functions=False,
     )
     family: int | None = option(
         None,
@@ -129,12 +111,12 @@ class ExplainOptions(JudgingOptions, OutputOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TargetOptions(FailOnOptions, JudgingOptions, OutputOptions):
-    """How two targets are compared."""
+class RevisionOptions(TargetOptions):
+    """How two targets, or functions in revisions, are compared."""
 
-    metric: str = _metric(*(metric for metric, spec in METRICS.items() if spec.is_of_targets))
-
-
-@dataclass(frozen=True, kw_only=True)
-class BisectOptions(JudgingOptions, OutputOptions):
-    """How versions are compared while one is searched for."""
+    own_files: bool = option(
+        False,
+        FLAG,
+        "Each revision runs its own file of a function, not that of the newer one.",
+        of_functions=False,
+    )

@@ -219,8 +219,8 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
         " jacobian=sparse, same results"
     )
     assert (
-        "Look closer at all of them: mjbench ab model='my robot.xml'"
-        " model=tuned.xml,path=rollout,threads=2,pool=kept,timer=off"
+        "Look closer at all of them: mjbench ab 'my robot.xml'"
+        " tuned.xml,path=rollout,threads=2,pool=kept,timer=off"
     ) in section.notes
 
 

@@ -62,7 +62,9 @@ def test_several_models_end_with_a_table_of_what_is_advised() -> None:
     assert summary[1].endswith("times as fast as the plain loop; 2 of 4 are certain")
     assert " to " in summary[1]
     assert summary[3].split()[:4] == ["m", "closed", "✓", "batch_step"]
-    assert summary[-1].split()[:4] == ["other", "open", "?", "rollout"]
+    *_, last, hint = [line for line in summary if line]
+    assert last.split()[:4] == ["other", "open", "?", "rollout"]
+    assert hint.endswith("of each model; for one against the other: mjbench ab m other")
 
 
 def test_models_that_gain_the_same_have_one_number() -> None:

@@ -256,7 +256,7 @@ def test_a_loop_that_is_nearly_all_physics_is_told_what_costs_in_it() -> None:
 def test_a_wide_interval_of_a_pair_is_shown(error: float, ends: str) -> None:
     uncertain = replace(remedy(), gain_error=error)
     assert program.conclusion(row(MIXED, uncertain)).endswith(f"0.60 of today's time{ends}")
-    assert program.saving(uncertain) == ("40 % (30 to 50 %)" if ends else "40 %")
+    assert program.saving(uncertain) == ("40 % (30–50 %)" if ends else "40 %")
 
 
 def test_a_large_saving_comes_before_what_costs_in_physics() -> None:

@@ -552,3 +552,12 @@ def test_a_setting_that_seems_slower_is_launched_once():
     attempts = {row.settings[0].label: row for row in searched(planted).attempts}
     assert len(attempts["jacobian=dense"].launches) == 1
     assert len(attempts["island=disable"].launches) == SCREENS
+
+
+def test_no_part_begins_when_the_time_is_over():
+    planted = Planted(jacobian_dense=(FREE, 0.5, 0.0), island_off=(FREE, 0.7, 0.0))
+    record = searched(planted, budget_s=6.0)
+    assert not record.front
+    assert record.untried_combinations == 1
+    assert {each.reason for each in record.withdrawn} == {"no time to run them from new starts"}
+    assert planted.seed == 0, "the second look, which has the next seed, did not begin"

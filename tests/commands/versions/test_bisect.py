@@ -259,7 +259,7 @@ def limits_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Have the third and later releases be slow; return the time limit of each comparison."""
     limits: list[float] = []
 
-    def decide(pool: Any, baseline: Target, candidate: Target, plan: VerdictPlan) -> Any:
+    def decide(pool: Any, baseline: Target, candidate: Target, plan: VerdictPlan, _: Any) -> Any:
         limits.append(plan.time_limit_s)
         old, new = baseline.release.version, candidate.release.version
         record = replace(SLOWER if old < "3.3.1" <= new else SAME, old=old, new=new)
@@ -332,7 +332,7 @@ def comparison(repository: Repository, old: str, new: str) -> RevisionComparison
 def test_the_slow_commit_is_found_with_the_last_commits_benchmark(
     repository: Repository, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    texts: set[bytes | None] = set()
+    texts: set[bytes] = set()
 
     def decide(pool: Any, targets: FunctionTargets, plan: VerdictPlan) -> Any:
         texts.update(target.source.text for target in targets)

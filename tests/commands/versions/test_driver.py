@@ -35,8 +35,10 @@ MAIN, HEAD = Revision("main", "a" * 40), Revision("HEAD", "b" * 40)
 class Comparison:
     """Stands for a comparison of two revisions with the same files, so that nothing is timed."""
 
-    baseline, candidate, files, notes = MAIN, HEAD, (), ()
-    functions = tuple(FunctionName(f"bench:{name}", name, module="bench") for name in ("a", "b"))
+    baseline, candidate, files, notes, own_files = MAIN, HEAD, (), (), False
+    functions = tuple(
+        FunctionName(f"bench.py::{name}", name, Path("bench.py")) for name in ("a", "b")
+    )
 
 
 def targets(function: FunctionName) -> tuple[FunctionTarget, FunctionTarget]:
@@ -44,7 +46,7 @@ def targets(function: FunctionName) -> tuple[FunctionTarget, FunctionTarget]:
         function.text,
         MAIN,
         "tree",
-        FunctionSource(function.name, "bench"),
+        FunctionSource(function.name, "bench", "bench.py", b""),
         CodeOrigin(frozenset(), (), ""),
         ReleaseSpec("installed", "4.0.0"),
     )
@@ -68,7 +70,7 @@ def test_what_a_run_file_holds_is_not_measured_again(
     (item,) = measurement.measure(stored.records, Observer())
     (record,) = item.records
     assert isinstance(record, type(second))
-    assert record.model == "bench:b"
+    assert record.model == "bench.py::b"
 
 
 @pytest.mark.parametrize(("family", "expected"), [(1, 2), (30, 30)])

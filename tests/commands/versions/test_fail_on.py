@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import pytest
 
+from mjbench.commands.versions.bisect import BisectChange, BisectRecord, VersionRow
 from mjbench.commands.versions.fail_on import FailOnOptions as FailOn
 from mjbench.commands.versions.fail_on import GateFinding
+from mjbench.host import machine
 from mjbench.interval import Interval
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
+from mjbench.results.runs import SCHEMA, Run, RunHeader
 from mjbench.status import Status
 
 SPEED = (GateFinding.SLOWER,)
@@ -52,6 +55,31 @@ def test_it_passes_only_when_what_it_asks_is_decided(
     verdicts: list[Verdict | None], findings: tuple[GateFinding, ...], code: int
 ) -> None:
     assert FailOn(findings).exit_code([row(verdict) for verdict in verdicts], 0.99) == code
+
+
+@pytest.mark.parametrize(
+    ("ends", "changes", "finding", "code"),
+    [
+        (Verdict.SLOWER, [Verdict.SLOWER, Verdict.FASTER], GateFinding.FASTER, 1),
+        (Verdict.SLOWER, [Verdict.SLOWER], GateFinding.FASTER, 0),
+        (Verdict.SLOWER, [], GateFinding.SLOWER, 1),
+        (Verdict.INCONCLUSIVE, [], GateFinding.SLOWER, 3),
+    ],
+)
+def test_a_search_fails_by_the_changes_that_it_finds_or_by_its_ends(
+    ends: Verdict, changes: list[Verdict], finding: GateFinding, code: int
+) -> None:
+    record = BisectRecord(
+        target="m",
+        old="1",
+        new="3",
+        versions=2,
+        status=Status.OK,
+        ends=row(ends),
+        changes=[BisectChange(VersionRow(1, "2"), row(verdict)) for verdict in changes],
+    )
+    search = Run(RunHeader(SCHEMA, "bisect", machine.describe(), {}), [record])
+    assert FailOn((finding,)).exit_code_of_run(search, 0.99) == code
 
 
 def test_an_inconclusive_verdict_passes_where_the_user_allows_it() -> None:

@@ -25,10 +25,9 @@ from mjbench.releases.revisions import WORKTREE, Repository
     [
         ("bench.py::step", FunctionName("bench.py::step", "step", Path("sub/bench.py"))),
         ("../bench.py::A::b", FunctionName("../bench.py::A::b", "A.b", Path("bench.py"))),
-        ("own.physics:step", FunctionName("own.physics:step", "step", module="own.physics")),
     ],
 )
-def test_functions_are_named_by_file_or_module(
+def test_functions_are_named_by_their_file(
     tmp_path: Path, text: str, expected: FunctionName
 ) -> None:
     assert function_sides.parse_function(text, tmp_path / "sub", tmp_path) == expected
@@ -37,8 +36,8 @@ def test_functions_are_named_by_file_or_module(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("step", "step is no function: give FILE.py::FUNCTION or MODULE:FUNCTION"),
-        ("own/physics:step", "is no function"),
+        ("step", "step is no function: give FILE.py::FUNCTION, such as"),
+        ("own.physics:step", "is no function"),
         ("bench.py::step[1]", "is no function"),
         ("bench.txt::step", "bench.txt is no Python file"),
         ("../bench.py::step", "lies outside of the repository"),
@@ -58,19 +57,22 @@ def repository(tmp_path: Path) -> Iterator[Repository]:
     commit(git, "first", "v1")
     (tmp_path / "speed").mkdir()
     (tmp_path / "speed/bench.py").write_text("committed\n")
-    (tmp_path / "top.py").write_text("committed\n")
     commit(git, "second")
     (tmp_path / "speed/bench.py").write_text("changed\n")
     yield Repository(tmp_path)
 
 
 def targets(
-    pool: WorkerPool, repository: Repository, names: tuple[str, str], function: str
+    pool: WorkerPool,
+    repository: Repository,
+    names: tuple[str, str],
+    function: str,
+    own_files: bool = False,
 ) -> FunctionTargets:
     baseline, candidate = map(repository.parse, names)
     parsed = function_sides.parse_function(function, repository.top, repository.top)
     comparison = RevisionComparison(
-        repository, baseline, candidate, [parsed], repository.top.resolve()
+        repository, baseline, candidate, [parsed], repository.top.resolve(), own_files
     )
     (pair,) = function_sides.check_out(pool, comparison)
     return pair
@@ -95,10 +97,15 @@ def test_a_file_is_the_candidates_on_both_sides(
         assert "own" in target.origin.packages
 
 
-def test_a_module_is_each_sides_own(pool: WorkerPool, repository: Repository) -> None:
-    pair = targets(pool, repository, ("v1", "HEAD"), "own:step")
-    assert [target.source.text for target in pair] == [None, None]
-    assert {target.source.module for target in pair} == {"own"}
+@pytest.mark.parametrize(
+    ("names", "texts"),
+    [(("HEAD", WORKTREE), [b"committed\n", b"changed\n"]), (("v1", "HEAD"), [b"", b"committed\n"])],
+)
+def test_each_side_can_run_its_own_file(
+    pool: WorkerPool, repository: Repository, names: tuple[str, str], texts: list[bytes]
+) -> None:
+    pair = targets(pool, repository, names, "speed/bench.py::step", own_files=True)
+    assert [target.source.text for target in pair] == texts
 
 
 def test_a_file_that_exists_nowhere_is_reported(pool: WorkerPool, repository: Repository) -> None:
@@ -116,7 +123,7 @@ def test_copies_of_packages_that_measure_are_not_the_trees_own(tmp_path: Path) -
 def test_revisions_of_mjbench_are_refused(pool: WorkerPool, repository: Repository) -> None:
     (repository.top / "mjbench.py").touch()
     with pytest.raises(InputError, match="mjbench cannot compare revisions of itself"):
-        targets(pool, repository, ("HEAD", WORKTREE), "own:step")
+        targets(pool, repository, ("HEAD", WORKTREE), "own/__init__.py::step")
 
 
 def test_commits_that_the_candidate_lacks_are_noted(repository: Repository) -> None:
@@ -130,23 +137,25 @@ def test_commits_that_the_candidate_lacks_are_noted(repository: Repository) -> N
 
 
 @pytest.mark.parametrize(
-    ("baseline", "file", "instead"),
+    ("baseline", "file", "own_files", "is_noted"),
     [
-        ("HEAD", "speed/bench.py", "; what it imports is of each side"),
-        ("HEAD", "top.py", ": for the function of each, name top:step"),
-        ("HEAD", "own/__init__.py", None),
-        ("v1", "top.py", None),
+        ("HEAD", "speed/bench.py", False, True),
+        ("HEAD", "speed/bench.py", True, False),
+        ("HEAD", "own/__init__.py", False, False),
+        ("v1", "speed/bench.py", False, False),
     ],
 )
 def test_a_benchmark_that_differs_itself_is_noted(
-    repository: Repository, baseline: str, file: str, instead: str | None
+    repository: Repository, baseline: str, file: str, own_files: bool, is_noted: bool
 ) -> None:
-    (repository.top / "top.py").write_text("changed\n")
     revisions = map(repository.parse, (baseline, WORKTREE))
     function = FunctionName(f"{file}::step", "step", Path(file))
-    comparison = RevisionComparison(repository, *revisions, [function], repository.top)
-    note = f"{file} itself differs, and both sides run that of WORKTREE{instead}"
-    assert comparison.notes == ([] if instead is None else [note])
+    comparison = RevisionComparison(repository, *revisions, [function], repository.top, own_files)
+    note = (
+        f"{file} itself differs, and both sides run that of WORKTREE; with --own-files, each side"
+        " runs its own"
+    )
+    assert comparison.notes == ([note] if is_noted else [])
 
 
 @pytest.mark.parametrize(
@@ -220,7 +229,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def comparison(cwd: Path, *functions: str) -> EnvironmentComparison:
-    parsed = function_sides.parse_functions(functions, cwd)
+    parsed = function_sides.parse_functions(functions, cwd, Path(cwd.anchor))
     return EnvironmentComparison(OLD, [NEW], parsed, cwd)
 
 
@@ -244,8 +253,3 @@ def test_a_file_in_a_package_is_imported_as_its_module(tmp_path: Path, cache: Pa
     (tmp_path / "speed/bench.py").touch()
     ((old, _),) = function_sides.install_all(comparison(tmp_path, "speed/bench.py::step"))
     assert (old.source.module, old.source.folders) == ("speed.bench", (str(tmp_path),))
-
-
-def test_a_file_that_does_not_exist_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"there is no file \S*none\.py"):
-        comparison(tmp_path, "none.py::step")

@@ -30,7 +30,7 @@ BASELINE = FunctionTarget(
     "bench.py::step",
     Revision("main", "a" * 40),
     "tree of main",
-    FunctionSource("step", "bench"),
+    FunctionSource("step", "bench", "bench.py", b""),
     CodeOrigin(frozenset(), (), ""),
     ReleaseSpec("installed", "4.0.0"),
 )
