@@ -82,12 +82,6 @@ PROGRAMS = (
     OwnProgram("simulations_in_turn", "mujoco.mj_step(model, data)", "Batch"),
     OwnProgram("small_messages", "qpos = here.recv()", "more work for a message", is_bound=True),
     OwnProgram("contacts_one_by_one", "for contact in data.contact", "arrays of all contacts"),
-    OwnProgram("names_of_contacts", "for i in range(data.ncon)", "compare ids", is_bound=True),
-    OwnProgram("growing_log", "log = np.vstack(", "copies all rows", is_bound=True),
-    OwnProgram("linearized_by_steps", "for i in range(nv)", "mjd_transitionFD", is_bound=True),
-    OwnProgram(
-        "device_per_episode", "mx, dx =", "once before the loop|once, before", is_bound=True
-    ),
     OwnProgram("rays_one_by_one", "scan.append(mujoco.mj_ray(", "mj_multiRay"),
     OwnProgram("names_in_step", "data.ctrl[0] = -sum(data.joint", "hoist"),
     OwnProgram("inverse_beside_step", "mujoco.mj_inverse(model, data)", "mj_inverseSkip"),
