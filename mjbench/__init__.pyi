@@ -67,7 +67,6 @@ def compare(
     *models: Model,
     paths: str | Iterable[str] | None = None,
     threads: int | Iterable[int] | None = None,
-    chunk: int | Iterable[int] | None = None,
     options: Mapping[str, Any] | None = None,
     nbatch: int | Iterable[int] | None = None,
     returns: str = "final",
@@ -98,10 +97,10 @@ def compare(
         paths`), or MODULE:CLASS of your own; python_loop is always added. `c` stands for all C
         paths, `usual` for those and, where installed, mjx. Default: c.
       threads: Thread counts. Default: 1 and usable cores.
-      chunk: Simulations that a thread takes at a time.
-      options: Values of any other option of a path, such as pool=new or checks=off.
-      nbatch: Simulations. Several values are measured one after the other. Default: 64; fewer where
-        the plain loop would take more than 20 ms.
+      options: Values of any other option of a path, such as pool=new, or chunk=1,4: simulations
+        that a thread takes at a time.
+      nbatch: Simulations at once. Default: 64; fewer where the plain loop would take more than 20
+        ms.
       returns: What every path returns: final states; the state after every step, too; and sensor
         data of every step, too, which are of the state before it.
       nstep: Steps of each simulation. Default: 100; fewer where the plain loop would take more than
@@ -162,8 +161,7 @@ def latency(
       deadline_s: Time by which a tick should end. In seconds. Default: the time between two paced
         ticks; free-running, the simulated time of a tick.
       rate_hz: Paced ticks per second. Default: real time.
-      nstep: Steps to measure, free-running and paced. Default: 10,000 ticks, or what the budget
-        allows.
+      nstep: Steps of each simulation. Default: 10,000 ticks, or what the budget allows.
       budget_s: Time of the whole command, divided among its models. In seconds. Default: 15s for
         each model.
       quick: A first impression, often uncertain: 5s for each model.
@@ -255,7 +253,7 @@ def versions(
       models: names as on the command line, or paths. A compiled model cannot be compared: other
         releases cannot load it.
       on_progress: called with what is measured now, and the share of all work that is done.
-      paths: Ways of stepping, each compared between the releases. Default: python_loop.
+      paths: Ways of stepping to compare between the releases. Default: python_loop.
       metric: What to compare: `time`, the time of steps; `instructions`, the instructions of the
         engine; `load`, loading the model; `reset`, mj_resetData; `rays`, casting rays; `rollout`, a
         call of rollout with 5 steps of each simulation; `batch`, a call of Batch.rollout with 5
@@ -273,8 +271,8 @@ def versions(
       budget_s: Time of the whole command, divided among its verdicts. In seconds. Default: 60s for
         each verdict.
       quick: A first impression, often uncertain: 15s for each verdict.
-      nbatch: Simulations. Default: as many as take 1 ms, or 10 ms for each of several threads; 2 to
-        count instructions.
+      nbatch: Simulations at once. Default: as many as take 1 ms, or 10 ms for each of several
+        threads; 2 to count instructions.
       nstep: Steps of each simulation. Default: up to 100 within that time; 50 to count
         instructions.
       hold: Steps for which each control is held: an environment's frame_skip.

@@ -5,9 +5,10 @@ import io
 import math
 from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mjbench.interval import Interval, LogEstimate
+if TYPE_CHECKING:  # it loads msgspec, which a timer in a program needs not
+    from mjbench.interval import Interval, LogEstimate
 
 # Writes a cell that is not a text.
 Form = Callable[[Any], str]
@@ -112,7 +113,7 @@ def log_change(log_ratio: float) -> str:
     return f"×{ratio:.2f}" if _is_factor(ratio) else change_to_tenth(ratio)
 
 
-def change_with_error(estimate: LogEstimate) -> str:
+def change_with_error(estimate: "LogEstimate") -> str:
     """Return an estimate as `log_change` does, with its standard error, such as `+1.2 ±0.3 %`."""
     ratio = estimate.ratio
     error = ratio * estimate.deviation
@@ -133,7 +134,7 @@ def _is_factor(ratio: float) -> bool:
     return ratio >= 2 or ratio <= 0.5
 
 
-def ends(interval: Interval | None, form: Form = factor) -> str:
+def ends(interval: "Interval | None", form: Form = factor) -> str:
     """Return the ends of an interval, such as `1.82–2.05` or `+0.8 to +1.6 %`.
 
     It is empty where one of them is not known.
@@ -145,18 +146,18 @@ def ends(interval: Interval | None, form: Form = factor) -> str:
     return f"{low.removesuffix(' %')}{between}{high}"
 
 
-def in_brackets(interval: Interval, form: Form = factor) -> str:
+def in_brackets(interval: "Interval", form: Form = factor) -> str:
     """Return an interval as it follows an estimate in a sentence; empty where it is not known."""
     text = ends(interval, form)
     return f" ({text})" if text else ""
 
 
-def with_interval(ratio: Interval, form: Form = factor) -> str:
+def with_interval(ratio: "Interval", form: Form = factor) -> str:
     """Return a ratio as a cell has it, such as `+1.2 % (+0.8 to +1.6 %)`."""
     return f"{form(ratio.estimate)}{in_brackets(ratio, form)}"
 
 
-def as_fast(speedup: Interval) -> str:
+def as_fast(speedup: "Interval") -> str:
     """Return a speed-up as a sentence has it, such as `1.93 × as fast (1.82–2.05)`."""
     return f"{factor(speedup.estimate)} × as fast{in_brackets(speedup)}"
 

@@ -21,7 +21,7 @@ from mjbench.commands.env import show as environment
 from mjbench.commands.latency import measure as latency
 from mjbench.commands.latency import show as latency_section
 from mjbench.commands.profile import habit_timing
-from mjbench.commands.run import loop_time, py_spy
+from mjbench.commands.run import loop_time, measure, py_spy
 from mjbench.commands.run.hook import call_bursts, step_clock
 from mjbench.commands.run.remedies import remedy
 from mjbench.commands.show.kinds import RECORD_TYPES
@@ -115,6 +115,7 @@ def run() -> Iterator[str]:
     yield f"{py_spy.DEFAULT_RATE_HZ:.0f} times a second"
     yield f"from {percent(remedy.LEAST_GAIN)} of the loop on"
     yield f"A saving whose {percent(stats.CONFIDENCE)} interval includes 0"
+    yield f"runs again for up to {measure.SECOND_S:.0f} s"
     physics = percent(loop_time.MOSTLY_PHYSICS)
     rest = percent(1 - loop_time.MOSTLY_PHYSICS)
     yield f"If physics takes {physics} of the loop and nothing saves {rest}"

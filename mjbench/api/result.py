@@ -15,7 +15,7 @@ from mjbench.errors import REFUSALS, InputError, MachineError, one_line
 from mjbench.host import child, platforms
 from mjbench.host.machine import Machine
 from mjbench.measuring.timing import Progress
-from mjbench.results import fragment, terminal
+from mjbench.results import markdown, terminal
 from mjbench.results.content import Report
 from mjbench.results.json_form import json_form
 from mjbench.results.run_writer import RunFile
@@ -116,8 +116,8 @@ class Result:
         text = one_line("; ".join(conclusions), _REPR_CHARACTERS)
         return f"<mjbench {type(self).__name__}: {text}>"
 
-    def _repr_html_(self) -> str:
-        return fragment.render(self.report(), self.notes)
+    def _repr_markdown_(self) -> str:
+        return "\n".join(markdown.brief(self.report(), self.notes))
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:  # IPython in a terminal
         printer.text("…" if cycle else str(self))

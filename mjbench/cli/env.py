@@ -15,9 +15,10 @@ def env(names: tuple[str, ...], options: EnvironmentOptions) -> None:
     """Where does the time of env.step go, and how fast is the same physics without it?
 
     ENVIRONMENT is a Gymnasium id, dm_control:DOMAIN-TASK, or MODULE:FACTORY: a function of yours,
-    imported from the current folder, that returns an environment. Actions are random. You get the
-    shares of physics, observation, reward, controller and wrappers. Nothing is compared before a
-    plain loop has repeated the environment's physics, to the last bit.
+    imported from the current folder, that returns an environment. --nstep steps with random actions
+    are recorded, and then repeated in rounds. You get the shares of physics, observation, reward,
+    controller and wrappers. Nothing is compared before a plain loop has repeated the environment's
+    physics, to the last bit. SyncVectorEnv and AsyncVectorEnv step --nbatch environments at once.
 
     \b
     Examples:

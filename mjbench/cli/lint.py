@@ -12,7 +12,7 @@ from mjbench.errors import InputError
 from mjbench.status import ExitCode, Status, exit_code
 
 
-def _explain(context: click.Context, _: click.Parameter, code: str | None) -> None:
+def _print_rule(context: click.Context, _: click.Parameter, code: str | None) -> None:
     if code is not None:
         from mjbench.commands.lint.rules import explained
 
@@ -23,9 +23,9 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
 @cli.command()
 @click.argument("names", nargs=-1, metavar="FILE…", type=FileName())
 @click.option(
-    "--explain",
+    "--rule",
     metavar="CODE",
-    callback=_explain,
+    callback=_print_rule,
     expose_value=False,
     is_eager=True,
     help="Print what a rule finds, why, and what to write instead, and end; `all` lists the rules.",
@@ -35,8 +35,8 @@ def lint(names: tuple[str, ...], options: LintOptions) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
     It finds stored views (`log.append(data.qpos)` without .copy()), models, MjData and renderers
-    that a loop makes again, names that it looks up in each step, and more: `--explain all` lists
-    the rules.
+    that a loop makes again, names that it looks up in each step, and more: `--rule all` lists the
+    rules.
 
     Findings are FILE:LINE:COLUMN CODE MESSAGE, with roughly what it costs in each step. FILE is a
     Python file, or a folder, which stands for all of them below it. `# noqa: MJB001` at the end of
@@ -50,7 +50,7 @@ def lint(names: tuple[str, ...], options: LintOptions) -> None:
       mjbench lint train.py
       mjbench lint src --ignore MJB006
       mjbench lint src --sarif lint.sarif
-      mjbench lint --explain MJB007
+      mjbench lint --rule MJB007
     """
     from mjbench.commands.lint import show as report
     from mjbench.commands.lint.check import Finding, check_all

@@ -1,7 +1,6 @@
 """`mjbench show`: run files again, printed, written to files, or two of them side by side."""
 
 import functools
-import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -149,7 +148,7 @@ def _show_each(run: RunContext, named_runs: "Sequence[NamedRun]", code: bool) ->
         else:
             _print_several(run, stored, code)
         return
-    for caution in dict.fromkeys(itertools.chain.from_iterable(map(exports.cautions, stored))):
+    for caution in exports.cautions(stored):
         report_line(caution)
     run.write_forms(forms.of_runs(named_runs))
     for flag, text_of in exports.BY_FLAG.items():

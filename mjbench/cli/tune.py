@@ -15,7 +15,8 @@ def tune(sources: list[ModelSource], options: TuneOptions) -> None:
 
     Tries settings alone and together. Those that change no state come first, then those that change
     no more than rounding does, then others, with their error and their change of the motion.
-    Recommendations are measured again from new starts.
+    Recommendations are measured again from new starts. Timesteps must divide the time of --hold
+    steps.
 
     \b
     Examples:

@@ -16,6 +16,7 @@ from mjbench.options import (
     SECONDS_OR_ZERO,
     SEED,
     THREADS,
+    Kind,
     file,
     names_among,
     option,
@@ -169,9 +170,14 @@ def hold_option(default: int | None, unset: str = "") -> Any:
     return option(default, COUNT, help_text, unset=unset)
 
 
-def nstep_option(unset: str) -> Any:
+def nstep_option(unset: str, kind: Kind = COUNT) -> Any:
     """Return the option `--nstep`."""
-    return option(None, COUNT, "Steps of each simulation.", unset=unset)
+    return option(None, kind, "Steps of each simulation.", unset=unset)
+
+
+def nbatch_option(unset: str, kind: Kind = COUNT) -> Any:
+    """Return the option `--nbatch`; of a kind of lists, each number is measured."""
+    return option(None, kind, "Simulations at once.", unset=unset)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,11 +191,8 @@ class WorkOptions(StartOptions):
 class SizeOptions(WorkOptions):
     """How much work a run is."""
 
-    nbatch: int | None = option(
-        None,
-        COUNT,
-        "Simulations.",
-        unset="as many as take 1 ms, or 10 ms for each of several threads; 2 to count instructions",
+    nbatch: int | None = nbatch_option(
+        "as many as take 1 ms, or 10 ms for each of several threads; 2 to count instructions"
     )
     nstep: int | None = nstep_option("up to 100 within that time; 50 to count instructions")
     metric: str = Metric.TIME.value  # of the commands that have this option

@@ -52,6 +52,22 @@ def render(report: Report) -> Iterator[str]:
         yield from folded("Machines and versions", data_table(report.machines))
 
 
+def brief(report: Report, notes: Iterable[str] = ()) -> Iterator[str]:
+    """Yield the lines of a report in a notebook: conclusions, tables, and code that is folded."""
+    yield from _conclusions((e.text, e.tone) for e in (*report.conclusions, *report.further))
+    yield from (f"- **{escaped(note)}**" for note in notes)
+    for section in (*report.summaries, *report.sections):
+        yield ""
+        yield f"**{escaped(section.heading)}**"
+        yield ""
+        yield from (f"- {escaped(fact)}" for fact in section.facts)
+        yield from tables(replace(section, shows_code=False))
+        yield ""
+        yield from (f"- {escaped(note)}" for note in section.notes)
+        for snippet in section.snippets:
+            yield from folded(snippet.title, code_block(snippet.code))
+
+
 def folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
     yield ""
     yield f"<details><summary>{html.escape(heading, quote=False)}</summary>"

@@ -17,7 +17,7 @@ from mjbench.verification.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 C_PATHS, USUAL_PATHS = "c", "usual"
 # What `--scaling` tries: paths for open and for closed loop, and simulations that a thread takes at
 # a time.
-SCALING_PATHS, SCALING_CHUNKS = ("rollout", "batch_step"), (1, 4, 16)
+SCALING_PATHS, SCALING_CHUNKS = ("rollout", "batch_step"), "chunk=1,4,16"
 # On a CPU, MJX is slow on a model that makes contact (docs/method/accelerated.md gives figures),
 # and takes minutes to compile RK4, which has four of everything: not tried unless named.
 _CONTACT_REASON = "makes contact, where it is slow on a CPU; name it with --paths to try it"
@@ -62,7 +62,6 @@ def plans(
     plan: ComparisonPlan,
     path_names: Sequence[str],
     threads: Sequence[int] | None = None,
-    chunk_sizes: Sequence[int] | None = None,
     option_words: Sequence[str] = (),
     nbatches: Sequence[int] | None = None,
     is_rl: bool = False,
@@ -78,8 +77,6 @@ def plans(
     """
     names = expand(path_names)
     values_by_name = choices(option_words, names)
-    if chunk_sizes:
-        values_by_name["chunk"] = list(chunk_sizes)
     sizes: list[int | None] = [*nbatches] if nbatches else [None]
     if names and len(sizes) > 1:
         names = [*names, *rivals(names)]

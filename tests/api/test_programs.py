@@ -118,8 +118,8 @@ def test_a_notebook_shows_conclusions_and_tables(tmp_path: Path) -> None:
     client.execute()
     outputs = [list(cell.outputs) for cell in notebook.cells]
     (profiled,) = outputs[1]
-    html = profiled["data"]["text/html"]
-    assert html.index("a step of a Python loop takes") < html.index("<table")
+    text = profiled["data"]["text/markdown"]
+    assert text.index("a step of a Python loop takes") < text.index("|---")
     assert "kinematics" in profiled["data"]["text/plain"]
     assert "3 steps" in outputs[2][0]["data"]["text/html"]
     assert outputs[3][0]["text"] == "[]\n"

@@ -25,6 +25,20 @@ def test_the_help_fits_on_a_screen() -> None:
     assert max(map(len, lines)) <= 80
 
 
+def test_the_first_screen_says_how_long_a_command_takes_by_default() -> None:
+    takes = {name: each.takes for of in LISTED.values() for name, each in of.items() if each.takes}
+    for name, text in takes.items():
+        command = cli.commands[name]
+        (option,) = [o for o in command.params if {"--budget", "--seconds"} & {*o.opts}][:1]
+        _, help_text = option.get_help_record(click.Context(command))
+        (seconds,) = re.findall(r"default: (\d+)s", help_text)
+        assert text in (f"{seconds} s", f"{int(seconds) / 60:g} min"), name
+    assert takes.keys() == {
+        name for name in takes.keys() | set(cli.commands) - set(MODES)
+        if any({"--budget", "--seconds"} & {*o.opts} for o in cli.commands[name].params)
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize("words", [[], *([name] for name, c in cli.commands.items()
                                         if isinstance(c, click.Group))], ids=" ".join)  # fmt: skip
 def test_the_help_has_a_line_for_each_command_in_a_narrow_terminal(words: list[str]) -> None:
@@ -62,3 +76,12 @@ def test_documents_and_runs_are_said_to_be_of_commands(name: str) -> None:
     options = {option for parameter in group.params for option in parameter.opts}
     subcommands = group.commands if isinstance(group, click.Group) else {}
     assert {*rest} <= {*options, *subcommands}
+
+
+@pytest.mark.parametrize("name", ["show", "doctor", "sweep", *(
+    name for name in cli.commands
+    if {"resume", "wait"} & {parameter.name for parameter in cli.commands[name].params}
+)])  # fmt: skip
+def test_what_measures_or_shows_writes_the_same_files(name: str) -> None:
+    flags = {option for parameter in cli.commands[name].params for option in parameter.opts}
+    assert {"--html", "--markdown", "--csv", "--json"} <= flags

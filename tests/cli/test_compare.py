@@ -178,7 +178,7 @@ def test_scaling_lets_more_threads_and_chunks_take_part_and_says_how_many_suffic
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plans = invent_comparisons(monkeypatch)
-    done = invoke("--scaling", "--threads", "1,2,4", "--chunk", "1,8", "--json", "out.json")
+    done = invoke("--scaling", "--threads", "1,2,4", "--option", "chunk=1,8", "--json", "out.json")
     assert done.exit_code == 0, done.output
     (plan,) = plans
     assert {variant.path for variant in plan.variants} == {"python_loop", "rollout", "batch_step"}

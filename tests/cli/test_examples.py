@@ -2,23 +2,12 @@
 
 import re
 import shlex
-from collections.abc import Iterator
 
 import click
 import pytest
+from click_commands import COMMANDS
 
 from mjbench.cli import cli
-
-
-def commands(group: click.Group, name: str = "mjbench") -> Iterator[tuple[str, click.Command]]:
-    """Yield every command with its name, those of subgroups and modes, too."""
-    for key, command in group.commands.items():
-        yield f"{name} {key}", command
-        if isinstance(command, click.Group):
-            yield from commands(command, f"{name} {key}")
-
-
-COMMANDS = dict(commands(cli))
 
 
 def examples(command: click.Command) -> list[str]:
@@ -55,5 +44,5 @@ def test_an_example_is_parsed_by_its_command(line: str) -> None:
             break
     try:
         command.make_context(command.name, words, parent=context)
-    except click.exceptions.Exit as ended:  # it has answered, as `lint --explain` does
+    except click.exceptions.Exit as ended:  # it has answered, as `lint --rule` does
         assert ended.exit_code == 0

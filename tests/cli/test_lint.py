@@ -198,17 +198,17 @@ def test_statistics_count_findings_by_rule(tmp_path: Path) -> None:
 
 
 def test_a_rule_is_explained_without_a_file() -> None:
-    done = lint("--explain", "mjb001")
+    done = lint("--rule", "mjb001")
     assert done.exit_code == 0
     assert done.stdout.startswith("MJB001 (wrong result): a view is stored")
     assert "log.append(data.qpos.copy())" in done.stdout
-    done = lint("--explain", "MJB999")
+    done = lint("--rule", "MJB999")
     assert done.exit_code == 2
     assert "no rule 'MJB999'; there are MJB001" in done.stderr
 
 
 def test_all_rules_are_listed() -> None:
-    done = lint("--explain", "all")
+    done = lint("--rule", "all")
     assert done.exit_code == 0
     lines = done.stdout.splitlines()
     assert len(lines) == len(RULES)

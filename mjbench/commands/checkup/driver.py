@@ -82,8 +82,8 @@ _STARTING_S = 4.0
 _LEAST_TUNING_S, _LEAST_TOGETHER_S = 5.0, 2.0
 # Ways of stepping that race, beside the plain loop: others rarely win, and cost each of these time.
 _PATHS, _OPTIONS = ("rollout", "batch_step", "batch_rollout"), ("pool=kept", "data=shared")
-# Seconds of a program, its start included, for each that it steps.
-_WITH_START = 1.5
+# Seconds after which a program should step.
+_STARTING_PROGRAM_S = 20.0
 # Changes that are measured together, at least: one alone has its figure.
 _SEVERAL = 2
 
@@ -133,7 +133,7 @@ class CheckupPlan:
         """Seconds after which a program is ended, whether it has stepped for `program_s` or not."""
         if self.is_timed:
             return self.times.program
-        return math.inf if self.program_s is None else _WITH_START * self.program_s
+        return math.inf if self.program_s is None else _STARTING_PROGRAM_S + self.program_s
 
 
 def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:

@@ -53,7 +53,7 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
         if options.nstep:
             raise InputError("--rl takes the steps of one action a call: give --hold, not --nstep")
     check_holds(options.nstep, hold)
-    names, threads, chunk = options.paths or [], options.threads, options.chunk
+    names, threads, choices = options.paths or [], options.threads, list(options.options or ())
     plan = ComparisonPlan(
         variants=(),
         nstep=hold if options.rl else options.nstep,
@@ -70,10 +70,9 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
     if options.scaling:
         names = names or list(selection.SCALING_PATHS)
         threads = threads or selection.scaling_threads()
-        chunk = chunk or list(selection.SCALING_CHUNKS)
-    return selection.plans(
-        plan, names, threads, chunk, options.options or (), options.nbatch, options.rl
-    )
+        if not any(choice.startswith("chunk=") for choice in choices):
+            choices.append(selection.SCALING_CHUNKS)
+    return selection.plans(plan, names, threads, choices, options.nbatch, options.rl)
 
 
 def measurement(

@@ -9,6 +9,7 @@ from mjbench.commands.shared_options import (
     TimeLimitOptions,
     code_option,
     hold_option,
+    nbatch_option,
     nstep_option,
     threads_option,
 )
@@ -41,19 +42,14 @@ class CompareOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         unset="c",
     )
     threads: list[int] | None = threads_option()
-    chunk: list[int] | None = option(None, numbers(), "Simulations that a thread takes at a time.")
     options: list[str] | None = option(
         None,
         SETTINGS,
-        "Values of any other option of a path, such as pool=new or checks=off.",
+        "Values of any other option of a path, such as pool=new, or chunk=1,4: simulations that a"
+        " thread takes at a time.",
         "--option",
     )
-    nbatch: list[int] | None = option(
-        None,
-        numbers(),
-        "Simulations. Several values are measured one after the other",
-        unset=f"64; {_FEWER}",
-    )
+    nbatch: list[int] | None = nbatch_option(f"64; {_FEWER}", numbers())
     returns: str = option(
         "final",
         choice("final", "trajectory", "sensors"),
@@ -79,7 +75,7 @@ class CompareOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         False,
         FLAG,
         "How many threads? Race many numbers of threads, up to twice as many as can run at once,"
-        " and chunk sizes, or those of --threads and --chunk. Only rollout and batch_step race"
+        " and chunks, or those of --threads and --option chunk=. Only rollout and batch_step race"
         " (with --rl, only batch_step), unless --paths names others.",
         of_functions=False,
     )

@@ -8,6 +8,8 @@ from mjbench.commands.shared_options import (
     OutputOptions,
     SeedOptions,
     TimeLimitOptions,
+    nbatch_option,
+    nstep_option,
     threads_option,
 )
 from mjbench.limits import Bounds
@@ -28,19 +30,11 @@ class EnvironmentOptions(BudgetOptions, SeedOptions, TimeLimitOptions, OutputOpt
     """How an environment is measured."""
 
     EACH_S, QUICK_S, THING = 24.0, 10.0, "environment"
-    nstep: int | None = option(
-        None,
-        count(Bounds(1, MAX_NSTEP)),
-        "Steps of the environment to record, and to repeat in every timing",
-        unset="as many as take 0.1 s, from 50 to 1000",
+    nstep: int | None = nstep_option(
+        "as many as take 0.1 s, from 50 to 1000", count(Bounds(1, MAX_NSTEP))
     )
     threads: list[int] | None = threads_option()
-    nbatch: list[int] | None = option(
-        None,
-        THREADS,
-        "Environments of each SyncVectorEnv and AsyncVectorEnv",
-        unset="1, 2, 4, … usable cores",
-    )
+    nbatch: list[int] | None = nbatch_option("1, 2, 4, … usable cores, vectorised", THREADS)
     skip: list[EnvironmentPart] | None = option(
         None,
         names_among(EnvironmentPart),

@@ -11,6 +11,7 @@ from mjbench.commands.shared_options import (
     StartOptions,
     TimeLimitOptions,
     fail_on_option,
+    nstep_option,
 )
 from mjbench.options import COUNT, HERTZ, SECONDS, option
 from mjbench.status import ExitCode, exit_code
@@ -43,12 +44,7 @@ class LatencyOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         unset="the time between two paced ticks; free-running, the simulated time of a tick",
     )
     rate_hz: float | None = option(None, HERTZ, "Paced ticks per second", unset="real time")
-    nstep: int | None = option(
-        None,
-        COUNT,
-        "Steps to measure, free-running and paced",
-        unset="10,000 ticks, or what the budget allows",
-    )
+    nstep: int | None = nstep_option("10,000 ticks, or what the budget allows")
     findings: Sequence[LatencyFinding] | None = fail_on_option(
         LatencyFinding, "`missed`: a tick missed its deadline, free-running or paced."
     )

@@ -18,7 +18,7 @@ from mjbench.host import machine
 from mjbench.status import Status
 
 # Seconds of steps in a second run.
-_SECOND_S = 8.0
+SECOND_S = 8.0
 
 
 def observed(
@@ -34,9 +34,9 @@ def observed(
         return seen
     second = launch.run(
         program,
-        min(_SECOND_S, math.inf if seconds is None else seconds),
+        min(SECOND_S, math.inf if seconds is None else seconds),
         rate_hz,
-        min(most_s, 2 * _SECOND_S),
+        min(most_s, 2 * SECOND_S),
         ends_on_signal,
         seen.pools.environment,
     )

@@ -1,8 +1,7 @@
 """Run files in the formats of other tools."""
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from xml.etree import ElementTree
 
 from mjbench.commands.compare.results import derive_all, path_results
@@ -13,37 +12,28 @@ from mjbench.errors import InputError
 from mjbench.host import disturbance
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
+from mjbench.results import json_form
 from mjbench.results.runs import Run
 from mjbench.status import Status
 from mjbench.verification.records import ModelRecord
 
 
 @dataclass(frozen=True)
-class ExportedMetric:
-    """One number of a run, smaller being better, with its interval if it has one."""
+class _Entry:
+    """A number for github-action-benchmark, smaller being better; empty texts are left out."""
 
     name: str
     unit: str
     value: float
-    low: float | None = None
-    high: float | None = None
-    disturbances: Sequence[str] = ()
+    range: str = ""
+    extra: str = ""
 
 
-def metrics(run: Run) -> list[ExportedMetric]:
-    """Return nanoseconds of a step of every path, and ratios of paired comparisons.
-
-    Raises:
-      InputError: there is neither.
-    """
-    _check_kind(run)
-    return [*_step_times(run), *_ratios(run)]
-
-
-def cautions(run: Run) -> list[str]:
+def cautions(stored: Iterable[Run]) -> list[str]:
     """Return what to know before the numbers of runs of `compare`, a line each."""
     lines = (
         f"{model_results.model.model}: {caution}"
+        for run in stored
         for model_results in derive_all(run.records)
         for caution in model_results.cautions
     )
@@ -59,38 +49,32 @@ def _check_kind(run: Run) -> None:
         )
 
 
-def _step_times(run: Run) -> Iterator[ExportedMetric]:
+def _entries(run: Run) -> Iterator[_Entry]:
     for r in path_results(run.records):
         if r.step_ns is not None:
             name = f"{r.model}: {r.variant}, {r.nbatch} simulations"
-            yield ExportedMetric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
-
-
-def _ratios(run: Run) -> Iterator[ExportedMetric]:
+            extra = disturbance.sentence(r.disturbances) if r.disturbances else ""
+            yield _Entry(name, "ns/step", r.step_ns, extra=extra)
     for record in run.of_type(VerdictRecord):
-        if record.ratio is not None:
+        if (ratio := record.ratio) is not None:
             row = record.row()
             name = f"{row.model}: {verdicts.describe_targets(row)}{METRICS[row.metric].suffix}"
-            yield ExportedMetric(
-                name, "ratio", record.ratio.estimate, record.ratio.low, record.ratio.high
-            )
+            has_ends = ratio.low is not None and ratio.high is not None
+            ends = f"{ratio.low:.4g} to {ratio.high:.4g}" if has_ends else ""
+            yield _Entry(name, "ratio", ratio.estimate, ends)
 
 
 def as_github_action_benchmark(run: Run) -> str:
-    """Return metrics for benchmark-action/github-action-benchmark, tool customSmallerIsBetter."""
-    entries = []
-    for metric in metrics(run):
-        entry: dict[str, str | float] = {
-            "name": metric.name,
-            "unit": metric.unit,
-            "value": metric.value,
-        }
-        if metric.low is not None and metric.high is not None:
-            entry["range"] = f"{metric.low:.4g} to {metric.high:.4g}"
-        if metric.disturbances:
-            entry["extra"] = disturbance.sentence(metric.disturbances)
-        entries.append(entry)
-    return json.dumps(entries, indent=1) + "\n"
+    """Return times for benchmark-action/github-action-benchmark, tool customSmallerIsBetter.
+
+    They are nanoseconds of a step of every path, and ratios of paired comparisons.
+
+    Raises:
+      InputError: there is neither.
+    """
+    _check_kind(run)
+    entries = [{k: v for k, v in asdict(e).items() if v != ""} for e in _entries(run)]
+    return json_form.text(entries)
 
 
 def as_junit(run: Run) -> str:

@@ -75,7 +75,11 @@ def of_sections(
     def report() -> Report:
         command = shlex.join(["mjbench", *words])
         conclusions = [conclusion for each in sections for conclusion in each.conclusions]
-        shown = [replace(s, conclusions=(), command=command, is_open=True) for s in sections]
+        shown = [
+            replace(each, conclusions=(), command=command, is_open=True)
+            for each in sections
+            if each.facts or each.tables
+        ]
         return Report(command, conclusions, shown)
 
     return Forms(report, lambda: document, lambda: rows.table_of(results))

@@ -7,9 +7,10 @@ from mjbench.commands.shared_options import (
     OutputOptions,
     StartOptions,
     TimeLimitOptions,
+    hold_option,
 )
 from mjbench.commands.tune.setting_names import IN_GROUPS
-from mjbench.options import COUNT, NAMES, choice, option, share
+from mjbench.options import NAMES, choice, option, share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +45,4 @@ class TuneOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOptions):
         " the two, or both",
         unset="the error of your present settings; with --max-change, any",
     )
-    hold: int = option(
-        8, COUNT, "Steps for which each control is held; timesteps must divide that time"
-    )
+    hold: int = hold_option(8)

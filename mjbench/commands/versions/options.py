@@ -76,7 +76,7 @@ class VersionsOptions(TargetOptions):
     paths: list[str] | None = option(
         None,
         NAMES,
-        "Ways of stepping, each compared between the releases",
+        "Ways of stepping to compare between the releases",
         unset="python_loop",
     )
     family: int | None = option(

@@ -140,7 +140,7 @@ TEXTS: dict[str, Callable[[Path], str]] = {
     "show": lambda file: invoked("show", file),
     "markdown": lambda file: "\n".join(markdown.render(report_of(file))),
     "html": lambda file: html.render(report_of(file)),
-    "notebook": lambda file: Comparison(read(file))._repr_html_(),
+    "notebook": lambda file: Comparison(read(file))._repr_markdown_(),
     "side by side": of_set,
 }
 
