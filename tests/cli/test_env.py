@@ -8,6 +8,7 @@ import pytest
 from commands import mjbench
 
 from mjbench.commands.env import vectors
+from mjbench.commands.env.options import EnvironmentOptions
 
 QUICK = ["--nstep", "40", "--budget", "0.1", "--threads", "1", "--skip", "vectors"]
 
@@ -97,8 +98,9 @@ def test_environments_of_gymnasium_are_measured_with_each_of_their_wrappers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inline: None
 ) -> None:
     monkeypatch.setattr(vectors, "LEAST_LAUNCHES", 2)
+    monkeypatch.setattr(EnvironmentOptions, "EACH_S", 0.1)
     (tmp_path / "stack.py").write_text(STACK)
-    quick = ["--nstep", "50", "--budget", "0.1", "--json", "out.json"]
+    quick = ["--nstep", "50", "--json", "out.json"]
     rows = []
     for words in (["InvertedPendulum-v5", "--skip", "vectors"], ["stack:make", "--nbatch", "2"]):
         done = mjbench("env", *words, *quick, cwd=tmp_path)

@@ -257,10 +257,13 @@ def _without_remedy(time: LoopTime, costly: CostlyPlaces) -> str:
 def _nothing_to_do(time: LoopTime, costly: CostlyPlaces | None) -> str:
     if time.activities.get(Activity.COMPILING, 0.0) >= MOSTLY_COMPILING:
         seconds = time.activities[Activity.COMPILING] * time.seconds
+        lines = [line for line in time.lines if Activity.COMPILING in line.activities]
+        at_line = f", most at {lines[0].place}" if lines else ""
         return (
             f"JAX compiles for {plain(seconds, 2)} s of the {plain(time.seconds, 2)} s in"
-            f" {where(time)}, once for each function: more iterations share that; a first call"
-            " before the loop shows what the others take"
+            f" {where(time)}{at_line}: once for each function and each type of its arguments; if"
+            " the function was called before, JAX_EXPLAIN_CACHE_MISSES=1 says which argument"
+            " differs (its weak type, dtype or shape)"
         )
     physics = time.activities.get(Activity.PHYSICS, 0.0)
     if time.samples < FEW_SAMPLES:
@@ -335,7 +338,9 @@ def _memory_lines(row: ProgramRow) -> list[str]:
     makers = [call for call in calls if call.callee in _KEEPERS]
     most = max(makers, key=lambda call: call.calls, default=None)
     why = f"; {most.place} makes {round(most.calls):,} × {most.callee}" if most else ""
-    return [f"Memory grew by {growth / 2**20:,.0f} MiB while it stepped{why}."]
+    seconds = max((steps.span_s for steps in row.steps), default=0.0)
+    rate = f" ({plain(growth / 2**20 / seconds, 2)} MiB per second)" if seconds else ""
+    return [f"Memory grew by {growth / 2**20:,.0f} MiB while it stepped{rate}{why}."]
 
 
 def _loop_section(row: ProgramRow, report: LoopReport) -> Section:

@@ -185,8 +185,8 @@ def test_a_model_that_cannot_be_stepped_ends_it(monkeypatch: pytest.MonkeyPatch)
         ({}, 60.0),
         ({"seconds": 100.0}, 120.0),
         ({"seconds": None}, math.inf),
-        ({"seconds": None, "budget_s": 31.0}, 20.0),
-        ({"seconds": 100.0, "quick": True}, 8.4),
+        ({"seconds": None, "budget_s": 31.5}, 20.0),
+        ({"seconds": 100.0, "quick": True}, 8.1),
     ],
 )
 def test_a_program_is_ended_in_time(options: dict[str, Any], most_s: float) -> None:

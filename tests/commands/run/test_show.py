@@ -239,6 +239,14 @@ def test_of_a_process_that_waits_for_busy_workers_only_that_is_said() -> None:
     )
 
 
+def test_where_jax_compiles_the_line_and_what_explains_it_are_said() -> None:
+    compiling = loop({Activity.COMPILING: 0.9, Activity.REST: 0.1})
+    compiling = replace(compiling, lines=lines(0.9, activity=Activity.COMPILING))
+    said = program.conclusion(row(compiling))
+    assert "in train.py:5–9, most at train.py:5: once for each function" in said
+    assert "JAX_EXPLAIN_CACHE_MISSES=1 says which argument differs" in said
+
+
 NEARLY_PHYSICS = loop({Activity.PHYSICS: 0.9, Activity.PYTHON: 0.1})
 PHYSICS = PhysicsCost(
     20_000.0,
@@ -307,6 +315,8 @@ def test_growth_of_memory_is_said_with_what_creates_objects() -> None:
     grown = row(replace(MIXED, calls=[call]), memory_growth_bytes=223 << 20)
     text = terminal.text_of(program.sections([grown]))
     assert "Memory grew by 223 MiB while it stepped; train.py:7 makes 300 × MjData." in (text)
+    text = terminal.text_of(program.sections([replace(grown, steps=[steps()])]))
+    assert "Memory grew by 223 MiB while it stepped (22 MiB per second); train.py:7" in text
 
 
 def test_a_wrong_result_stands_at_the_head_of_a_report_once() -> None:
