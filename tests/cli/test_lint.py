@@ -39,7 +39,7 @@ def test_it_prints_like_a_linter_and_exits_1(tmp_path: Path) -> None:
     assert done.stdout.startswith("bad.py:8:16 MJB001 a view is stored")
     (finding,) = json.loads((tmp_path / "out.json").read_text())["findings"]
     keys = {"file", "line", "col", "code", "message", "ns_per_step"}
-    assert set(finding) == keys | {"callee", "instead", "is_wrong_result", "last_line"}
+    assert set(finding) == keys | {"instead", "is_wrong_result", "last_line"}
 
 
 def test_a_clean_folder_exits_0(tmp_path: Path) -> None:

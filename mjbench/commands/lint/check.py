@@ -29,9 +29,8 @@ class Finding:
       code: of the rule.
       message: what is wrong, and what to write instead.
       ns_per_step: about what it costs in each step; None where the rule is not about time.
-      callee: what is called there, such as "mj_forward"; empty where the rule is not about a call.
       instead: functions of the engine, called with the model and the MjData, that do enough in the
-        place of the callee; none where the call moves out of the loop or is deleted.
+        place of what is called; none where the call moves out of the loop or is deleted.
       is_wrong_result: whether the program computes or records something else than it says.
       last_line: of a finding about several lines, such as a loop over contacts; None for one line.
     """
@@ -42,7 +41,6 @@ class Finding:
     code: str
     message: str
     ns_per_step: NonNegativeFloat | None
-    callee: str = ""
     instead: tuple[str, ...] = ()
     is_wrong_result: bool = False
     last_line: NonNegativeInt | None = None
@@ -87,7 +85,6 @@ def _finding(file: str, program: PythonProgram, rule: Rule, match: Match) -> Fin
         code=rule.code,
         message=message,
         ns_per_step=match.ns_per_step,
-        callee=match.callee,
         instead=match.instead,
         is_wrong_result=rule.is_wrong_result,
         last_line=match.node.end_lineno if match.node.end_lineno != match.node.lineno else None,

@@ -91,7 +91,7 @@ def forward_after_step(script: SteppingScript) -> Iterator[Match]:
             is_useless = bool(loops and instead) and name == "mj_forward" and not has_steps
         if is_useless:
             message = _message(name, call, instead, follows_step)
-            yield Match(call, None, message, name, instead)
+            yield Match(call, None, message, instead)
 
 
 def _follows_step(script: SteppingScript, call: ast.Call, statement: ast.Expr) -> bool:

@@ -90,7 +90,7 @@ def copied_data(script: SteppingScript) -> Iterator[Match]:
         is_copy = is_call(call, *COPIES) and script.is_data(call.args[0])
         each = _innermost(script, call) if is_copy or is_call(call, "MjData") else None
         if each and not _has_new_model(script, each, call) and _is_dropped(script, call):
-            yield Match(call, callee=last_name(call.func))
+            yield Match(call)
 
 
 @rule(
@@ -125,7 +125,7 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
                 continue
             # what a function compiles that gets an MjData may follow from the state
             if not each.functions or not any(map(script.is_data, ast.walk(each.inside))):
-                yield Match(call, callee=last_name(call.func))
+                yield Match(call)
 
 
 @rule("MJB012", "a new Renderer in every iteration; create one before the loop, and close it after")
@@ -152,7 +152,7 @@ def new_renderers(script: SteppingScript) -> Iterator[Match]:
             continue
         each = _innermost(script, call)
         if each and not _has_new_model(script, each, call) and not _varies(script, each):
-            yield Match(call, callee="Renderer")
+            yield Match(call)
 
 
 @rule(
@@ -232,7 +232,7 @@ def new_device_copies(script: SteppingScript) -> Iterator[Match]:
                 or (function == "put_model" and _changes_model(script, each, call.args[0]))
             )
             if is_same and any(_calls_name(each.loop, name) for name in steps):
-                yield Match(call, callee=function, loop=each.calling_loop)
+                yield Match(call, loop=each.calling_loop)
                 break
 
 
@@ -295,7 +295,7 @@ def new_rollout_pools(script: SteppingScript) -> Iterator[Match]:
             continue
         is_plain = all(k.arg not in (None, "persistent_pool") for k in call.keywords)
         if is_plain and _has_threads(script, call) and any(iterations(script, call)):
-            yield Match(call, callee="rollout")
+            yield Match(call)
 
 
 def _innermost(
@@ -411,7 +411,7 @@ def _if_constant(
         varying = _varying_inside(body, varies)
         read = (n for n in name_nodes(body) if isinstance(n.ctx, ast.Load) and n.id in varying)
         if all(_is_number(script, name) for name in read):
-            yield Match(node, callee="jit", loop=each.calling_loop)
+            yield Match(node, loop=each.calling_loop)
             return
 
 

@@ -15,7 +15,6 @@ class Match:
     Attributes:
       ns_per_step: about what it costs; None where that is not measured.
       message: what is wrong here, and what to write instead; empty for the rule's.
-      callee: what is called, such as "mj_forward"; empty where the rule is not about a call.
       instead: functions of the engine, called with the model and the MjData, that do enough in its
         place; none where the call moves out of the loop or is deleted.
       loop: that calls the function of the node in every iteration, or method that calls it in every
@@ -25,7 +24,6 @@ class Match:
     node: ast.expr | ast.stmt
     ns_per_step: float | None = None
     message: str = ""
-    callee: str = ""
     instead: tuple[str, ...] = ()
     loop: ast.expr | ast.stmt | None = None
 

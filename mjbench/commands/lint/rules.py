@@ -210,7 +210,7 @@ def steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
         is_plain = is_call(call, "mj_step") and len(call.args) == 2 and not call.keywords
         is_same_step = names_in(loop.target).isdisjoint(names_in(call))
         if is_range and is_plain and inner == [call] and is_same_step:
-            yield Match(call, callee="mj_step")
+            yield Match(call)
 
 
 @rule(
@@ -243,7 +243,7 @@ def synced_viewers(script: SteppingScript) -> Iterator[Match]:
     of_viewers = [c for c in syncs if dotted_name(c.func).removesuffix(".sync") in viewers - {""}]
     for call, each in in_steps(script, of_viewers, script.loops):
         if not script.is_conditional(call) and _takes_single_steps(script, each.loop):
-            yield Match(call, callee="sync", loop=each.calling_loop)
+            yield Match(call, loop=each.calling_loop)
 
 
 def _takes_single_steps(script: SteppingScript, loop: ast.AST) -> bool:

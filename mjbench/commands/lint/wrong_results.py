@@ -65,7 +65,7 @@ def halves_of_runge_kutta(script: SteppingScript) -> Iterator[Match]:
         if is_call(call, "mj_step2") and call.args:
             model = dotted_name(call.args[0])
             if model and _is_runge_kutta(script, model):
-                yield Match(call, callee="mj_step2")
+                yield Match(call)
 
 
 def _is_runge_kutta(script: SteppingScript, model: str) -> bool:
@@ -128,7 +128,7 @@ def shared_data(script: SteppingScript) -> Iterator[Match]:
         if not is_call(call, "map") and (loop is None or _waits(loop)):
             continue
         if _steps_shared_data(script, function, loop, work):
-            yield Match(call, callee=last_name(call.func))
+            yield Match(call)
 
 
 def _is_thread_pool(node: ast.AST) -> bool:

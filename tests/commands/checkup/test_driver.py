@@ -183,7 +183,7 @@ def test_a_model_that_cannot_be_stepped_ends_it(monkeypatch: pytest.MonkeyPatch)
     ("options", "most_s"),
     [
         ({}, 60.0),
-        ({"seconds": 100.0}, 150.0),
+        ({"seconds": 100.0}, 120.0),
         ({"seconds": None}, math.inf),
         ({"seconds": None, "budget_s": 31.5}, 20.0),
         ({"seconds": 100.0, "quick": True}, 8.1),

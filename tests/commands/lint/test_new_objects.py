@@ -31,8 +31,7 @@ def advance(data, plan):
     ],
 )
 def test_a_new_mjdata_in_every_iteration_is_found(tmp_path: Path, text: str) -> None:
-    (finding,) = findings(tmp_path, SETUP + text, "MJB010")
-    assert finding.callee in {"copy", "deepcopy", "MjData"}
+    assert len(findings(tmp_path, SETUP + text, "MJB010")) == 1
 
 
 @pytest.mark.parametrize(
@@ -77,19 +76,18 @@ for episode in range(9):
 
 
 @pytest.mark.parametrize(
-    ("line", "callee"),
+    "line",
     [
-        ("model = mujoco.MjModel.from_xml_path('robot.xml')", "from_xml_path"),
-        ("model = scene(rng.uniform())", "from_xml_string"),
-        ("model = spec.compile()", "compile"),
-        ("model, data = spec.recompile(model, data)", "recompile"),
-        ("physics = mjcf.Physics.from_mjcf_model(root)", "from_mjcf_model"),
-        ("if randomize: model = mujoco.MjModel.from_xml_path('robot.xml')", "from_xml_path"),
+        "model = mujoco.MjModel.from_xml_path('robot.xml')",
+        "model = scene(rng.uniform())",
+        "model = spec.compile()",
+        "model, data = spec.recompile(model, data)",
+        "physics = mjcf.Physics.from_mjcf_model(root)",
+        "if randomize: model = mujoco.MjModel.from_xml_path('robot.xml')",
     ],
 )
-def test_a_model_that_is_compiled_again_is_found(tmp_path: Path, line: str, callee: str) -> None:
+def test_a_model_that_is_compiled_again_is_found(tmp_path: Path, line: str) -> None:
     (finding,) = findings(tmp_path, EPISODES.format(model=line), "MJB011")
-    assert finding.callee == callee
     assert finding.instead == ()
 
 
@@ -142,7 +140,7 @@ def test_a_loop_that_resets_compiles_anew_as_well(tmp_path: Path) -> None:
         physics = mjcf.Physics.from_xml_string(XML)
         physics.reset()
     """
-    assert [f.callee for f in findings(tmp_path, text, "MJB011")] == ["from_xml_string"]
+    assert len(findings(tmp_path, text, "MJB011")) == 1
 
 
 RENDERING = """
@@ -164,8 +162,7 @@ for i in range(9):
     ],
 )
 def test_a_renderer_for_every_frame_is_found(tmp_path: Path, line: str) -> None:
-    (finding,) = findings(tmp_path, RENDERING.format(line=line), "MJB012")
-    assert finding.callee == "Renderer"
+    assert len(findings(tmp_path, RENDERING.format(line=line), "MJB012")) == 1
 
 
 def test_a_renderer_is_known_under_another_name(tmp_path: Path) -> None:
@@ -206,7 +203,7 @@ JIT = "import jax\nfrom functools import partial\n"
     ],
 )
 def test_a_function_that_is_compiled_in_every_iteration_is_found(tmp_path: Path, text: str) -> None:
-    assert [f.callee for f in findings(tmp_path, JIT + text, "MJB013")] == ["jit"]
+    assert len(findings(tmp_path, JIT + text, "MJB013")) == 1
 
 
 @pytest.mark.parametrize(
@@ -244,8 +241,6 @@ for _ in range(9):
 def test_rollout_with_threads_of_its_own_is_found_in_a_loop(tmp_path: Path) -> None:
     call = "states, sensors = rollout.rollout(model, datas, starts, plans)"
     assert places(tmp_path, ROLLOUT.format(call=call)) == [("MJB014", call)]
-    (finding,) = findings(tmp_path, ROLLOUT.format(call=call))
-    assert (finding.callee, finding.instead) == ("rollout", ())
 
 
 @pytest.mark.parametrize(
@@ -322,8 +317,7 @@ for episode in range(episodes):
     ],
 )
 def test_what_goes_to_the_device_in_every_episode_is_found(tmp_path: Path, line: str) -> None:
-    (finding,) = findings(tmp_path, DEVICE.format(line=line), "MJB022")
-    assert finding.callee in ("put_data", "put_model")
+    assert len(findings(tmp_path, DEVICE.format(line=line), "MJB022")) == 1
 
 
 @pytest.mark.parametrize(

@@ -137,6 +137,14 @@ def test_how_a_program_failed_is_one_sentence(ended: dict[str, Any], says: str) 
     assert bool(said) == bool(says)
 
 
+def test_a_program_that_mjbench_ended_is_said_to_be() -> None:
+    ended = replace(row(MIXED), was_ended=True)
+    (section, *_) = program.sections([ended])
+    assert section.facts == ["mjbench ended train.py after 3 s: --seconds none runs it to its end."]
+    (section, *_) = program.sections([row(MIXED)])
+    assert section.facts == []
+
+
 def test_a_program_that_does_not_step_is_to_run_for_longer() -> None:
     ended = replace(row(MIXED), loops=[], was_ended=True)
     assert program.conclusion(ended) == (

@@ -130,7 +130,7 @@ def test_advised_paths_stand_side_by_side() -> None:
     by_question = answers(run("a", *compared()), run("b", *compared(1.0)))
     assert list(by_question) == ["m, 10 × 100 steps, open loop", "m, 10 × 100 steps, closed loop"]
     assert by_question["m, 10 × 100 steps, open loop"] == {
-        "a": "✓ rollout threads=2 pool=kept 2.00× (2.00 to 2.00)",
+        "a": "✓ rollout threads=2 pool=kept 2.00× (2.00–2.00)",
         "b": "✓ python_loop",
     }
 
@@ -166,7 +166,7 @@ def test_versions_of_mujoco_on_one_machine_are_kept_apart() -> None:
 def test_a_machine_that_was_asked_twice_has_both_answers() -> None:
     runs = [run("a", *compared()), run("a", *compared(1.0)), run("b", *compared())]
     row = section(*runs).tables[0].rows[0]
-    assert row[1] == "✓ rollout threads=2 pool=kept 2.00× (2.00 to 2.00); ✓ python_loop"
+    assert row[1] == "✓ rollout threads=2 pool=kept 2.00× (2.00–2.00); ✓ python_loop"
 
 
 def test_what_disturbed_a_machine_is_said_and_makes_its_advice_uncertain() -> None:

@@ -7,7 +7,7 @@ REACHER = """
 <mujoco model="reacher">
   <option timestep=".01"/>
   <worldbody>
-    <geom name="floor" type="plane" size="2 2 .1" pos="0 0 -.1"/>
+    <geom type="plane" size="2 2 .1" pos="0 0 -.1"/>
     <body name="upper">
       <joint name="shoulder" axis="0 0 1" damping=".05"/>
       <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/>
