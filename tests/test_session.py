@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from mjbench.commands.profile.habit_timing import OverheadRow
+from mjbench.measuring.budget import Budget
 from mjbench.paired.targets import Target
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.session import Observer, input_files, of_each_model
@@ -15,12 +16,12 @@ from mjbench.status import Status
 def test_a_continued_run_measures_only_the_models_that_did_not_end_well() -> None:
     measured: list[str] = []
 
-    def measure(source: ModelSource) -> list[OverheadRow]:
+    def measure(source: ModelSource, budget_s: float) -> list[OverheadRow]:
         measured.append(source.name)
         return [OverheadRow(model=source.name)]
 
     sources = [models.resolve(name) for name in ("cartpole", "humanoid", "pile")]
-    each = of_each_model("overhead", sources, DEFAULT_STARTS, OverheadRow, measure)
+    each = of_each_model("overhead", sources, DEFAULT_STARTS, OverheadRow, measure, Budget(1.0))
     earlier = [
         OverheadRow(model="cartpole"),
         OverheadRow(model="humanoid", status=Status.CRASHED, detail="signal 9"),

@@ -166,7 +166,7 @@ def _front_table(record: TuneRecord, present: CurrentSettings) -> DataTable:
             lambda row: in_units(error) if (error := row[0].error) else None,
         ),
         (
-            Column("change, % of the motion", formats.digits(3), leaves=1),
+            Column("% of the motion changed", formats.digits(3), leaves=1),
             lambda row: 100 * known.distance.share if (known := row[0].accuracy) else None,
         ),
         (Column("settings"), lambda row: label(row[0].settings)),

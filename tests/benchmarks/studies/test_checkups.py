@@ -32,9 +32,9 @@ def test_runs_of_commands_are_the_parts_of_a_checkup() -> None:
     assert whole.of_type(TuneRecord) == [record]
 
 
-def test_arguments_of_a_program_follow_two_dashes_in_a_checkup_alone() -> None:
+def test_arguments_of_a_program_follow_it_in_every_command() -> None:
     target = Target("mujoco:rollout.py", TargetKind.PROGRAM, ("--nstep", "9"))
-    assert target.checkup == (target.word, "--", "--nstep", "9")
+    assert target.checkup == (target.word, "--nstep", "9")
     assert target.closer == (("run", "--seconds", "60", target.word, "--nstep", "9"),)
     assert target.copied.is_file()
     assert target.word == "rollout.py"

@@ -28,10 +28,10 @@ def test_each_side_has_its_times_beside_steady_runs() -> None:
         {
             "model": "m",
             "environment": environment,
-            "trace": "2 s (2 s to 2 s)",
+            "trace": "2 s (2 s–2 s)",
             "compile": "8 s (one process)",
-            "first run": "100 ms (100 ms to 100 ms)",
-            "steady run": "10 ms (10 ms to 10 ms)",
+            "first run": "100 ms (100 ms–100 ms)",
+            "steady run": "10 ms (10 ms–10 ms)",
             "programs": "31",
         }
         for environment in ("1.0.0", "2.0.0")
