@@ -2,13 +2,12 @@
 
 import csv
 import io
-import math
 from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # it loads msgspec, which a timer in a program needs not
-    from mjbench.interval import Interval, LogEstimate
+    from mjbench.interval import Interval
 
 # Writes a cell that is not a text.
 Form = Callable[[Any], str]
@@ -107,31 +106,11 @@ def change_to_tenth(ratio: float) -> str:
     return f"{100 * (ratio - 1):+.1f} %"
 
 
-def log_change(log_ratio: float) -> str:
-    """Return a log ratio as a change in percent, or as a factor where it is at least twofold."""
-    ratio = math.exp(log_ratio)
-    return f"×{ratio:.2f}" if _is_factor(ratio) else change_to_tenth(ratio)
-
-
-def change_with_error(estimate: "LogEstimate") -> str:
-    """Return an estimate as `log_change` does, with its standard error, such as `+1.2 ±0.3 %`."""
-    ratio = estimate.ratio
-    error = ratio * estimate.deviation
-    if _is_factor(ratio):
-        return f"×{ratio:.2f} ±{error:.2f}"
-    return f"{100 * (ratio - 1):+.1f} ±{100 * error:.1f} %"
-
-
 # What the numbers are that a form writes as percent, for programs that read them as they are.
 RAW_UNITS: dict[Form, str] = {
     **dict.fromkeys((percent, whole_percent, short_percent), "share"),
     **dict.fromkeys((change, change_to_tenth), "ratio"),
-    log_change: "log ratio",
 }
-
-
-def _is_factor(ratio: float) -> bool:
-    return ratio >= 2 or ratio <= 0.5
 
 
 def ends(interval: "Interval | None", form: Form = factor) -> str:

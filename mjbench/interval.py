@@ -1,4 +1,4 @@
-"""An estimate with its interval or its deviation: types that records, tables and advice share."""
+"""An estimate with its interval: a type that records, tables and advice share."""
 
 import math
 from dataclasses import dataclass
@@ -50,15 +50,3 @@ class Interval:
 
     def is_below(self, value: float) -> bool:
         return self.high is not None and self.high < value
-
-
-@dataclass(frozen=True)
-class LogEstimate:
-    """The time of a step or an operation in a release over that in the reference."""
-
-    log_ratio: float
-    deviation: float
-
-    @property
-    def ratio(self) -> float:
-        return math.exp(self.log_ratio)

@@ -11,13 +11,11 @@ from benchmarks.history.change_points import (
     MIN_DEVIATIONS,
     SIMULATED_DEVIATION,
 )
+from benchmarks.history.log_estimates import LogEstimate, log_change
 from benchmarks.history.speed_history import SpeedHistory, listed_changes
-from benchmarks.history.speed_series import MeasuredRelease, SpeedSeries
-from mjbench import formats
+from benchmarks.history.speed_series import NO_CHANGE_PAIRS, MeasuredRelease, SpeedSeries
 from mjbench.formats import count_of
 from mjbench.host.machine import Machine
-from mjbench.interval import LogEstimate
-from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.results import charts, markdown
 from mjbench.results.content import Conclusion, Section
 from mjbench.simulation import models
@@ -138,7 +136,7 @@ def conclusions(history: SpeedHistory) -> Iterator[str]:
     largest = sorted(listed, key=lambda c: -abs(c.point.change))[:_LARGEST_CHANGES]
     if largest:
         texts = [
-            f"{formats.log_change(c.point.change)} for {c.series.name} in {c.after.release}"
+            f"{log_change(c.point.change)} for {c.series.name} in {c.after.release}"
             for c in largest
         ]
         yield f"The largest changes from one release to the next are {', '.join(texts)}."
@@ -148,7 +146,7 @@ def _range(log_ratios: Sequence[float]) -> str:
     if not log_ratios:
         return ""
     ends = sorted(log_ratios, key=abs)[:: max(1, len(log_ratios) - 1)]
-    return f" ({' to '.join(map(formats.log_change, ends))})"
+    return f" ({' to '.join(map(log_change, ends))})"
 
 
 def _provenance(history: SpeedHistory) -> Iterator[str]:

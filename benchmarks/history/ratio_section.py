@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Sequence
 
 from benchmarks.history import release_ratios, speed_series
+from benchmarks.history.log_estimates import change_with_error
 from benchmarks.history.release_ratios import RatioRecord, StepRatioRecord
 from mjbench import formats
 from mjbench.results.content import Column, DataTable, Section
@@ -27,12 +28,12 @@ def section(records: Sequence[RatioRecord]) -> Section:
         (Column("model or operation"), lambda row: row[0]),
         (Column("release"), lambda row: row[2].release),
         (
-            Column("time", formats.change_with_error),
-            lambda row: release_ratios.averaged(row[2].launches),
+            Column("time", has_figures=True),
+            lambda row: change_with_error(release_ratios.averaged(row[2].launches)),
         ),
         (
-            Column("as shipped", formats.change_with_error, leaves=3),
-            lambda row: release_ratios.as_shipped(row[2].launches),
+            Column("as shipped", has_figures=True, leaves=3),
+            lambda row: change_with_error(release_ratios.as_shipped(row[2].launches)),
         ),
         (Column("launches", formats.count, leaves=2), lambda row: len(row[2].launches)),
         (Column("seconds", formats.tenths, leaves=1), lambda row: row[2].seconds or None),

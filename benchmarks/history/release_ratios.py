@@ -8,9 +8,10 @@ and a release.
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from benchmarks.history.log_estimates import LogEstimate
 from mjbench.bounds import (
     AnyFloat,
     LogRatio,
@@ -20,8 +21,6 @@ from mjbench.bounds import (
     PositiveInt,
     Version,
 )
-from mjbench.interval import LogEstimate
-from mjbench.measuring import launch_stats
 from mjbench.releases.placement import Placement
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
@@ -102,8 +101,8 @@ def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> Lo
     count = len(set(residues)) if residues else 1
     if len(log_ratios) <= count:
         return None
-    mean, deviation = launch_stats.mean_and_deviation(clipped(log_ratios, residues), residues)
-    return LogEstimate(mean, max(deviation, MIN_DEVIATION))
+    estimate = LogEstimate.of_launches(clipped(log_ratios, residues), residues)
+    return replace(estimate, deviation=max(estimate.deviation, MIN_DEVIATION))
 
 
 def clipped(log_ratios: Sequence[float], residues: Sequence[int] | None = None) -> list[float]:

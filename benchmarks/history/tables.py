@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterator, Sequence
 
+from benchmarks.history.log_estimates import LogEstimate, change_with_error
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
 from mjbench import formats
 from mjbench.counts.function_differences import largest_differences
 from mjbench.counts.records import ExplainRecord
-from mjbench.interval import LogEstimate
 from mjbench.results.content import Column, DataTable
 
 # The smallest change that has a row: a run beside other work had changes that differ by as much
@@ -35,8 +35,8 @@ def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTab
         (Column("releases"), lambda each: f"{each.before.release} → {each.after.release}"),
         (Column(noun), lambda each: each.title),
         (
-            Column("time", formats.change_with_error),
-            lambda each: LogEstimate(each.point.change, each.point.deviation),
+            Column("time", has_figures=True),
+            lambda each: change_with_error(LogEstimate(each.point.change, each.point.deviation)),
         ),
         (
             Column("instructions", formats.change_to_tenth),

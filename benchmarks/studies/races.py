@@ -382,7 +382,9 @@ def _true_speedups(stored: "RaceRecord") -> list[float]:
     from mjbench.measuring import launch_stats
 
     logs = [[each.log_ratio(i, 0) for each in stored.launches] for i in range(len(stored.variants))]
-    return [math.exp(launch_stats.mean_and_deviation(of_variant)[0]) for of_variant in logs]
+    return [
+        math.exp(launch_stats.student_interval(of_variant, 0.95).estimate) for of_variant in logs
+    ]
 
 
 def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceRecord, float]":

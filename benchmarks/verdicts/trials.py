@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from benchmarks.history.speed_series import NO_CHANGE_PAIRS, NoChangePair
 from benchmarks.verdicts import records
 from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
 from benchmarks.verdicts.section import describe_case
@@ -25,7 +26,6 @@ from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_names
-from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.results.runs import Record
 from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.simulation import models

@@ -168,16 +168,6 @@ def most_disturbed(count: int) -> int:
     return 0
 
 
-def mean_and_deviation(
-    samples: Sequence[float], residues: Sequence[int] | None = None
-) -> tuple[float, float]:
-    """Return the mean of launches (see `fit`) and its standard error; ValueError with too few."""
-    fitted = fit(_cells(samples, residues))
-    if fitted.freedom[0] <= 0:
-        raise ValueError("need more samples than residues")
-    return float(fitted.mean[0]), float(fitted.deviation[0])
-
-
 def student_interval(samples: Sequence[float], confidence: float) -> Interval:
     """Return the mean of launches with Student's interval.
 
@@ -185,7 +175,7 @@ def student_interval(samples: Sequence[float], confidence: float) -> Interval:
     """
     from scipy.special import stdtrit
 
-    fitted = fit(_cells(samples, None))
+    fitted = fit(cells(samples, None))
     mean, freedom = float(fitted.mean[0]), int(fitted.freedom[0])
     if freedom <= 0:
         return Interval(mean, None, None)
@@ -196,7 +186,7 @@ def student_interval(samples: Sequence[float], confidence: float) -> Interval:
 def evidence(
     samples: Sequence[float], confidence: float, residues: Sequence[int] | None = None
 ) -> Evidence:
-    fitted = fit(_cells(samples, residues))
+    fitted = fit(cells(samples, residues))
     positive, negative = fitted.e_values()
     interval = _interval(fitted, confidence)
     return Evidence(interval, len(samples), float(positive[0]), float(negative[0]))
@@ -222,7 +212,7 @@ def anytime_interval(
     Raises:
       ValueError: no samples, a confidence not between 0 and 1, or residues of other launches.
     """
-    return _interval(fit(_cells(samples, residues)), confidence)
+    return _interval(fit(cells(samples, residues)), confidence)
 
 
 def interval_beside(
@@ -233,9 +223,9 @@ def interval_beside(
     The few have a mean of their own. Their deviation is taken to be that of the others, so that
     three launches have an interval, too. `residues` are of the placements of the others.
     """
-    own = fit(_cells(samples, None))
+    own = fit(cells(samples, None))
     if others:
-        more = fit(_cells(others, residues))
+        more = fit(cells(others, residues))
         own = replace(own, freedom=own.freedom + more.freedom, squares=own.squares + more.squares)
     return _interval(own, confidence)
 
@@ -263,7 +253,7 @@ def _interval(fitted: Fit, confidence: float) -> Interval:
     return Interval.around(float(fitted.mean[0]), float(fitted.half_width(confidence)[0]))
 
 
-def _cells(samples: Sequence[float], residues: Sequence[int] | None) -> np.ndarray:
+def cells(samples: Sequence[float], residues: Sequence[int] | None) -> np.ndarray:
     if not len(samples):
         raise ValueError("need samples")
     if residues is None:

@@ -10,13 +10,13 @@ from mjbench import formats
 from mjbench.formats import Form
 from mjbench.host import disturbance
 from mjbench.host.disturbance import Disturbance
-from mjbench.interval import Interval, LogEstimate
+from mjbench.interval import Interval
 
 if TYPE_CHECKING:
     from mjbench.results.runs import Run
 
-# What a cell can hold: a text, a number, an estimate or interval, or nothing.
-Cell = str | float | int | LogEstimate | Interval | None
+# What a cell can hold: a text, a number, an interval, or nothing.
+Cell = str | float | int | Interval | None
 _T = TypeVar("_T")
 
 
@@ -86,14 +86,12 @@ class Column:
                 return None
             case int() | float():
                 return cell
-            case LogEstimate():
-                return cell.log_ratio
         return cell.low
 
     def raw(self, cells: Sequence[Cell]) -> list[list[str | float | None]]:
         """Return the columns of numbers, not rounded, that stand for it: a heading, then cells.
 
-        An estimate, or an interval, has two.
+        An interval has two.
         """
         if self.form is None:
             return [[self.title, *map(self.shown, cells)]]
@@ -101,8 +99,6 @@ class Column:
             case int() | float():
                 unit = formats.RAW_UNITS.get(self.form)
                 parts = {f" ({unit})" if unit else "": "real"}
-            case LogEstimate():
-                parts = {" (log ratio)": "log_ratio", " (its standard error)": "deviation"}
             case _:
                 parts = {" (low)": "low", " (high)": "high"}
         return [

@@ -10,17 +10,6 @@ if TYPE_CHECKING:
 SAME_WORK = 0.005
 # A smaller difference after one step is rounding: the order of additions changed.
 ROUNDING = 1e-9
-# The smallest relative difference of two drifts that says that a step's result changed.
-_DRIFT_CHANGE = 1e-3
-
-
-def result_changes(baseline_drift: float | None, candidate_drift: float | None) -> list[str]:
-    """Return, in a phrase, that two releases step to different results; empty if they do not."""
-    if baseline_drift is None or candidate_drift is None:
-        return []
-    low, high = sorted((baseline_drift, candidate_drift))
-    is_other = high > ROUNDING and high - low > _DRIFT_CHANGE * high
-    return ["different result of one step"] if is_other else []
 
 
 def work_changes(

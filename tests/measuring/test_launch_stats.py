@@ -75,7 +75,7 @@ def test_a_few_launches_beside_many_have_an_interval_around_their_own_mean() -> 
     assert beside.estimate == 7.25
     # of two launches with the deviation of the others, and the degrees of freedom of both
     fitted = launch_stats.fit(np.array([[[7.0, 7.5]]]))
-    more = launch_stats.fit(launch_stats._cells(others, RESIDUES[:20]))
+    more = launch_stats.fit(launch_stats.cells(others, RESIDUES[:20]))
     fitted = replace(
         fitted, freedom=fitted.freedom + more.freedom, squares=fitted.squares + more.squares
     )

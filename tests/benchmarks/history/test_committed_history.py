@@ -1,5 +1,6 @@
 """What the committed history of releases says, and docs/history.md with it."""
 
+import itertools
 import math
 import re
 import statistics
@@ -11,10 +12,11 @@ from benchmarks.history import files, known_causes, measurements, speed_series
 from benchmarks.history import page as of_history
 from benchmarks.history.release_ratios import RatioRecord
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
+from benchmarks.history.speed_series import NO_CHANGE_PAIRS
 from benchmarks.studies import history_repeats
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import bundle
-from mjbench.releases.release import NO_CHANGE_PAIRS, OLDEST, version_key
+from mjbench.releases.release import OLDEST, version_key
 from mjbench.results import runs
 from mjbench.status import ExitCode
 
@@ -130,3 +132,10 @@ def test_a_pass_in_turns_is_as_exact_as_the_page_says_and_takes_two_minutes_a_re
     least, most = min(seconds.values()), max(seconds.values())
     assert most <= 120.0
     assert f"A release takes {least:.0f} to {most:.0f} s on two cores" in page
+
+
+def test_each_pair_without_a_change_is_two_neighbours() -> None:
+    versions = [release.version for release in bundle.read(bundle.default_path())]
+    neighbours = set(itertools.pairwise(versions))
+    assert NO_CHANGE_PAIRS
+    assert {(pair.old, pair.new) for pair in NO_CHANGE_PAIRS} <= neighbours

@@ -14,13 +14,13 @@ import pytest
 from click.testing import CliRunner, Result
 from commands import PYTHONPATH, ROOT
 
+from benchmarks.history.speed_series import NO_CHANGE_PAIRS
 from benchmarks.verdicts import trials
 from benchmarks.verdicts.records import Arm, CaseRow, TrialRecord
 from benchmarks.verdicts.trials import Case
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.simulation import models
 
 

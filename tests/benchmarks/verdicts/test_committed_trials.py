@@ -8,12 +8,12 @@ import pytest
 from commands import ROOT
 from committed_trials import BETWEEN_BUILDS, INSIDE_STEP, KNOWN, TRIALS, trials_of
 
+from benchmarks.history.speed_series import NO_CHANGE_PAIRS
 from benchmarks.studies.page_part import of_lines
 from benchmarks.verdicts import page, trials
 from benchmarks.verdicts.records import RECORD_TYPES, TrialRecord
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan, judge
-from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.results import runs
 from mjbench.simulation import models
 

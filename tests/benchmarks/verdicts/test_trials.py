@@ -10,6 +10,7 @@ import process_tree
 import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
+from benchmarks.history.speed_series import NoChangePair
 from benchmarks.verdicts import trials
 from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
 from benchmarks.verdicts.trials import Case
@@ -23,7 +24,6 @@ from mjbench.paired.records import Judgement, LaunchRow, PlacementEffect, Verdic
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
-from mjbench.releases.release import NoChangePair
 from mjbench.status import Status
 
 MOVED = PlacementPair(Placement(16, 32), Placement(48, 0))
