@@ -72,7 +72,7 @@ KINDS: dict[str, type[Any]] = {
 MEASUREMENTS: dict[str, Callable[[Any], Measurement]] = {
     "checkup": lambda given: checkup.measurement(CARTPOLE, CheckupPlan.of(given)),
     "compare": lambda given: model_comparison.measurement(
-        [CARTPOLE], model_comparison.plans_of(given, None), given.budget
+        [CARTPOLE], model_comparison.plans_of(given), given.budget
     ),
     "env": lambda given: env.measurement(["Humanoid-v5"], given),
     "latency": lambda given: latency.measurement([CARTPOLE], given),

@@ -1,13 +1,9 @@
 """`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
 
 import functools
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench import paths as stepping_paths
 from mjbench.api import model_sources
 from mjbench.api.functions import with_options
 from mjbench.api.result import Result
@@ -17,7 +13,6 @@ from mjbench.commands.compare.driver import measurement, plans_of
 from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.compare.results import ModelResults, PathResult, derive_all
 from mjbench.commands.show.documents import CompareDocument
-from mjbench.errors import InputError
 from mjbench.measuring.timing import Progress
 
 if TYPE_CHECKING:
@@ -79,27 +74,7 @@ def compare(
       MachineError: a package is missing, or no model could be compared because processes failed.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    plans = plans_of(options, _own_path_folder(options.paths or ()))
+    plans = plans_of(options)
     with model_sources.sources(models) as sources:
         work = measurement(sources, plans, options.budget)
         return Comparison.of(work, options.wait, on_progress)
-
-
-def _own_path_folder(path_names: Sequence[str]) -> str | None:
-    """Return the folder of the user's own paths, for child processes; None without such paths."""
-    folders = set()
-    for name in path_names:
-        module_name, colon, _ = name.partition(":")
-        if not colon:
-            continue
-        stepping_paths.find(name)
-        file = getattr(sys.modules[module_name], "__file__", None)
-        if file is None or module_name == "__main__":
-            raise InputError(
-                f"path {name}: child processes can import it from a module's file only"
-            )
-        is_package = hasattr(sys.modules[module_name], "__path__")
-        folders.add(str(Path(file).resolve().parents[module_name.count(".") + is_package]))
-    if len(folders) > 1:
-        raise InputError(f"paths of your own must lie in one folder, not in {', '.join(folders)}")
-    return folders.pop() if folders else None

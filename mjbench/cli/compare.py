@@ -1,8 +1,11 @@
 """`mjbench compare`: ways of stepping, on each model."""
 
+import sys
+from pathlib import Path
+
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import models_argument, own_path_folder, takes
+from mjbench.cli.shared import models_argument, takes
 from mjbench.commands.compare.options import CompareOptions
 from mjbench.simulation.models import ModelSource
 
@@ -32,9 +35,10 @@ def compare(sources: list[ModelSource], options: CompareOptions) -> None:
     from mjbench.commands.compare import show
     from mjbench.commands.compare.driver import measurement, plans_of
 
-    plans = plans_of(options, own_path_folder(options.paths))
+    if any(":" in name for name in options.paths or ()):
+        sys.path.insert(0, str(Path.cwd()))  # where the user's own paths are
     measure_and_print(
-        measurement(each_once(sources), plans, options.budget),
+        measurement(each_once(sources), plans_of(options), options.budget),
         options,
         each=show.model_sections,
         summary=show.summary,

@@ -3,8 +3,7 @@
 import functools
 import inspect
 import os
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -71,19 +70,6 @@ class ProgramCommand(Command):
         if i < len(args) and args[i] != "--" and self.is_program(args[i]):
             args = [*args[:i], "--", *args[i:]]
         return super().parse_args(ctx, args)
-
-
-def own_path_folder(path_names: Sequence[str] | None) -> str | None:
-    """Return the folder that the user's own paths are imported from, and import from it here, too.
-
-    Returns:
-      The current folder; None where no path is the user's own.
-    """
-    if not any(":" in name for name in path_names or ()):
-        return None
-    folder = str(Path.cwd())
-    sys.path.insert(0, folder)
-    return folder
 
 
 def as_one(

@@ -8,9 +8,11 @@ do the verified work (see `paired.race`). Accelerated paths, which compile first
 """
 
 import itertools
+import sys
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from mjbench import paths
 from mjbench.commands.compare import accelerated_measurement
@@ -41,12 +43,8 @@ from mjbench.verification.records import ModelRecord, VariantRecord
 _VERIFICATION_SHARE = 0.2
 
 
-def plans_of(options: CompareOptions, import_from: str | None) -> list[ComparisonPlan]:
-    """Return a plan for each number of simulations.
-
-    Args:
-      import_from: folder of the user's own paths; None without any.
-    """
+def plans_of(options: CompareOptions) -> list[ComparisonPlan]:
+    """Return a plan for each number of simulations."""
     hold = options.hold or (RL_HOLD if options.rl else 1)
     if options.rl:
         selection.check_for_rl(options.paths or ())
@@ -63,7 +61,7 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
         returns=Product(options.returns),
         budget_s=options.budget.each_s,
         limit_s=options.time_limit_s,
-        import_from=import_from,
+        import_from=_own_path_folder(names),
         named=tuple(name for name in names if name != selection.USUAL_PATHS),
         total_steps=options.total_steps,
     )
@@ -73,6 +71,26 @@ def plans_of(options: CompareOptions, import_from: str | None) -> list[Compariso
         if not any(choice.startswith("chunk=") for choice in choices):
             choices.append(selection.SCALING_CHUNKS)
     return selection.plans(plan, names, threads, choices, options.nbatch, options.rl)
+
+
+def _own_path_folder(path_names: Sequence[str]) -> str | None:
+    """Return the folder of the user's own paths, for child processes; None without such paths."""
+    folders = set()
+    for name in path_names:
+        module_name, colon, _ = name.partition(":")
+        if not colon:
+            continue
+        paths.find(name)
+        file = getattr(sys.modules[module_name], "__file__", None)
+        if file is None or module_name == "__main__":
+            raise InputError(
+                f"path {name}: child processes can import it from a module's file only"
+            )
+        is_package = hasattr(sys.modules[module_name], "__path__")
+        folders.add(str(Path(file).resolve().parents[module_name.count(".") + is_package]))
+    if len(folders) > 1:
+        raise InputError(f"paths of your own must lie in one folder, not in {', '.join(folders)}")
+    return folders.pop() if folders else None
 
 
 def measurement(

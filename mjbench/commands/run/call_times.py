@@ -33,12 +33,7 @@ _ACTIVITIES: Mapping[str, Activity] = {
     call_clock.PROCESS_START: Activity.STARTING,
 }
 # What the clock notes that is no call.
-_FACTS = (
-    call_clock.SHARED_DATA,
-    call_clock.HALVES,
-    call_clock.SOFTWARE_GL,
-    call_clock.COPIED_ENVIRONMENT,
-)
+_FACTS = (call_clock.SHARED_DATA, call_clock.HALVES, call_clock.COPIED_ENVIRONMENT)
 
 
 # A thread of one process, and a loop that it runs; None where it runs none.
@@ -127,7 +122,7 @@ class Incident:
 
     @property
     def is_wrong(self) -> bool:
-        return self.name not in (call_clock.IN_TURN, call_clock.SOFTWARE_GL)
+        return self.name != call_clock.IN_TURN
 
 
 @dataclass(frozen=True)

@@ -86,12 +86,12 @@ def measured(
 
 
 def test_for_rl_a_call_takes_one_action_of_paths_that_a_policy_can_use() -> None:
-    (plan,) = model_comparison.plans_of(CompareOptions(rl=True), None)
+    (plan,) = model_comparison.plans_of(CompareOptions(rl=True))
     assert (plan.nstep, plan.hold) == (RL_HOLD, RL_HOLD)
     assert {variant.path for variant in plan.variants} >= {"batch_step", "threads"}
     assert all(paths.find(variant.path).closed_loop for variant in plan.variants)
     swept = CompareOptions(rl=True, scaling=True, hold=3, nbatch=[16, 4096])
-    plans = model_comparison.plans_of(swept, None)
+    plans = model_comparison.plans_of(swept)
     assert [(each.nbatch, each.nstep, each.hold) for each in plans] == [(16, 3, 3), (4096, 3, 3)]
     assert {variant.path for variant in plans[0].variants} == {"python_loop", "batch_step"}
 
@@ -105,7 +105,7 @@ def test_for_rl_a_call_takes_one_action_of_paths_that_a_policy_can_use() -> None
 )
 def test_what_is_not_for_rl_is_refused(given: CompareOptions, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        model_comparison.plans_of(given, None)
+        model_comparison.plans_of(given)
 
 
 @pytest.mark.parametrize(

@@ -360,27 +360,24 @@ def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_pat
     assert named_access.gain == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
-    ("text", "pair", "says"),
-    [
-        ("for contact in data.contact:", RemedyPair(line_remedies.contacts), "do otherwise"),
-        ("x = np.linalg.inv(full) @ force", None, "mj_solveM"),
-        ("x = np.linalg.pinv(jacobian) @ error", None, "damped least squares"),
-        ("log.append(data.qpos.tolist())", None, "log[i] = data.qpos"),
-    ],
-)
-def test_a_line_has_the_remedy_of_what_it_calls(text, pair, says):
+def test_a_line_has_the_remedy_that_lint_names_with_the_gain_that_was_measured():
+    text = "for contact in data.contact:"
     called = LineTime(Place("train.py", 15, "main", text), 0.4, {PYTHON: 0.4})
     time = loop(line(12, {PHYSICS: 0.6}), called)
-    found = [finding("MJB019")] if pair else []
-    asked = listing.pairs([time], found)
-    assert asked == ([] if pair is None else [pair])
+    asked = listing.pairs([time], [finding("MJB019")])
+    assert asked == [RemedyPair(line_remedies.contacts)]
     measured = MeasuredRatios({each: ratio(0.25) for each in asked})
-    (first,) = listing.remedies(time, found, measured)
-    assert says in first.text
-    assert (first.basis, first.gain) == (
-        (Basis.BOUND, pytest.approx(0.4)) if pair is None else (Basis.PAIRED, pytest.approx(0.3))
-    )
+    (first,) = listing.remedies(time, [finding("MJB019")], measured)
+    assert "do otherwise" in first.text
+    assert (first.basis, first.gain) == (Basis.PAIRED, pytest.approx(0.3))
+
+
+@pytest.mark.parametrize(
+    "text", ["x = np.linalg.pinv(jacobian) @ error", "log.append(data.qpos.tolist())"]
+)
+def test_a_line_without_a_finding_has_no_remedy(text):
+    called = LineTime(Place("train.py", 15, "main", text), 0.4, {PYTHON: 0.4})
+    assert listing.remedies(loop(line(12, {PHYSICS: 0.6}), called)) == []
 
 
 def test_rays_at_once_save_the_loop_that_casts_them_one_by_one(tmp_path):
@@ -482,14 +479,6 @@ def test_a_line_that_is_one_call_has_the_remedy_of_the_call_alone(comment):
     time = loop(seen, activities={PHYSICS: 0.7, BINDINGS: 0.3})
     (remedy,) = listing.remedies(replace(time, calls=[step(), created]))
     assert remedy.kind == RemedyKind.CALL
-
-
-def test_drawing_by_the_processor_is_named_with_what_other_remedies_leave_of_it():
-    time = replace(loop_of(step(), call("Renderer")), activities={Activity.RENDERING: 0.7})
-    software = [Incident(call_clock.SOFTWARE_GL, step().place, 1)]
-    drawn, created = listing.remedies(time, [], None, software)
-    assert "the processor draws" in drawn.text
-    assert drawn.gain == pytest.approx(0.7 - created.gain)
 
 
 def test_files_that_lint_cannot_check_have_no_findings(tmp_path, monkeypatch):

@@ -43,7 +43,7 @@ SHARED_DATA, HALVES = "one MjData on two threads", "halves of a Runge-Kutta step
 WARNING = "warning"
 TRACE, COMPILE, DISPATCH = "jax trace", "jax compile", "jax dispatch"
 DEVICE_WAIT, TRANSFER = "jax wait", "jax transfer"
-IN_TURN, CALLBACK, SOFTWARE_GL = "simulations in turn", "callback", "software rendering"
+IN_TURN, CALLBACK = "simulations in turn", "callback"
 PROCESS_START, THREADED_ROLLOUT = "start of a process", "rollout on threads"
 EAGER_MJX, COPIED_ENVIRONMENT = "mjx.step", "copy of an environment"
 COPY_OF_DATA, DEEP_COPY_OF_DATA = COPIES_OF_DATA = "copy of MjData", "deep copy of MjData"
@@ -277,7 +277,7 @@ class CallClock:
         callee: str,
         steps: "Steps | None" = None,
         before: Callable[[Sequence[Any]], None] | None = None,
-        detail: Callable[[Sequence[Any], FrameType | None], Sequence[Any]] | None = None,
+        detail: Callable[[Sequence[Any]], Sequence[Any]] | None = None,
     ) -> Any:
         """Return what stands for a slow function: it counts each call, but none inside another."""
         now_ns = self._now_ns
@@ -302,11 +302,10 @@ class CallClock:
                 self.inside.discard(thread)
                 counts: tuple[int, int] = (0, 0)
                 details: Sequence[Any] = ()
-                frame = sys._getframe(1)
                 with suppress(Exception):
                     counts = steps(args, kwargs, result) if steps is not None else counts
-                    details = detail(args, frame) if detail is not None else details
-                self.add(callee, frame, begin_ns, end_ns, *counts, detail=details)
+                    details = detail(args) if detail is not None else details
+                self.add(callee, sys._getframe(1), begin_ns, end_ns, *counts, detail=details)
 
         return named_like(function, call)
 

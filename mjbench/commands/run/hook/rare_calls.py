@@ -4,7 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from types import FrameType, ModuleType
+from types import ModuleType
 from typing import Any
 
 from .call_clock import (
@@ -14,7 +14,6 @@ from .call_clock import (
     DEEP_COPY_OF_DATA,
     EAGER_MJX,
     PROCESS_START,
-    SOFTWARE_GL,
     THREADED_ROLLOUT,
     CallClock,
 )
@@ -41,10 +40,6 @@ _CONSTRUCTORS = (
     ("MjSpec", "from_file"),
     ("MjSpec", "from_string"),
 )
-# What OpenGL calls itself where the processor draws.
-_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software")
-_GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGLESv2.so.2", "libOSMesa.so.8")
-_GL_RENDERER = 0x1F01
 
 
 class RareCalls:
@@ -52,7 +47,6 @@ class RareCalls:
 
     def __init__(self, calls: CallClock, watch: Watch) -> None:
         self._calls, self._watch = calls, watch
-        self._has_seen_renderer = False
         self._callback_code: Any = self  # of what times a callback; at first, of nothing
 
     def install(self, module: ModuleType) -> None:
@@ -72,7 +66,7 @@ class RareCalls:
         if original is None:
             return
         before = self._keep_copied if callee in COPIES_OF_DATA else None
-        detail = self._look_at_renderer if callee == "Renderer" else None
+        detail = _frame_size if callee == "Renderer" else None
         with suppress(AttributeError, TypeError):
             timed = self._calls.slow(original, callee, before=before, detail=detail)
             setattr(owner, method, kind(timed))
@@ -98,14 +92,6 @@ class RareCalls:
             return function.__wrapped__ if is_timed else function
 
         return named_like(getter, get_callback)
-
-    def _look_at_renderer(self, args: Sequence[Any], frame: FrameType | None) -> Sequence[Any]:
-        """Return the size of a renderer's images; note whether the processor draws them."""
-        if not self._has_seen_renderer and hasattr(os, "RTLD_NOLOAD"):
-            self._has_seen_renderer = True
-            if _draws_in_software():
-                self._calls.note(SOFTWARE_GL, frame)
-        return [args[0].height, args[0].width, os.environ.get("MUJOCO_GL", "")]
 
     def install_processes(self, module: ModuleType) -> None:
         self._replace(module.BaseProcess, "start", PROCESS_START)
@@ -165,17 +151,8 @@ class RareCalls:
         module.step = named_like(original, call)  # type: ignore[attr-defined]
 
 
-def _draws_in_software() -> bool:
-    import ctypes
-
-    for library in _GL_LIBRARIES:
-        with suppress(OSError, AttributeError):
-            loaded = ctypes.CDLL(library, mode=os.RTLD_NOLOAD | os.RTLD_LAZY)
-            loaded.glGetString.restype = ctypes.c_char_p
-            name = (loaded.glGetString(_GL_RENDERER) or b"").decode(errors="replace").lower()
-            if any(each in name for each in _SOFTWARE):
-                return True
-    return False
+def _frame_size(args: Sequence[Any]) -> Sequence[Any]:
+    return [args[0].height, args[0].width, os.environ.get("MUJOCO_GL", "")]
 
 
 def _argument(args: Sequence[Any], kwargs: Mapping[str, Any], place: int, name: str) -> Any:

@@ -66,41 +66,25 @@ def contacts(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWa
 
 @dataclass(frozen=True)
 class LineRemedy:
-    """What to do about a line that samples show, by lint's rule `code` or by its text alone."""
+    """How to measure what lint's rule `code` saves at a line that samples show."""
 
     line: re.Pattern[str]
-    text: str
-    pair: RemedyPair | None = None
-    code: str = ""
-    effect: str = "nothing"
+    pair: RemedyPair
+    code: str
 
 
-# The first that fits counts. A finding's own message is shown instead of `text`.
+# The first that fits counts.
 LINE_REMEDIES = (
     LineRemedy(
-        re.compile(""), "", RemedyPair(named_access, by_wall_time=True), lint_rules.NAMED_ACCESS
+        re.compile(""), RemedyPair(named_access, by_wall_time=True), lint_rules.NAMED_ACCESS
     ),
     LineRemedy(
         re.compile(r"\b(np|numpy)\.(concatenate|append|tile|[hv]?stack)\("),
-        "",
         RemedyPair(concatenation),
         lint_rules.NEW_ARRAY,
     ),
-    LineRemedy(re.compile(""), "", RemedyPair(new_array), lint_rules.NEW_ARRAY),
-    LineRemedy(re.compile(r"\bin\b.*\.contact\b(?!\.)"), "", RemedyPair(contacts), "MJB019"),
-    LineRemedy(
-        re.compile(r"\blinalg\.p?inv\("),
-        "np.linalg.solve(a, b) takes less time than an inverse times b. For the mass matrix,"
-        " mj_solveM uses the factor that the step has computed. For a Jacobian, damped least"
-        " squares (j.T @ np.linalg.solve(j @ j.T + damping * np.eye(3), x)) take less than"
-        " pinv",
-        effect="rounding; damping changes the result near singular Jacobians",
-    ),
-    LineRemedy(
-        re.compile(r"\.tolist\(|\bfloat\(\w+\) for "),
-        "numbers become objects of Python one by one: write into a row of an array that was created"
-        " before the loop (log[i] = data.qpos)",
-    ),
+    LineRemedy(re.compile(""), RemedyPair(new_array), lint_rules.NEW_ARRAY),
+    LineRemedy(re.compile(r"\bin\b.*\.contact\b(?!\.)"), RemedyPair(contacts), "MJB019"),
 )
 
 
@@ -116,8 +100,7 @@ def line_remedies(
     codes = set[str]()
     for remedy in LINE_REMEDIES:
         matching = [each for each in of_line if each.code == remedy.code]
-        applies = bool(matching) if remedy.code else not codes
-        if applies and remedy.code not in codes and remedy.line.search(place.text):
+        if matching and remedy.code not in codes and remedy.line.search(place.text):
             codes.add(remedy.code)
             yield remedy, matching
 
@@ -148,10 +131,10 @@ def saved(
     text = line.place.text
     only_creates = " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
     is_part = remedy.code == lint_rules.NEW_ARRAY and not only_creates
-    ratio = None if remedy.pair is None else measured.ratios.get(remedy.pair)
+    ratio = measured.ratios.get(remedy.pair)
     nstep = count_of(steps_of(loop.calls))
     is_within = loop_within_step(line.place.position, loop.lines_to_step) is not None
-    if ratio is not None and count and nstep and not is_within:
+    if ratio is not None and nstep and not is_within:
         gain = min(share, count * ratio.certainly_saved_s * nstep / loop.seconds)
     elif is_part:
         return None

@@ -60,7 +60,6 @@ def pairs(
             for line in loop.lines
             if _avoidable(line) >= LEAST_GAIN
             for remedy, _ in line_remedies.line_remedies(line.place, findings)
-            if remedy.pair is not None
         ]
     return list(dict.fromkeys(asked))
 
@@ -85,8 +84,6 @@ def remedies(
         *loop_remedies.of_turns(loop, measured, incidents),
         *loop_remedies.of_pools(loop, pools),
     ]
-    if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
-        listed += loop_remedies.of_software_rendering(loop, listed)
     worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
     return sorted(worthwhile, key=lambda remedy: remedy.rank)
 
@@ -244,13 +241,12 @@ def _of_line(
         saving = line_remedies.saved(loop, line, row, len(matching), share, measured)
         if saving is None:
             continue
-        text, gain = matching[0].message if matching else row.text, saving.gain
-        error = saving.relative_error
+        gain, error = saving.gain, saving.relative_error
         yield replace(
-            of_samples(loop, activity, line.place, text, gain, RemedyKind.LINE),
+            of_samples(loop, activity, line.place, matching[0].message, gain, RemedyKind.LINE),
             gain_error=loop.error(gain) if error is None else gain * error,
             code=row.code,
-            effect=row.effect,
+            effect="nothing",
             basis=saving.basis,
             share=share,
         )

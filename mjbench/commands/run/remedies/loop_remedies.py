@@ -31,10 +31,6 @@ _MESSAGES_ADVICE: Mapping[Activity, str] = {
     " threads and mujoco.batch.Batch gain",
 }
 _COLLECTION_ADVICE = "call gc.freeze() after set-up, or gc.disable() in the loop"
-_SOFTWARE_ADVICE = (
-    "the processor draws (software rendering): with a graphics card, its own driver draws"
-    " (MUJOCO_GL=egl)"
-)
 _BUILDING_ADVICE = (
     "build and compile the model once before the loop: change the compiled model, or keep a pool"
     " of bodies"
@@ -97,14 +93,6 @@ def of_pools(loop: LoopTime, pools: ThreadPools | None) -> Iterator[Remedy]:
         yield replace(
             remedy, basis=Basis.RERUN, share=share, gain_error=None, effect="nothing but rounding"
         )
-
-
-def of_software_rendering(loop: LoopTime, listed: Sequence[Remedy]) -> Iterator[Remedy]:
-    """Yield what to do about drawing by the processor, of which other remedies leave a part."""
-    activity = Activity.RENDERING
-    saved = sum(each.gain or 0.0 for each in listed if each.activity == activity)
-    share = loop.activities.get(activity, 0.0) - saved
-    yield _of_activity(loop, activity, _SOFTWARE_ADVICE, share, RemedyKind.ACTIVITY)
 
 
 def of_building(loop: LoopTime) -> Remedy | None:
