@@ -28,7 +28,7 @@ def counted(
 
 
 def followed_counts() -> tuple[ModelCount, ModelCount, ModelCount]:
-    """Return a count, one of another release that leads to the same state, and one that does not."""
+    """Return a count, one of a release that leads to the same state, and one that does not."""
     here, elsewhere = {"qpos": np.array([[[1.0]]])}, {"qpos": np.array([[[1.0 + 1e-6]]])}
     healthy = np.ones(1, dtype=bool)
     return tuple(
