@@ -352,7 +352,7 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
         facts=[
             f"{plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
             f" {plain(row.wall_s, 3)} s",
-            *([f"Without a known change: {costly.with_share} of the loop"] if costly else ()),
+            *([f"Not in the list below: {costly.with_share} of the loop"] if costly else ()),
         ],
         figures=[_figure(time)],
         tables=filled(
