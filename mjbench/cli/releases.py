@@ -48,7 +48,7 @@ def releases(ctx: click.Context) -> None:
 @takes(JsonOptions)
 def list_releases(history: Path, options: JsonOptions) -> None:
     """List releases: on the package index, in the git history, installed here."""
-    from mjbench.commands.show.listings import releases_table
+    from mjbench.commands.show.available import releases_table
     from mjbench.releases import catalogue
     from mjbench.results.json_form import ResultsDocument
 
@@ -119,7 +119,7 @@ def install_releases(names: tuple[str, ...]) -> None:
 @takes(JsonOptions)
 def list_installs(options: JsonOptions) -> None:
     """List the installs in the cache folder, with their size and when they were last used."""
-    from mjbench.commands.show.listings import InstallsDocument, install_lines
+    from mjbench.commands.show.available import InstallsDocument, install_lines
     from mjbench.releases import installs
 
     with RunContext(options) as run:

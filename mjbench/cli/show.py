@@ -180,13 +180,13 @@ def _exit_code(stored: "Sequence[Run]", options: ShowOptions) -> int:
 
 def _print_several(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
     """Print what machines answer side by side, and each run after it."""
-    from mjbench.commands.show import machines
+    from mjbench.commands.show import machine_comparison
 
-    compared = machines.of_runs(stored)
+    compared = machine_comparison.of_runs(stored)
     if compared.has_several:
         for line in compared.cautions:
             run.out.print(line, soft_wrap=True)
-        run.show(filter(None, [machines.section(compared)]))
+        run.show(filter(None, [machine_comparison.section(compared)]))
     for number, (each, machine) in enumerate(zip(stored, compared.identities, strict=True), 1):
         run.out.print()
         run.out.rule(f"Run {number} of {len(stored)}: {each.header.command} on {machine.name}")

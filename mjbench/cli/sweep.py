@@ -15,7 +15,7 @@ from mjbench.errors import InputError, MjbenchError, writing
 
 if TYPE_CHECKING:
     from mjbench.commands.show.documents import SweepRow
-    from mjbench.commands.sweep.measure import Cell, CellResult, Plan
+    from mjbench.commands.sweep.ray_cluster import Cell, CellResult, Plan
     from mjbench.results.content import Section
 
 # In which folder each plan has one for its run files, unless --results says otherwise.
@@ -49,7 +49,7 @@ def sweep(plan: Path, options: SweepOptions) -> None:
     """
     from mjbench.commands.show import forms
     from mjbench.commands.show.documents import SweepRow
-    from mjbench.commands.sweep import measure as sweeps
+    from mjbench.commands.sweep import ray_cluster as sweeps
     from mjbench.results.json_form import ResultsDocument
 
     target = options.results or SWEEPS_FOLDER / plan.stem
@@ -80,7 +80,7 @@ def _measure(
 ) -> "Generator[tuple[Cell, CellResult], None, None]":
     """Yield the result of each cell as it ends; nothing starts where none is missing."""
     from mjbench.cli.progress import progress
-    from mjbench.commands.sweep import measure as sweeps
+    from mjbench.commands.sweep import ray_cluster as sweeps
 
     here = folder / plan.folder
     if cells:

@@ -19,7 +19,7 @@ import platformdirs
 
 from mjbench.errors import InputError, MachineError
 from mjbench.host import platforms
-from mjbench.releases import install_check, packages, pip, release_names
+from mjbench.releases import install_check, named_packages, pip, release_names
 from mjbench.releases.release_names import INSTALLED, ReleaseSpec, parse_release
 
 _LOG = logging.getLogger(__name__)
@@ -51,7 +51,7 @@ def matching(name: str) -> list[str]:
 
 def package_versions(release: ReleaseSpec) -> dict[str, str]:
     folder = None if release.name == INSTALLED else cache_folder() / release.key
-    return packages.versions(folder)
+    return named_packages.versions(folder)
 
 
 @dataclass(frozen=True)

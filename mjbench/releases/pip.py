@@ -17,7 +17,7 @@ from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.host import child, files
-from mjbench.releases import packages, release_names
+from mjbench.releases import named_packages, release_names
 from mjbench.status import ExitCode
 
 _LOG = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
       BuildError: what is to be beside the release cannot be installed with it.
       MachineError: pip failed, or the index cannot be reached.
     """
-    is_numpy_beside = "numpy" in packages.names_of(beside)
+    is_numpy_beside = "numpy" in named_packages.names_of(beside)
     numpy = [] if is_numpy_beside else [f"numpy=={metadata.version('numpy')}"]
     names = ", ".join(Path(each).name for each in beside)
     problem = run(

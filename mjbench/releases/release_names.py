@@ -15,7 +15,7 @@ from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import InputError, MachineError, one_line, suggestion
 from mjbench.formats import count_of
-from mjbench.releases import install_check, package_index, packages, wheels
+from mjbench.releases import install_check, named_packages, package_index, wheels
 from mjbench.releases.release import OLDEST, version_key
 
 # Names the release of the environment that mjbench runs in.
@@ -65,7 +65,7 @@ class ReleaseSpec:
         content.update("\n".join(self.requirements).encode())
         local = f"+{content.hexdigest()}" if self.wheels or self.beside else ""
         python = f"{sys.implementation.cache_tag}-{platform.machine()}"
-        is_other = "numpy" in packages.names_of(self.beside)
+        is_other = "numpy" in named_packages.names_of(self.beside)
         numpy = "" if is_other else f"-numpy{metadata.version('numpy')}"
         return f"{self.version}{local}-{python}{numpy}"
 
@@ -92,7 +92,7 @@ def wheel_digest(key: str) -> str:
 def is_release(text: str) -> bool:
     """Return whether an argument of the command line names a release rather than a model."""
     is_known = text in NAMES or _version(text) is not None
-    return is_known or wheels.names_wheels(text) or packages.are_packages(text)
+    return is_known or wheels.names_wheels(text) or named_packages.are_packages(text)
 
 
 def parse_release(text: str) -> ReleaseSpec:
@@ -111,7 +111,7 @@ def parse_release(text: str) -> ReleaseSpec:
         if installed is None:
             raise InputError("no MuJoCo is installed in this environment")
         return ReleaseSpec(INSTALLED, installed)
-    if packages.are_packages(text):
+    if named_packages.are_packages(text):
         return _with_packages(text)
     if wheels.names_wheels(text) or wheels.is_folder(text):
         files = wheels.find(text)
@@ -130,7 +130,7 @@ def parse_release(text: str) -> ReleaseSpec:
 
 
 def _with_packages(text: str) -> ReleaseSpec:
-    named = packages.parse(text)
+    named = named_packages.parse(text)
     release = parse_release(named.release or INSTALLED)
     has_packages = bool(named.wheels or named.requirements)
     name = text if has_packages else release.name

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from commands import mjbench
 
-from mjbench.commands.sweep import measure as sweep
-from mjbench.commands.sweep.measure import Cell, CellResult
+from mjbench.commands.sweep import ray_cluster as sweep
+from mjbench.commands.sweep.ray_cluster import Cell, CellResult
 from mjbench.results import run_writer, runs
 from mjbench.results.runs import RunHeader
 from mjbench.status import Status

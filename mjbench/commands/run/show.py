@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench import formats
-from mjbench.commands.run import costly_places, paced_loop
+from mjbench.commands.run import costly_places, late_iterations
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.costly_places import CostlyPlaces
@@ -130,7 +130,7 @@ def conclusion(row: ProgramRow) -> str:
     if (finding := beside_remedies(row)) is None:
         assert remedy is not None, "otherwise there is something else to say"
         return "first, " + _first(loop.time, remedy)
-    is_paced = bool(paced_loop.pace(loop.time, row.steps, row.queued_s))
+    is_paced = bool(late_iterations.pace(loop.time, row.steps, row.queued_s))
     if remedy is None or is_paced:
         return finding
     return f"{finding}. Then, {_first(loop.time, remedy)}"
@@ -149,7 +149,7 @@ def beside_remedies(row: ProgramRow) -> str | None:
             f"first, look outside the loops that step, which take {plain(loops_s, 2)} s of the"
             f" program's {plain(row.wall_s, 2)} s: {outside}"
         )
-    if pace := paced_loop.pace(time, row.steps, row.queued_s):
+    if pace := late_iterations.pace(time, row.steps, row.queued_s):
         return f"the loop in {where(time)} {pace}"
     if time.is_mostly_physics and gain < 1 - MOSTLY_PHYSICS:
         return _mostly_physics(row, time)
@@ -352,7 +352,7 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
         facts=[
             f"{plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
             f" {plain(row.wall_s, 3)} s",
-            *([f"Without a known change: {costly.with_share} of the loop"] if costly else ()),
+            *([f"Not in the list below: {costly.with_share} of the loop"] if costly else ()),
         ],
         figures=[_figure(time)],
         tables=filled(

@@ -8,8 +8,8 @@ from mjbench.commands.compare.advice import Advice, ClockAdvice, ThreadAdvice
 from mjbench.commands.compare.crossovers import Crossover, crossovers
 from mjbench.commands.compare.results import ModelResults, PathResult
 from mjbench.commands.doctor.detectable_change import Noise
-from mjbench.commands.show.machines import MachineAnswer, Machines
-from mjbench.commands.sweep.measure import Cell, CellResult
+from mjbench.commands.show.machine_comparison import MachineAnswer, Machines
+from mjbench.commands.sweep.ray_cluster import Cell, CellResult
 from mjbench.host.conditions import Condition
 from mjbench.host.machine import Machine
 from mjbench.results.runs import SCHEMA, Run

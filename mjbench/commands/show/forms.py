@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.commands.show import kinds, machines, reports, rows
+from mjbench.commands.show import kinds, machine_comparison, reports, rows
 from mjbench.commands.show.documents import MachinesDocument
 from mjbench.commands.show.reports import NamedRun
 from mjbench.commands.show.rows import Cell
@@ -52,7 +52,7 @@ def of_runs(named_runs: Sequence[NamedRun]) -> Forms:
     def document() -> object:
         if len(stored) == 1:
             return kinds.kind_of(stored[0]).document(stored[0])
-        return MachinesDocument.of(stored, machines.of_runs(stored))
+        return MachinesDocument.of(stored, machine_comparison.of_runs(stored))
 
     def table() -> Sequence[Mapping[str, Cell]]:
         if len(stored) > 1:

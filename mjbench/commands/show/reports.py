@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench import command_names, formats
-from mjbench.commands.show import kinds, machines
+from mjbench.commands.show import kinds, machine_comparison
 from mjbench.errors import one_line, printable
 from mjbench.formats import count_of
 from mjbench.results import runs
@@ -62,7 +62,7 @@ def read(files: Sequence[Path]) -> list[NamedRun]:
 
 
 def build(named_runs: Sequence[NamedRun]) -> Report:
-    compared = machines.of_runs([named.run for named in named_runs])
+    compared = machine_comparison.of_runs([named.run for named in named_runs])
     parts = [
         replace(part, source=printable(named.file.stem))
         for named, machine in zip(named_runs, compared.identities, strict=True)
@@ -74,7 +74,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
     summaries = [replace(p.section, conclusions=()) for p in chosen if p.section.is_summary]
     sections = [part.section for part in chosen if not part.section.is_summary]
-    if compared.has_several and (first := machines.section(compared)):
+    if compared.has_several and (first := machine_comparison.section(compared)):
         summaries.insert(0, replace(first, conclusions=(), command=_report_command(named_runs)))
         main = [*first.conclusions, *main]
     main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)

@@ -17,7 +17,7 @@ from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import DrawnWorkload
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import accelerated_path
-from mjbench.releases import packages
+from mjbench.releases import named_packages
 from mjbench.releases.release_names import INSTALLED, ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import whole_holds
@@ -57,8 +57,8 @@ def _with(spec: ReleaseSpec, needed: Sequence[str]) -> ReleaseSpec:
             f"name the packages in place of {INSTALLED}, such as jax==0.7.0: both sides"
             " get an environment of their own"
         )
-    named = packages.names_of(spec.beside)
-    here = packages.versions(None)
+    named = named_packages.names_of(spec.beside)
+    here = named_packages.versions(None)
     is_here = here.get("mujoco") == spec.version
     added = [
         f"{name}=={here[name]}" if is_here and name in here and name.startswith("mujoco") else name

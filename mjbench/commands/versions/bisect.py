@@ -17,7 +17,7 @@ from typing import ClassVar, TypeVar
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.commands.versions import function_sides, function_verdict
 from mjbench.commands.versions.function_sides import RevisionComparison
-from mjbench.counts import explain
+from mjbench.commands.versions.target_verdict import decide_targets
 from mjbench.errors import InputError, MachineError
 from mjbench.formats import listed, short_commit
 from mjbench.paired.outcomes import Verdict
@@ -340,7 +340,7 @@ def search_releases(
         on_phase(f"comparing {versions[first]} and {versions[last]}")
         old, new = (Target(releases.specs[number], source) for number in (first, last))
         timed = replace(plan, time_limit_s=shares.next_s(effort))
-        return _uninterrupted(explain.decide_targets(pool, old, new, timed))
+        return _uninterrupted(decide_targets(pool, old, new, timed))
 
     rows = [VersionRow(number, name) for number, name in enumerate(versions) if number]
     searched = SearchRange(source.name, VersionKind.RELEASE, versions[0], versions[-1], rows)

@@ -20,7 +20,7 @@ from mjbench.commands.versions.function_sides import (
     FunctionTargets,
     RevisionComparison,
 )
-from mjbench.counts import explain
+from mjbench.commands.versions.target_verdict import decide_targets
 from mjbench.errors import InputError
 from mjbench.formats import listed
 from mjbench.limits import TIME_LIMIT_S
@@ -33,7 +33,7 @@ from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE, find
-from mjbench.releases import packages
+from mjbench.releases import named_packages
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results.runs import Record
 from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
@@ -100,7 +100,7 @@ def _check_packages(specs: Sequence[ReleaseSpec]) -> None:
     Raises:
       InputError: there is one.
     """
-    named = packages.names_of([part for spec in specs for part in spec.beside])
+    named = named_packages.names_of([part for spec in specs for part in spec.beside])
     if unused := sorted(named - {"numpy"}):
         raise InputError(
             f"{BASE} does not use {listed(unused)}: name a path that does, such as --paths mjx, or"
@@ -128,7 +128,7 @@ def _decide_targets(
 ) -> VerdictRecord:
     name = f"{pair[1].model.name}, MuJoCo {pair[1].release.version}"
     on_progress(name, 0.0)
-    return explain.decide_targets(pool, *pair, plan, _shown_launch(name, on_progress))
+    return decide_targets(pool, *pair, plan, _shown_launch(name, on_progress))
 
 
 def between_revisions(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:

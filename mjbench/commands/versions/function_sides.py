@@ -15,7 +15,7 @@ from mjbench.formats import count_of, listed
 from mjbench.paired.records import TargetRow
 from mjbench.paired.timed_function import MEASURING, CodeOrigin, FunctionFacts, FunctionSource
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs, packages, release_names, revision_builds
+from mjbench.releases import installs, named_packages, release_names, revision_builds
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.releases.revisions import Repository, Revision
 from mjbench.simulation.starts import Starts
@@ -387,7 +387,7 @@ def install(spec: ReleaseSpec) -> CodeOrigin:
     if spec.name == release_names.INSTALLED:
         return CodeOrigin(frozenset(), (), "")
     folder = installs.install(spec).resolve()
-    names = packages.modules(folder, packages.names_of(spec.beside))
+    names = named_packages.modules(folder, named_packages.names_of(spec.beside))
     return CodeOrigin(names, (str(folder),), "")
 
 

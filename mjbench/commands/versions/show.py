@@ -15,7 +15,7 @@ from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, TargetRow, VerdictRecord, VerdictRow
 from mjbench.paths import BASE
-from mjbench.releases import packages
+from mjbench.releases import named_packages
 from mjbench.results import charts
 from mjbench.results.content import (
     Column,
@@ -207,7 +207,7 @@ def notes(row: VerdictRow) -> list[str]:
 
 
 def _package_lines(row: VerdictRow) -> list[str]:
-    named = frozenset().union(*(packages.names_in(side.packages) for side in row.sides))
+    named = frozenset().union(*(named_packages.names_in(side.packages) for side in row.sides))
     others = [
         f"{each.name} {each.old or 'none'} → {each.new or 'none'}"
         for each in row.packages

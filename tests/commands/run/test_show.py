@@ -214,7 +214,7 @@ def test_a_place_with_a_remedy_is_named_for_that_and_what_has_none_with_its_shar
     section = list(program.sections([row(mixed, remedy())]))
     assert section[0].conclusions[0].text.startswith("train.py: first, at train.py:7, do otherwise")
     assert section[1].facts[1] == (
-        "Without a known change: your own Python and NumPy at train.py:5: 10 % of the loop"
+        "Not in the list below: your own Python and NumPy at train.py:5: 10 % of the loop"
     )
 
 

@@ -18,7 +18,7 @@ from mjbench import formats
 from mjbench.api.compare import Comparison
 from mjbench.cli import cli
 from mjbench.commands.compare.results import PathResult, derive_all
-from mjbench.commands.show import exports, forms, machines, reports
+from mjbench.commands.show import exports, forms, machine_comparison, reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.show.reports import NamedRun
 from mjbench.host.disturbance import Disturbance
@@ -129,8 +129,8 @@ def test_other_tools_get_the_time_of_the_plain_loop_over_the_speed_up(tmp_path: 
 
 
 def of_set(file: Path) -> str:
-    compared = machines.of_runs([read(file)])
-    section = machines.section(compared)
+    compared = machine_comparison.of_runs([read(file)])
+    section = machine_comparison.section(compared)
     assert section is not None
     return "\n".join([*compared.cautions, terminal.text_of([section])])
 

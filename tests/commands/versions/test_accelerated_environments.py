@@ -10,7 +10,7 @@ from mjbench.errors import InputError
 from mjbench.paired.metrics import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
-from mjbench.releases import packages
+from mjbench.releases import named_packages
 from mjbench.releases.release_names import INSTALLED, ReleaseSpec
 from mjbench.simulation import models
 
@@ -19,7 +19,7 @@ HERE = {"mujoco": "4.0.0", "mujoco-mjx": "3.17.0", "jax": "0.9.0"}
 
 @pytest.fixture(autouse=True)
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(packages, "versions", lambda folder: HERE)
+    monkeypatch.setattr(named_packages, "versions", lambda folder: HERE)
 
 
 def with_engine(spec: ReleaseSpec) -> ReleaseSpec:

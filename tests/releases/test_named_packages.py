@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.releases import install_check, packages, release_names
-from mjbench.releases.packages import NamedPackages
+from mjbench.releases import install_check, named_packages, release_names
+from mjbench.releases.named_packages import NamedPackages
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +36,7 @@ def wheel(tmp_path: Path) -> Path:
     ],
 )
 def test_packages_are_distinguished_from_releases_and_models(text: str, expected: bool) -> None:
-    assert packages.are_packages(text) is expected
+    assert named_packages.are_packages(text) is expected
 
 
 def test_packages_stand_beside_the_release_of_this_environment() -> None:
@@ -64,10 +64,10 @@ def test_mujoco_alone_is_a_release() -> None:
 
 
 def test_wheels_may_be_among_them(wheel: Path) -> None:
-    named = packages.parse(f"{wheel},jax==0.7.0")
+    named = named_packages.parse(f"{wheel},jax==0.7.0")
     assert named == NamedPackages("", ("jax==0.7.0",), (wheel.resolve(),))
     release = release_names.parse_release(str(wheel))
-    assert packages.names_of(release.beside) == {"own-tool"}
+    assert named_packages.names_of(release.beside) == {"own-tool"}
     assert release.files == (wheel.resolve(),)
 
 
@@ -100,9 +100,9 @@ def write(folder: Path, name: str, version: str, *files: str) -> None:
 def test_what_an_environment_holds_is_read_from_what_pip_left(tmp_path: Path) -> None:
     write(tmp_path, "Own-Tool", "1.0", "own_tool/__init__.py", "_own.cpython-311.so", "../bin/own")
     write(tmp_path, "scipy", "1.17.0", "scipy/__init__.py")
-    assert packages.versions(tmp_path) == {"own-tool": "1.0", "scipy": "1.17.0"}
-    assert packages.modules(tmp_path, {"own-tool"}) == {"own_tool", "_own"}
+    assert named_packages.versions(tmp_path) == {"own-tool": "1.0", "scipy": "1.17.0"}
+    assert named_packages.modules(tmp_path, {"own-tool"}) == {"own_tool", "_own"}
 
 
 def test_names_in_a_stored_text_are_read_as_far_as_it_has_any() -> None:
-    assert packages.names_in("jax==0.7.0,\x1b[31m,jaxlib") == {"jax", "jaxlib"}
+    assert named_packages.names_in("jax==0.7.0,\x1b[31m,jaxlib") == {"jax", "jaxlib"}

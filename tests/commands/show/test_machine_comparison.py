@@ -10,7 +10,7 @@ from example_records import model_record
 from set_files import labelled
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
-from mjbench.commands.show import machines
+from mjbench.commands.show import machine_comparison
 from mjbench.host.machine import Machine
 from mjbench.paired.metrics import Metric
 from mjbench.results.content import Section, Tone
@@ -26,7 +26,7 @@ def run(machine: Machine | str, *records: Record, **header: object) -> Run:
 
 
 def section(*runs: Run) -> Section:
-    section = machines.section(machines.of_runs(runs))
+    section = machine_comparison.section(machine_comparison.of_runs(runs))
     assert section is not None
     return section
 
@@ -39,7 +39,7 @@ def answers(*runs: Run) -> dict[str, dict[str, str]]:
     """Return what each machine answers, by question."""
     return {
         question: {answer.machine: answer.text for answer in of_question}
-        for question, of_question in machines.of_runs(runs).by_question.items()
+        for question, of_question in machine_comparison.of_runs(runs).by_question.items()
     }
 
 
@@ -173,7 +173,7 @@ def test_what_disturbed_a_machine_is_said_and_makes_its_advice_uncertain() -> No
     runs = run("a", *compared(cores=1.2)), run("b", *compared())
     cells = answers(*runs)["m, 10 × 100 steps, open loop"]
     assert [cells[name][0] for name in "ab"] == ["?", "✓"]
-    (caution,) = machines.of_runs(runs).cautions
+    (caution,) = machine_comparison.of_runs(runs).cautions
     assert caution == "a, m: Disturbed: threads had 1.20 of 2 cores. Measure again."
 
 
@@ -206,4 +206,4 @@ def test_a_table_that_is_too_wide_for_the_terminal_has_a_row_for_each_cell() -> 
 
 
 def test_runs_without_answers_have_no_section() -> None:
-    assert machines.section(machines.of_runs([run("a"), run("b")])) is None
+    assert machine_comparison.section(machine_comparison.of_runs([run("a"), run("b")])) is None

@@ -16,8 +16,8 @@ from commands import PYTHONPATH, mjbench_process
 
 from mjbench import extras
 from mjbench.cli.sweep import check_command
-from mjbench.commands.sweep import measure as sweep
-from mjbench.commands.sweep.measure import Cell, CellResult
+from mjbench.commands.sweep import ray_cluster as sweep
+from mjbench.commands.sweep.ray_cluster import Cell, CellResult
 from mjbench.errors import InputError, MachineError
 from mjbench.host import machine
 from mjbench.status import Status

@@ -23,15 +23,15 @@ def models(names: tuple[str, ...], options: ListOptions) -> None:
       mjbench models
       mjbench models gymnasium:ant
     """
-    from mjbench.commands.show import listings
+    from mjbench.commands.show import available
     from mjbench.commands.show.model_facts import list_models
     from mjbench.results.json_form import ResultsDocument
 
     sources = resolve_all(names or shipped())
     with RunContext(options, [source.path for source in sources]) as run:
         listed = list_models(sources, options.time_limit_s)
-        run.table(listings.models_table(listed))
-        for line in listings.failed_models(listed):
+        run.table(available.models_table(listed))
+        for line in available.failed_models(listed):
             run.out.print(line, soft_wrap=True)
         run.write_json(ResultsDocument(results=listed))
     run.exit(model.status for model in listed)
@@ -46,12 +46,12 @@ def paths(options: JsonOptions) -> None:
     Example:
       mjbench paths
     """
-    from mjbench.commands.show import listings
-    from mjbench.commands.show.listings import PathRow
+    from mjbench.commands.show import available
+    from mjbench.commands.show.available import PathRow
     from mjbench.paths import registry
     from mjbench.results.json_form import ResultsDocument
 
     rows = [PathRow.of(path) for path in registry().values()]
     with RunContext(options) as run:
-        run.table(listings.paths_table(rows))
+        run.table(available.paths_table(rows))
         run.write_json(ResultsDocument(results=rows))
