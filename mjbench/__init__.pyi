@@ -44,12 +44,14 @@ def checkup(
         by its Gymnasium id, or as `module:function`.
       *arguments: of a program.
       on_progress: called with what is measured now, and the share of all work that is done.
-      budget_s: Time of the whole command. In seconds. Default: 60s.
+      budget_s: Time of the whole command; if given, or with --quick, it ends a program even before
+        --seconds. In seconds. Default: 60s.
       quick: A first impression, often uncertain: 15s.
       seconds: End the program, as Ctrl-C would, when it has stepped for this long, with MJX alone
         from its first compiled function on; `none` runs it to its end. In seconds.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
-        keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
+        keyframe 0, or at the default pose without one. In seconds. Default: 0.1s with a keyframe,
+        5s without.
       states: Draw start states, and their controls if there are any, from this file. `with
         mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
         by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
@@ -116,7 +118,8 @@ def compare(
       quick: A first impression, often uncertain: 5s for each model.
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
-        keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
+        keyframe 0, or at the default pose without one. In seconds. Default: 0.1s with a keyframe,
+        5s without.
       states: Draw start states, and their controls if there are any, from this file. `with
         mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
         by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
@@ -161,13 +164,14 @@ def latency(
       deadline_s: Time by which a tick should end. In seconds. Default: the time between two paced
         ticks; free-running, the simulated time of a tick.
       rate_hz: Paced ticks per second. Default: real time.
-      nstep: Steps of each simulation. Default: 10,000 ticks, or what the budget allows.
+      nstep: Steps measured at each pace. Default: 10,000 ticks, or what the budget allows.
       budget_s: Time of the whole command, divided among its models. In seconds. Default: 15s for
         each model.
       quick: A first impression, often uncertain: 5s for each model.
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
-        keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
+        keyframe 0, or at the default pose without one. In seconds. Default: 0.1s with a keyframe,
+        5s without.
       states: Draw start states, and their controls if there are any, from this file. `with
         mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
         by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
@@ -204,7 +208,8 @@ def profile(
         each model.
       quick: A first impression, often uncertain: 5s for each model.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
-        keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
+        keyframe 0, or at the default pose without one. In seconds. Default: 0.1s with a keyframe,
+        5s without.
       states: Draw start states, and their controls if there are any, from this file. `with
         mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
         by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`
@@ -226,7 +231,7 @@ def versions(
     metric: str = "time",
     min_effect: float = 0.01,
     confidence: float = 0.99,
-    precision: float = 0.005,
+    precision: float | None = None,
     as_shipped: bool = False,
     budget_s: float | None = None,
     quick: bool = False,
@@ -265,7 +270,8 @@ def versions(
         share: 0.01 is 1 %.
       confidence: Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical
         targets is called different. As a share: 0.01 is 1 %.
-      precision: Stop when half the interval's width is below this. As a share: 0.01 is 1 %.
+      precision: Stop early once half the interval's width is below this. As a share: 0.01 is 1 %.
+        Default: half of --min-effect, at most 0.5%.
       as_shipped: Compare builds as they are. By default mjbench moves their machine code in memory
         from process to process, so that only what the code does makes a difference.
       budget_s: Time of the whole command, divided among its verdicts. In seconds. Default: 60s for
@@ -278,7 +284,8 @@ def versions(
       hold: Steps for which each control is held: an environment's frame_skip.
       seed: Seed of start states and controls.
       settle_s: Simulated time for which the model moves before the first start state; 0 starts at
-        keyframe 0. In seconds. Default: 0.1s with a keyframe, 5s without.
+        keyframe 0, or at the default pose without one. In seconds. Default: 0.1s with a keyframe,
+        5s without.
       states: Draw start states, and their controls if there are any, from this file. `with
         mjbench.capture("states.npz"):` around the loop of your program writes it. Or it has arrays
         by MjData field, such as `qpos` (nstate, nq), which it needs, `qvel` (nstate, nv) and `ctrl`

@@ -32,7 +32,7 @@ LISTED: Mapping[str, Mapping[str, Listed]] = {
     "What became slower": {
         "versions": Listed("compare releases of MuJoCo or packages", "1 min"),
         "ab": Listed("compare models, commits or functions", "1 min"),
-        "bisect": Listed("find the commit or release that did it", "1 min"),
+        "bisect": Listed("find the commit or release that did it", "minutes"),
     },
     "A closer look": {
         "profile": Listed("time the stages of a step", "10 s"),

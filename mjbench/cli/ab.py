@@ -36,10 +36,10 @@ def ab(baseline: str, candidate: str, functions: tuple[str, ...], options: Revis
     MuJoCo's Python package). A model, path or release that one of the two leaves out is the
     other's; where both leave it out, path is python_loop, and release is installed.
 
-    With functions of your code, each is a revision of the git repository here: a branch, a tag, a
-    commit, or WORKTREE, which includes what is not committed. `rev=main` is the same as `main`.
-    A function is called without arguments, after `setup()` of its module, if there is one. Both
-    sides run the CANDIDATE's file, so that a new benchmark can time old code.
+    FUNCTION is FILE.py::NAME, of your code. It is called without arguments, after `setup()` of its
+    module, if there is one. Each side is then a revision of the git repository here: a branch, a
+    tag, a commit, or WORKTREE, which includes what is not committed. `rev=main` is the same as
+    `main`. Both sides run the newer side's file, so that a new benchmark can time old code.
 
     \b
     Examples:

@@ -9,7 +9,7 @@ from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import takes
 from mjbench.cli.versions import model_of
-from mjbench.commands.versions.options import RevisionOptions
+from mjbench.commands.versions.options import BisectOptions
 
 if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 @click.argument("baseline", metavar="OLD")
 @click.argument("candidate", metavar="NEW")
 @click.argument("target", metavar="FUNCTION|MODEL")
-@takes(RevisionOptions)
-def bisect(baseline: str, candidate: str, target: str, options: RevisionOptions) -> None:
+@takes(BisectOptions)
+def bisect(baseline: str, candidate: str, target: str, options: BisectOptions) -> None:
     """Which commit or release after OLD, up to NEW, made it slower or faster?
 
     The ends are compared first, then the version in the middle with OLD, and so on by halving. The
     one that is found is compared with the one before it. A verdict that is inconclusive gets twice
     the time.
 
-    With a FUNCTION of your code, these are commits, named as for `mjbench ab`. All commits run
-    NEW's file. Of merges, first parents are followed.
+    With a FUNCTION (see `mjbench help ab`), versions are commits. All run the newer side's file. Of
+    merges, first parents are followed.
 
     With a MODEL, they are the final releases of MuJoCo from OLD to NEW. Releases that are installed
     are preferred, others are installed in the cache, as by `mjbench versions`. What cannot be

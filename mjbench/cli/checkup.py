@@ -30,9 +30,9 @@ def checkup(target: str, arguments: tuple[str, ...], options: CheckupOptions) ->
 
     TARGET is a model, a Python program or an environment, as other commands take them. `mjbench
     TARGET` is the same. For a model, it races ways of stepping, tries settings, and measures
-    together the changes that keep results. A program is taken as by `mjbench run`: options of
-    mjbench come before it, its arguments follow it, and it runs unchanged, until --seconds are
-    over. The list then goes to standard error.
+    together the changes that keep results; --settle and --states are of models only. A program is
+    taken as by `mjbench run`: options of mjbench come before it, its arguments follow it, and it
+    runs unchanged, until --seconds or a --budget end it. The list then goes to standard error.
 
     Each item shows what it gains, what it changes in results, and which command looks closer. Wrong
     results come first.

@@ -103,7 +103,7 @@ class Cli(CommandGroup):
 
     def _help(self, words: Sequence[str]) -> list[str]:
         """Return the command line that prints the help of what the words name."""
-        if not words:
+        if not words or words[0] in {"help", *_HELP_NAMES}:
             return ["--help"]
         name, *rest = words
         if _is_target(name):
@@ -130,7 +130,7 @@ class Cli(CommandGroup):
         for heading, commands in LISTED.items():  # without empty lines, to fit on a screen
             formatter.write(f"{heading}:\n")
             for name, command in commands.items():
-                formatter.write(f"  {name:8}  {command.does:41} {command.takes:>6}".rstrip() + "\n")
+                formatter.write(f"  {name:8}  {command.does:41} {command.takes:>7}".rstrip() + "\n")
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; report its error in a line, and end with the error's exit code."""
@@ -217,12 +217,12 @@ Examples:
   mjbench robot.xml                        # what makes this model faster?
   mjbench train.py --num-envs 8            # what should this program change?
   mjbench compare robot.xml --scaling      # which number of threads is best?
-  mjbench versions 3.4.0 3.5.0 robot.xml   # is 3.5.0 slower than 3.4.0?
+  mjbench versions 3.17.0 4.0.0 robot.xml  # is 4.0.0 slower than 3.17.0?
   mjbench ab HEAD WORKTREE bench.py::step  # is my worktree slower than HEAD?
   mjbench show --html report.html          # the last results as a page
 
 \b
-Exit codes: 0 success; 1 finding; 2 bad input; 3 failure; 130 interrupted.
+Exit codes: 0 ok; 1 finding; 2 bad input; 3 failed or undecided; 130 Ctrl-C.
 `mjbench help COMMAND` shows its options, `mjbench --version` the version.
 """
 

@@ -21,13 +21,12 @@ def _print_rule(context: click.Context, _: click.Parameter, code: str | None) ->
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="FILE…", type=FileName())
+@click.argument("names", nargs=-1, metavar="[FILE]…", type=FileName())
 @click.option(
     "--rule",
     metavar="CODE",
     callback=_print_rule,
     expose_value=False,
-    is_eager=True,
     help="Print what a rule finds, why, and what to write instead, and end; `all` lists the rules.",
 )
 @takes(LintOptions)

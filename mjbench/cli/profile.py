@@ -60,7 +60,7 @@ def profile_instructions(sources: list[ModelSource], options: InstructionOptions
 
     \b
     Example:
-      mjbench profile --instructions humanoid --releases 3.3.0,4.0.0
+      mjbench profile --instructions humanoid --releases 3.17.0,4.0.0
     """
     from mjbench.commands.profile.driver import of_instructions
     from mjbench.counts import show

@@ -40,7 +40,7 @@ class _ShowCommand(Command):
 def show(files: tuple[Path, ...], options: ShowOptions) -> None:
     """Show run files again: the newest, or each RUN, printed or written to files.
 
-    RUN is a file, or -1 for the newest in results/runs, -2 for the one before it, and so on.
+    RUN is a file, or -1 for the newest in --results, -2 for the one before it, and so on.
 
     Two RUNs of one kind and one machine are put side by side, the older as the baseline. They were
     measured at different times: of `compare`, only what certainly differs by more than 5 % is

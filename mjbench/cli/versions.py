@@ -27,11 +27,11 @@ def versions(names: tuple[str, ...], options: VersionsOptions) -> None:
     Other packages are named as pip takes them, with commas: jax==0.7.0,jaxlib==0.7.0. They are
     installed beside this environment's MuJoCo and NumPy, unless those are among them.
 
-    In place of a MODEL, a FUNCTION of your code can be timed, which is called as by `mjbench ab`.
+    In place of a MODEL, a FUNCTION can be timed (see `mjbench help ab`).
 
     \b
     Examples:
-      mjbench versions 3.3.0 4.0.0 humanoid
+      mjbench versions 3.17.0 4.0.0 humanoid
       mjbench versions previous newest robot.xml
       mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower,changed-work
       mjbench versions 3.17.0 4.0.0 robot.xml --metric instructions --min-effect 0.5%
@@ -67,7 +67,7 @@ def releases_and_models(
     releases = [name for name in names if release_names.is_release(name)]
     sources = [model_of(name) for name in names if name not in releases]
     if len(releases) < 2:
-        raise InputError("name an OLD and a NEW release, such as 3.3.0 4.0.0")
+        raise InputError("name an OLD and a NEW release, such as 3.17.0 4.0.0")
     if needs_model:
         models.check_any(sources)
     return releases, sources

@@ -111,7 +111,7 @@ class LoopStartOptions:
         None,
         SECONDS_OR_ZERO,
         "Simulated time for which the model moves before the first start state; 0 starts at"
-        " keyframe 0",
+        " keyframe 0, or at the default pose without one",
         unset="0.1s with a keyframe, 5s without",
         is_stored=False,
     )
@@ -170,14 +170,14 @@ def hold_option(default: int | None, unset: str = "") -> Any:
     return option(default, COUNT, help_text, unset=unset)
 
 
-def nstep_option(unset: str, kind: Kind = COUNT) -> Any:
+def nstep_option(unset: str, kind: Kind = COUNT, of: str = "of each simulation") -> Any:
     """Return the option `--nstep`."""
-    return option(None, kind, "Steps of each simulation.", unset=unset)
+    return option(None, kind, f"Steps {of}", unset=unset)
 
 
-def nbatch_option(unset: str, kind: Kind = COUNT) -> Any:
+def nbatch_option(unset: str, kind: Kind = COUNT, of: str = "") -> Any:
     """Return the option `--nbatch`; of a kind of lists, each number is measured."""
-    return option(None, kind, "Simulations at once.", unset=unset)
+    return option(None, kind, f"Simulations at once{of}", unset=unset)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,15 +229,17 @@ class BudgetOptions:
 
     Attributes:
       EACH_S: seconds for each THING that it measures, unless the user says; QUICK_S: with --quick.
+      BUDGET_NOTE: what help adds to the text of --budget.
     """
 
     EACH_S: ClassVar[float]
     QUICK_S: ClassVar[float]
     THING: ClassVar[str] = "model"
+    BUDGET_NOTE: ClassVar[str] = ""
     budget_s: float | None = option(
         None,
         SECONDS,
-        f"{_WHOLE}, divided among its {{0.THING}}s",
+        f"{_WHOLE}, divided among its {{0.THING}}s{{0.BUDGET_NOTE}}",
         unset="{0.EACH_S:g}s for each {0.THING}",
     )
     quick: bool = option(
@@ -260,7 +262,9 @@ class BudgetOptions:
 class WholeBudgetOptions(BudgetOptions):
     """How long a command takes that measures one thing."""
 
-    budget_s: float | None = option(None, SECONDS, _WHOLE, unset="{0.EACH_S:g}s")
+    budget_s: float | None = option(
+        None, SECONDS, f"{_WHOLE}{{0.BUDGET_NOTE}}", unset="{0.EACH_S:g}s"
+    )
     quick: bool = option(False, FLAG, "A first impression, often uncertain: {0.QUICK_S:g}s.")
 
 
@@ -274,6 +278,6 @@ def code_option() -> Any:
     return option(False, FLAG, "Print the Python code, too.", of_functions=False)
 
 
-def threads_option() -> Any:
+def threads_option(of: str = "") -> Any:
     """Return the option `--threads`."""
-    return option(None, THREADS, "Thread counts", unset="1 and usable cores")
+    return option(None, THREADS, f"Thread counts{of}", unset="1 and usable cores")

@@ -18,10 +18,13 @@ LISTS = {"--nbatch"}
 BEGINNINGS = {
     "--budget": "Time of the whole command",
     "--fail-on": "Exit 1 for one of these: ",
+    "--nbatch": "Simulations at once",
+    "--nstep": "Steps ",
     "--only": "Try only these ",
     "--paths": "Ways of stepping to compare",
     "--quick": "A first impression, often uncertain: ",
     "--skip": "Leave out these ",
+    "--threads": "Thread counts",
 }
 # The options that choose what is done and what is not; those of lint are named as by ruff.
 INCLUSIONS, EXCLUSIONS = {"--only", "--select"}, {"--skip", "--ignore"}

@@ -19,5 +19,6 @@ class CheckupOptions(
     """What a check-up may cost, and where it is written."""
 
     EACH_S, QUICK_S = 60.0, 15.0
+    BUDGET_NOTE = "; if given, or with --quick, it ends a program even before --seconds"
     code: bool = code_option()
     resume: None = None

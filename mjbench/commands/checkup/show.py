@@ -377,7 +377,7 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
         case CheckupPart.PROGRAM:
             for row in run.of_type(ProgramRow):
                 yield from filter(None, (program.ending(row), program.conclusion(row)))
-                yield from program.end_lines(row)
+                yield from program.end_lines(row, ", without --budget and --quick,")
         case CheckupPart.SOURCE:
             yield f"lint has {count_of(len(part.findings), 'finding')}"
         case CheckupPart.ENVIRONMENT:

@@ -33,8 +33,10 @@ class EnvironmentOptions(BudgetOptions, SeedOptions, TimeLimitOptions, OutputOpt
     nstep: int | None = nstep_option(
         "as many as take 0.1 s, from 50 to 1000", count(Bounds(1, MAX_NSTEP))
     )
-    threads: list[int] | None = threads_option()
-    nbatch: list[int] | None = nbatch_option("1, 2, 4, … usable cores, vectorised", THREADS)
+    threads: list[int] | None = threads_option(" of the physics alone, by rollout and Batch")
+    nbatch: list[int] | None = nbatch_option(
+        "1, 2, 4, … up to the usable cores", THREADS, ": environments in each vector environment"
+    )
     skip: list[EnvironmentPart] | None = option(
         None,
         names_among(EnvironmentPart),

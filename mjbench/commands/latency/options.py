@@ -44,9 +44,11 @@ class LatencyOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         unset="the time between two paced ticks; free-running, the simulated time of a tick",
     )
     rate_hz: float | None = option(None, HERTZ, "Paced ticks per second", unset="real time")
-    nstep: int | None = nstep_option("10,000 ticks, or what the budget allows")
+    nstep: int | None = nstep_option(
+        "10,000 ticks, or what the budget allows", of="measured at each pace"
+    )
     findings: Sequence[LatencyFinding] | None = fail_on_option(
-        LatencyFinding, "`missed`: a tick missed its deadline, free-running or paced."
+        LatencyFinding, "`missed`: a tick ends after its deadline, free-running or paced."
     )
 
     def exit_code(self, rows: Sequence["LatencyRow"]) -> ExitCode:

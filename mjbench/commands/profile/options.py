@@ -9,6 +9,8 @@ from mjbench.commands.shared_options import (
     SizeOptions,
     TimeLimitOptions,
     code_option,
+    nbatch_option,
+    nstep_option,
     time_limit_option,
     top_option,
 )
@@ -36,5 +38,7 @@ class InstructionOptions(SizeOptions, OutputOptions):
 
     releases: list[str] | None = option(None, NAMES, "Releases to count in", unset="installed")
     top: int = top_option()
+    nbatch: int | None = nbatch_option("2")
+    nstep: int | None = nstep_option("50")
     time_limit_s: float = time_limit_option(600.0)
     wait: None = None

@@ -111,10 +111,14 @@ def ending(row: ProgramRow) -> str:
     return f"it was ended by {name}" if name else f"it ended with exit code {row.exit_code}"
 
 
-def end_lines(row: ProgramRow) -> list[str]:
-    """Return after what time mjbench ended a program, as a sentence; none where it did not."""
+def end_lines(row: ProgramRow, without: str = "") -> list[str]:
+    """Return after what time mjbench ended a program, as a sentence; none where it did not.
+
+    Args:
+      without: names options that would end it, too.
+    """
     after = f"mjbench ended {row.program} after {plain(row.wall_s, 2)} s"
-    return [f"{after}: --seconds none runs it to its end."] if row.was_ended else []
+    return [f"{after}: --seconds none{without} runs it to its end."] if row.was_ended else []
 
 
 def conclusion(row: ProgramRow) -> str:

@@ -30,8 +30,11 @@ class JudgingOptions(BudgetOptions, SizeOptions):
         "Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical targets"
         " is called different.",
     )
-    precision: float = option(
-        outcomes.PRECISION, SHARE, "Stop when half the interval's width is below this."
+    precision: float | None = option(
+        None,
+        SHARE,
+        "Stop early once half the interval's width is below this",
+        unset="half of --min-effect, at most 0.5%",
     )
     as_shipped: bool = option(
         False,
@@ -48,7 +51,7 @@ class JudgingOptions(BudgetOptions, SizeOptions):
         return VerdictPlan(
             self.min_effect,
             self.confidence,
-            self.precision,
+            self.precision or min(self.min_effect / 2, outcomes.PRECISION),
             budget.total_s or budget.each_s,
             self.sizes,
             self.as_shipped,
@@ -82,8 +85,8 @@ class VersionsOptions(TargetOptions):
     family: int | None = option(
         None,
         COUNT,
-        "Correct for N comparisons in all, where other commands make some of them: a change then"
-        " needs more evidence",
+        "Total comparisons of your CI job, where several commands share it: a change then needs"
+        " more evidence",
         unset="those of this command",
         of_functions=False,
     )
@@ -117,6 +120,13 @@ class RevisionOptions(TargetOptions):
     own_files: bool = option(
         False,
         FLAG,
-        "Each revision runs its own file of a function, not that of the newer one.",
+        "Each revision runs its own file of a function, not the newer side's.",
         of_functions=False,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BisectOptions(RevisionOptions):
+    """How a version is searched for."""
+
+    BUDGET_NOTE = ", about log2(N) + 2 of N versions"
