@@ -37,7 +37,7 @@ LISTED: Mapping[str, Mapping[str, Listed]] = {
     "A closer look": {
         "profile": Listed("time the stages of a step", "10 s"),
         "latency": Listed("time ticks, and count missed deadlines", "15 s"),
-        "doctor": Listed("check whether timings here can be trusted", "18 s"),
+        "doctor": Listed("check if timings here can be trusted", "18 s"),
     },
     "Results and what there is": {
         "show": Listed("print, export and compare run files"),

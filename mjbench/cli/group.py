@@ -130,7 +130,7 @@ class Cli(CommandGroup):
         for heading, commands in LISTED.items():  # without empty lines, to fit on a screen
             formatter.write(f"{heading}:\n")
             for name, command in commands.items():
-                formatter.write(f"  {name:8}  {command.does:41} {command.takes:>7}".rstrip() + "\n")
+                formatter.write(f"  {name:8}  {command.does:40} {command.takes:>7}".rstrip() + "\n")
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; report its error in a line, and end with the error's exit code."""
