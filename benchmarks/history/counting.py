@@ -8,7 +8,7 @@ from benchmarks.history.tasks import Selection
 from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.explain import explain_change
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.records import ExplainRecord, finished
+from mjbench.counts.records import ExplainRecord
 from mjbench.measuring.timing import Progress
 
 # Functions that are stored of each model and pair of releases, beside those that exchanged cost
@@ -20,7 +20,7 @@ def count_rest(
     selection: Selection, earlier: Sequence[object], on_progress: Progress
 ) -> Iterator[list[ExplainRecord]]:
     """Count each release, and yield what changed since the one before and is not known yet."""
-    done = {(record.old, record.new, record.series) for record in finished(earlier)}
+    done = {(r.old, r.new, r.series) for r in earlier if isinstance(r, ExplainRecord)}
     missing = _releases_to_count(selection, done)
     operations = [
         OperationRequest(operation.name, operation.source) for operation in selection.operations

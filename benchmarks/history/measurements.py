@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 
 from benchmarks.history import counting, release_ratios, timing
 from benchmarks.history.tasks import Selection
-from mjbench.counts import records
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError
 from mjbench.host.disturbance import Disturbance
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record
-from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
+from mjbench.session import Item, Items, Measurement, Observer, finished, input_files, pinning_notes
 from mjbench.simulation.starts import DEFAULT_STARTS
 
 # The records of a run file by their `type`.
@@ -59,6 +58,6 @@ def changes(selection: Selection) -> Measurement:
         selection.arguments,
         paths,
         measure,
-        records.finished,
+        finished,
         record_types=RECORD_TYPES,
     )

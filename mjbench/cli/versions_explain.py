@@ -40,7 +40,6 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
     Example:
       mjbench versions --explain 3.17.0 4.0.0 pile
     """
-    from mjbench.counts import records
     from mjbench.counts import show as report
     from mjbench.counts.explain import explain_change
     from mjbench.counts.instructions import InstructionCounter
@@ -48,7 +47,7 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
-    from mjbench.session import Item, Measurement, input_files
+    from mjbench.session import Item, Measurement, finished, input_files
 
     releases, sources = releases_and_models(names)
     if len(releases) > 2:
@@ -57,7 +56,7 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
     counted: dict[str, tuple[ModelCount, ModelCount]] = {}
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Items":
-        known = {record.model for record in records.finished(earlier)}
+        known = {each.model for each in earlier if isinstance(each, ExplainRecord)}
         remaining = [source for source in sources if source.name not in known]
         with WorkerPool() as pool, InstructionCounter(plan.sizes) as counter:
             # workloads last as long as the pool
@@ -87,7 +86,7 @@ def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
         "skip": options.skip,
     }
     files = input_files(sources, specs, plan.sizes.starts)
-    measurement = Measurement("explain", arguments, files, items, records.finished)
+    measurement = Measurement("explain", arguments, files, items, finished)
     run = measure_and_print(measurement, options, each=sections)
     rows = run.session.run().of_type(ExplainRecord)
     run.exit(

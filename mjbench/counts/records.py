@@ -12,7 +12,7 @@ from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt, Version
 from mjbench.paired.records import Pair, VerdictRow
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
-from mjbench.status import FINISHED, Status
+from mjbench.status import Status
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,6 @@ class InstructionsRecord:
     seconds: NonNegativeFloat = 0.0
     build: str = ""
     starts: Starts | None = None
-
-
-def counted(records: Sequence[object]) -> list[InstructionsRecord]:
-    """Return the counts of a run file that are not taken again when it is continued."""
-    return [r for r in records if isinstance(r, InstructionsRecord) and r.status in FINISHED]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,8 +123,3 @@ class ExplainRecord:
         """New over old instructions of a step; None where one was not counted."""
         old, new = self.instructions_per_step.old, self.instructions_per_step.new
         return new / old if old and new else None
-
-
-def finished(records: Sequence[object]) -> list[ExplainRecord]:
-    """Return the records of a run file that need not be counted again when it is continued."""
-    return [r for r in records if isinstance(r, ExplainRecord) and r.status in FINISHED]

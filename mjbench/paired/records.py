@@ -32,7 +32,7 @@ from mjbench.simulation import changed_work
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.state_drift import RunDrift, StateDrift
-from mjbench.status import FINISHED, Status
+from mjbench.status import Status
 
 _Value = TypeVar("_Value")
 # Larger e-values are stored as this.
@@ -459,8 +459,3 @@ class VerdictRecord(VerdictRow):
 
 def _bounded(e_value: float | None) -> float | None:
     return None if e_value is None else min(e_value, MAX_E_VALUE)
-
-
-def finished(records: Sequence[object]) -> list[VerdictRecord]:
-    """Return the verdicts of a run file that need not be measured again when it is continued."""
-    return [r for r in records if isinstance(r, VerdictRecord) and r.status in FINISHED]

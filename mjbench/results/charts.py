@@ -126,11 +126,11 @@ def page_colours() -> Spec:
     return {"background": None, "config": _CONFIG}
 
 
-def rule_at(value: float, axis: str = "x") -> Spec:
+def rule_at(value: float) -> Spec:
     return {
         "mark": {"type": "rule", "color": GREY, "strokeDash": [4, 4], "aria": False},
         "data": {"values": [{"value": value}]},
-        "encoding": {axis: {"field": "value", "type": "quantitative"}},
+        "encoding": {"x": {"field": "value", "type": "quantitative"}},
     }
 
 

@@ -60,10 +60,7 @@ def brief(report: Report, notes: Iterable[str] = ()) -> Iterator[str]:
         yield ""
         yield f"**{escaped(section.heading)}**"
         yield ""
-        yield from (f"- {escaped(fact)}" for fact in section.facts)
-        yield from tables(replace(section, shows_code=False))
-        yield ""
-        yield from (f"- {escaped(note)}" for note in section.notes)
+        yield from _content(replace(section, shows_code=False))
         for snippet in section.snippets:
             yield from folded(snippet.title, code_block(snippet.code))
 
@@ -79,12 +76,16 @@ def folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
 
 def _section_lines(section: Section) -> Iterator[str]:
     yield from _conclusions((each.sentence, each.tone) for each in section.conclusions)
+    yield from _content(section)
+    yield ""
+    yield f"Measured by {code(section.command)}"
+
+
+def _content(section: Section) -> Iterator[str]:
     yield from (f"- {escaped(fact)}" for fact in section.facts)
     yield from tables(section)
     yield ""
     yield from (f"- {escaped(note)}" for note in section.notes)
-    yield ""
-    yield f"Measured by {code(section.command)}"
 
 
 def tables(section: Section) -> Iterator[str]:

@@ -2,8 +2,9 @@
 
 import shlex
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from mjbench import formats, paths
 from mjbench.commands.checkup import ranking
@@ -45,6 +46,7 @@ _HEADINGS = {
 }
 # Of items of these groups, only one can be followed.
 _ALTERNATIVES = (GainGroup.PATHS, GainGroup.SETTINGS, GainGroup.PHYSICS)
+_Key = TypeVar("_Key")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,10 +273,7 @@ def _notes(
         if item.change == ResultChange.NONE and item.change_detail:
             yield f"{number} may change in other states: {item.change_detail}"
     yield from _overlaps(listed_items)
-    numbers = defaultdict[str, list[str]](list)
-    for number, item in enumerate(listed_items, 1):
-        numbers[item.command].append(str(number))
-    for command, of_command in numbers.items():
+    for command, of_command in _numbers_by(listed_items, lambda item: item.command).items():
         yield f"Look closer at {listed(of_command)}: {command}"
     for part in parts:
         if part.combination is not None and part.verdict is not None:
@@ -294,12 +293,20 @@ def _notes(
     yield from _not_tried(run, parts)
 
 
+def _numbers_by(
+    listed_items: Sequence[CheckupItem], key: Callable[[CheckupItem], _Key | None]
+) -> dict[_Key, list[str]]:
+    """Return the numbers of items by what a key is; without those of which it is None."""
+    numbers = defaultdict[_Key, list[str]](list)
+    for number, item in enumerate(listed_items, 1):
+        if (of_item := key(item)) is not None:
+            numbers[of_item].append(str(number))
+    return numbers
+
+
 def _units(run: Run, listed_items: Sequence[CheckupItem]) -> Iterator[str]:
     """Yield what gains are multiples of."""
-    numbers = defaultdict[GainUnit, list[str]](list)
-    for number, item in enumerate(listed_items, 1):
-        if item.gain is not None and item.unit is not None:
-            numbers[item.unit].append(str(number))
+    numbers = _numbers_by(listed_items, lambda item: item.unit if item.gain else None)
     nbatch = max((each.model.nbatch or 1 for each in derive_all(run.records)), default=1)
     for unit, of_unit in numbers.items():
         at_once = f", {nbatch} simulations at once" if unit == GainUnit.PLAIN_LOOP else ""
@@ -308,13 +315,10 @@ def _units(run: Run, listed_items: Sequence[CheckupItem]) -> Iterator[str]:
 
 def _overlaps(listed_items: Sequence[CheckupItem]) -> Iterator[str]:
     """Yield which items replace each other, and that gains do not add up."""
-    groups = defaultdict[GainGroup, list[str]](list)
-    for number, item in enumerate(listed_items, 1):
-        if item.group is not None and item.gain is not None:
-            groups[item.group].append(str(number))
+    groups = _numbers_by(listed_items, lambda item: item.group if item.gain else None)
     for group in _ALTERNATIVES:
-        if len(groups[group]) > 1:
-            yield f"Use one of {listed(groups[group])} ({group})"
+        if len(numbers := groups.get(group, ())) > 1:
+            yield f"Use one of {listed(numbers)} ({group})"
     if sum(map(len, groups.values())) > 1:
         yield "Gains overlap: they neither add up nor multiply"
 

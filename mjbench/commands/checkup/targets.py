@@ -22,7 +22,6 @@ FORMS = (
     f"a shipped model, {models.FORMS}, a Python program, a Gymnasium id such as"
     " Humanoid-v5, or MODULE:FUNCTION, which returns an environment"
 )
-_MODELS = (".xml", ".urdf", ".mjb")
 _PROGRAM, _MODULE = ".py", "-m"
 # What has commands of its own, by what its name ends in.
 _OTHER_FILES = {
@@ -110,7 +109,7 @@ def _recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedS
         if not path.is_file():
             raise InputError(f"{shown(name)} is not a regular file")
         return ProgramFile((name, *arguments), path)
-    if path.suffix.lower() in _MODELS or name in models.shipped():
+    if path.suffix.lower() in models.SUFFIXES or name in models.shipped():
         return models.resolve(name)
     if _exists(path):
         what = "is a folder" if path.is_dir() else "is no file of a known kind"

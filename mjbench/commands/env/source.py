@@ -9,6 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from mjbench.errors import InputError, one_line, shown
+from mjbench.simulation import models
 
 # What an environment can be called, for messages.
 FORMS = (
@@ -19,9 +20,7 @@ _VERSION = re.compile(r"-v\d+$")
 _DM_CONTROL = "dm_control"
 _FILES = {
     ".py": "give MODULE:FACTORY, such as my_env:make",
-    ".xml": "that is a model; `mjbench profile` takes models",
-    ".mjb": "that is a model; `mjbench profile` takes models",
-    ".urdf": "that is a model; `mjbench profile` takes models",
+    **dict.fromkeys(models.SUFFIXES, "that is a model; `mjbench profile` takes models"),
 }
 
 

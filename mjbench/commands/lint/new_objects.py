@@ -1,7 +1,7 @@
 """What a script creates anew in every iteration of a loop, where one from before it would do."""
 
 import ast
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from mjbench.commands.lint.data_uses import DataUses, uses_of, uses_of_parameter
 from mjbench.commands.lint.repeats import Iteration, creates_model, following, iterations
@@ -121,7 +121,7 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
     for call in script.calls:
         if _compiles(call, specs) and not _is_stored(script, call):
             each = _innermost(script, call, or_resets=True)
-            if each is None or _varies(script, each):
+            if each is None or _varies(script, each, each.inside):
                 continue
             # what a function compiles that gets an MjData may follow from the state
             if not each.functions or not any(map(script.is_data, ast.walk(each.inside))):
@@ -151,7 +151,11 @@ def new_renderers(script: SteppingScript) -> Iterator[Match]:
         if _RENDERERS.isdisjoint((name, script.bindings.origin(name))) or _is_stored(script, call):
             continue
         each = _innermost(script, call)
-        if each and not _has_new_model(script, each, call) and not _varies(script, each):
+        if (
+            each
+            and not _has_new_model(script, each, call)
+            and not _varies(script, each, each.inside)
+        ):
             yield Match(call)
 
 
@@ -228,7 +232,7 @@ def new_device_copies(script: SteppingScript) -> Iterator[Match]:
         for each in iterations(script, call):
             is_same = not (
                 _has_new_model(script, each, call)
-                or _varies_in(script, each, call.keywords)
+                or _varies(script, each, *call.keywords)
                 or (function == "put_model" and _changes_model(script, each, call.args[0]))
             )
             if is_same and any(_calls_name(each.loop, name) for name in steps):
@@ -249,7 +253,7 @@ def _device_step_names(script: SteppingScript) -> set[str]:
     return (named | direct | {each.name for each in functions if steps(each)}) - {""}
 
 
-def _varies_in(script: SteppingScript, each: Iteration, nodes: Iterable[ast.AST]) -> bool:
+def _varies(script: SteppingScript, each: Iteration, *nodes: ast.AST) -> bool:
     varying = each.varying_names(script)
     return any(not names_in(node).isdisjoint(varying) for node in nodes)
 
@@ -309,10 +313,6 @@ def _innermost(
     return None
 
 
-def _varies(script: SteppingScript, each: Iteration) -> bool:
-    return not names_in(each.inside).isdisjoint(each.varying_names(script))
-
-
 def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> bool:
     if creates_model(call) or each.makes_model():
         return True
@@ -321,7 +321,7 @@ def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> b
         given = script.functions.arguments(each.inside, each.functions[0]) or {}
         is_direct = len(each.functions) == 1 or not isinstance(model, ast.Name)
         model = given.get(dotted_name(model), model) if is_direct else each.inside
-    return not names_in(model).isdisjoint(each.varying_names(script))
+    return _varies(script, each, model)
 
 
 def _is_dropped(script: SteppingScript, call: ast.Call) -> bool:

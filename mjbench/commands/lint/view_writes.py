@@ -31,7 +31,6 @@ _COPYING = {
 }
 # State that programs write, beside the inputs of a step.
 _STATE = {"qpos", "qvel", "qacc_warmstart"}
-_Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 class WritesThrough:
@@ -104,7 +103,7 @@ def _held(value: ast.AST) -> Iterator[str]:
         waiting += ast.iter_child_nodes(node)
 
 
-def _aliases(node: ast.AST, functions: Mapping[str, _Function]) -> Iterator[tuple[str, str]]:
+def _aliases(node: ast.AST, functions: Mapping[str, FUNCTIONS]) -> Iterator[tuple[str, str]]:
     targets, values = _binding(node, functions)
     sources = {source for value in values for source in _held(value)} - {""}
     for name in {name for target in targets for name in _stored(target)}:
@@ -112,7 +111,7 @@ def _aliases(node: ast.AST, functions: Mapping[str, _Function]) -> Iterator[tupl
 
 
 def _binding(
-    node: ast.AST, functions: Mapping[str, _Function]
+    node: ast.AST, functions: Mapping[str, FUNCTIONS]
 ) -> tuple[Sequence[ast.AST], Sequence[ast.AST]]:
     match node:
         case ast.Assign():

@@ -8,12 +8,12 @@ from mjbench.commands.profile.measure import ProfileRow
 from mjbench.commands.profile.options import HabitOptions, InstructionOptions, ProfileOptions
 from mjbench.counts import instructions
 from mjbench.counts.instructions import InstructionCounter
-from mjbench.counts.records import counted
+from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import MachineError
 from mjbench.options import stored
 from mjbench.releases import installs, release_names
 from mjbench.results.runs import Record
-from mjbench.session import Item, Items, Measurement, Observer, input_files, of_each_model
+from mjbench.session import Item, Items, Measurement, Observer, finished, input_files, of_each_model
 from mjbench.simulation.models import ModelSource
 
 
@@ -49,7 +49,7 @@ def of_instructions(sources: Sequence[ModelSource], options: InstructionOptions)
         raise MachineError(problem)
 
     def count_all(earlier: Sequence[Record], observer: Observer) -> Items:
-        known = {(record.build, record.model) for record in counted(earlier)}
+        known = {(r.build, r.model) for r in earlier if isinstance(r, InstructionsRecord)}
         remaining = {(spec.key, source.name) for spec in specs for source in sources} - known
         with InstructionCounter(sizes) as counter:
             for number, spec in enumerate(specs):
@@ -68,4 +68,4 @@ def of_instructions(sources: Sequence[ModelSource], options: InstructionOptions)
         "models": [source.name for source in sources],
     }
     files = input_files(sources, specs, sizes.starts)
-    return Measurement("instructions", arguments, files, count_all, counted)
+    return Measurement("instructions", arguments, files, count_all, finished)

@@ -27,7 +27,7 @@ from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.paired import targets
 from mjbench.paired.metrics import METRICS
-from mjbench.paired.records import Judgement, TargetRow, VerdictRecord, finished
+from mjbench.paired.records import Judgement, TargetRow, VerdictRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -36,7 +36,7 @@ from mjbench.paths import BASE, find
 from mjbench.releases import named_packages
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results.runs import Record
-from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
+from mjbench.session import Item, Items, Measurement, Observer, finished, input_files, pinning_notes
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
@@ -227,7 +227,7 @@ def _measurement(
     patience_s: float = TIME_LIMIT_S,
 ) -> Measurement:
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
-        done = {_sides_key(record.sides) for record in finished(earlier)}
+        done = {_sides_key(each.sides) for each in earlier if isinstance(each, VerdictRecord)}
         begin_s = time.monotonic()
         with WorkerPool(patience_s) as pool:
             pairs = prepare(pool, observer.begin)
