@@ -299,3 +299,18 @@ def test_any_text_is_names_or_refused(text: str) -> None:
         return
     assert names
     assert all(name and name == name.strip() and "," not in name for name in names)
+
+
+@pytest.mark.parametrize(
+    ("given", "precision"),
+    [
+        ({}, 0.005),
+        ({"min_effect": 0.004}, 0.002),
+        ({"min_effect": 0.1}, 0.005),
+        ({"precision": 0.02}, 0.02),
+    ],
+)
+def test_a_precision_follows_from_the_smallest_effect(
+    given: dict[str, float], precision: float
+) -> None:
+    assert VersionsOptions(**given).plan.precision == precision

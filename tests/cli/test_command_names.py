@@ -25,6 +25,11 @@ def test_the_help_fits_on_a_screen() -> None:
     assert max(map(len, lines)) <= 80
 
 
+@pytest.mark.parametrize("words", [["help", "help"], ["help", "--help"], ["help"]], ids=" ".join)
+def test_help_of_help_is_the_first_screen(words: list[str]) -> None:
+    assert CliRunner().invoke(cli, words).output == CliRunner().invoke(cli, ["--help"]).output
+
+
 def test_the_first_screen_says_how_long_a_command_takes_by_default() -> None:
     takes = {name: each.takes for of in LISTED.values() for name, each in of.items() if each.takes}
     for name, text in takes.items():

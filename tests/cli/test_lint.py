@@ -202,6 +202,7 @@ def test_a_rule_is_explained_without_a_file() -> None:
     assert done.exit_code == 0
     assert done.stdout.startswith("MJB001 (wrong result): a view is stored")
     assert "log.append(data.qpos.copy())" in done.stdout
+    assert lint("--rule", "mjb001", "--help").stdout.startswith("Usage: ")
     done = lint("--rule", "MJB999")
     assert done.exit_code == 2
     assert "no rule 'MJB999'; there are MJB001" in done.stderr

@@ -141,6 +141,9 @@ def test_a_program_that_mjbench_ended_is_said_to_be() -> None:
     ended = replace(row(MIXED), was_ended=True)
     (section, *_) = program.sections([ended])
     assert section.facts == ["mjbench ended train.py after 3 s: --seconds none runs it to its end."]
+    assert program.end_lines(ended, ", without --quick,") == [
+        "mjbench ended train.py after 3 s: --seconds none, without --quick, runs it to its end."
+    ]
     (section, *_) = program.sections([row(MIXED)])
     assert section.facts == []
 
