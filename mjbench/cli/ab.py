@@ -60,6 +60,7 @@ def ab(baseline: str, candidate: str, functions: tuple[str, ...], options: Revis
         comparison = revision_comparison(baseline, candidate, functions, options)
         measurement = between_revisions(comparison, plan)
     else:
+        options.check_no_own_files()
         measurement = _of_targets(baseline, candidate, plan)
     run = measure_and_print(measurement, options, summary=show.sections)
     run.exit_with(options.exit_code_of_run(run.session.run(), plan.confidence))

@@ -48,6 +48,7 @@ def bisect(baseline: str, candidate: str, target: str, options: BisectOptions) -
     if is_function(target) or any(side.startswith(REVISION) for side in sides):
         measurement = revision_bisection(revision_comparison(*sides, [target], options), plan)
     else:
+        options.check_no_own_files()
         measurement = _of_releases(baseline, candidate, target, plan)
     run = measure_and_print(measurement, options, at_end=True)
     run.exit_with(options.exit_code_of_run(run.session.run(), plan.confidence))

@@ -22,6 +22,7 @@ def test_changed_work_can_fail_the_command(tmp_path: Path) -> None:
         (("cartpole,path=rollout,threads=100000", ""), "at most 1024"),
         (("3.4.0", "3.5.0"), "a release is release=3.4.0"),
         (("pile", "solver=cg", "--metric", "instructions"), "without solver: leave out solver"),
+        (("pile", "cloth", "--own-files"), "--own-files is for functions: name one"),
         (("pile", "cloth", "--metric", "compile"), "is of paths that compile only"),
     ],
 )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjbench.commands.shared_options import BudgetOptions, OutputOptions, SizeOptions, top_option
 from mjbench.commands.versions.fail_on import FailOnOptions
+from mjbench.errors import InputError
 from mjbench.options import COUNT, FLAG, NAMES, SHARE, choice, names_among, option
 from mjbench.paired import outcomes
 from mjbench.paired.metrics import METRICS, Metric
@@ -123,6 +124,11 @@ class RevisionOptions(TargetOptions):
         "Each revision runs its own file of a function, not the newer side's.",
         of_functions=False,
     )
+
+    def check_no_own_files(self) -> None:
+        """Refuse an option of functions where none is named."""
+        if self.own_files:
+            raise InputError("--own-files is for functions: name one, such as bench.py::step")
 
 
 @dataclass(frozen=True, kw_only=True)
