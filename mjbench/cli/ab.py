@@ -54,7 +54,9 @@ def ab(baseline: str, candidate: str, functions: tuple[str, ...], options: Revis
     from mjbench.commands.versions import show
 
     plan = options.plan
-    if functions or any(side.startswith(REVISION) for side in (baseline, candidate)):
+    if functions or any(
+        side.startswith(REVISION) or "::" in side for side in (baseline, candidate)
+    ):
         from mjbench.commands.versions.driver import between_revisions
 
         comparison = revision_comparison(baseline, candidate, functions, options)
@@ -93,8 +95,11 @@ def revision_comparison(
     from mjbench.releases.revisions import Repository
 
     sides = [side.removeprefix(REVISION) for side in (baseline, candidate)]
-    if any("=" in side for side in sides):
-        raise InputError("a revision is compared with a revision: give two, such as main HEAD")
+    if any("=" in side or function_sides.is_function(side) for side in sides):
+        raise InputError(
+            "a revision is compared with a revision: give two, and functions after them, such as"
+            " main HEAD bench.py::step"
+        )
     others = [shown(name) for name in functions if not function_sides.is_function(name)]
     if others or not functions:
         instead = f", not {others[0]}" if others else ""

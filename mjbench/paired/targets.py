@@ -143,7 +143,8 @@ def complete_options(path: paths.SteppingPath, options: Mapping[str, Any]) -> di
 
 def _settings(text: str) -> dict[str, str]:
     settings = {}
-    for setting in filter(None, text.split(",")):
+    parts = [text] if models.is_file(Path(text)) else text.split(",")
+    for setting in filter(None, parts):
         key, value = _split(setting)
         if release_names.is_release(setting):
             raise InputError(

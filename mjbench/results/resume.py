@@ -20,10 +20,9 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
     before, after = _identity(stored, now), _identity(now, stored)
     for key in {**before, **after}:
         if before.get(key) != after.get(key):
-            raise InputError(
-                f"cannot continue {path}: that run has {key} {_quoted(before.get(key))}, and this"
-                f" command {_quoted(after.get(key))}"
-            )
+            old, new = _quoted(before.get(key)), _quoted(after.get(key))
+            values = f"{key} {old}, and this command {new}" if old and new else f"other {key}"
+            raise InputError(f"cannot continue {path}: that run has {values}")
 
 
 def _identity(header: RunHeader, other: RunHeader) -> dict[str, Any]:
@@ -61,4 +60,8 @@ def _contents(files: Sequence[InputFile]) -> dict[str, str]:
 
 
 def _quoted(value: Any) -> str:
-    return "nothing" if value is None else one_line(value, 80)
+    """Return a value for people; an empty text where it has parts that they do not read."""
+    values = value if isinstance(value, list) else [] if value is None else [value]
+    if any(isinstance(each, list | dict) for each in values):
+        return ""
+    return one_line(", ".join(map(str, values)) or "nothing", 80)

@@ -88,6 +88,7 @@ def test_functions_are_compared_and_become_a_comment(
         (("old", "path=rollout", "bench.py::step"), 2, "a revision is compared with a revision"),
         (("rev=old", "rev=new"), 2, "name a function of your code"),
         (("rev=old", "path=rollout"), 2, "a revision is compared with a revision"),
+        (("bench.py::step", "bench.py::other"), 2, "give two, and functions after them"),
         (("path=rollout", "path=rollout", "cartpole"), 2, "a revision is compared with a revision"),
         (("old", "new", "cartpole"), 2, "name a function of your code, FILE.py::FUNCTION"),
         (("old", "new", "physics:step"), 2, "such as bench.py::step, not physics:step"),

@@ -32,6 +32,8 @@ def test_a_file_is_a_model_whatever_its_name(tmp_path: Path) -> None:
     file.write_text("<mujoco/>")
     baseline, candidate = targets.parse(f"{file},solver=cg", "model=cartpole")
     assert (baseline.model.path, candidate.model.name) == (file, "cartpole")
+    file = file.rename(tmp_path / "a,b.xml")
+    assert targets.parse(str(file), "cartpole")[0].model.path == file
 
 
 def test_a_model_that_both_targets_leave_out_is_bad_input() -> None:

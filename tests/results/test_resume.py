@@ -62,6 +62,7 @@ def test_a_run_of_another_machine_is_not_continued(
         ({"command": "versions"}, "the command compare, and this command versions"),
         ({"arguments": {"nbatch": 8}}, "nbatch 4, and this command 8"),
         ({"arguments": {}}, "nbatch 4, and this command nothing"),
+        ({"arguments": {"nbatch": [{"path": "rollout"}]}}, "that run has other nbatch$"),
         ({"files": FILES[:1] * 2}, "a.xml has changed"),
         ({"files": (*FILES, runs.InputFile("b.xml", ""))}, "the files"),
         ({"machine": replace(MACHINE, cpu="other")}, "the processor"),

@@ -24,6 +24,7 @@ _KEYS = (
     *("model", "environment", "program", "loop", "activity", "target", "action", "settings"),
     *("path", "nbatch", "pace", "release", "old", "new", "metric"),
 )
+_ALONE = ", such as of one model: `mjbench show RUN` shows each alone"
 _SHOWN = formats.digits(4)
 
 
@@ -64,10 +65,10 @@ def differences(old: Run, new: Run, across: bool) -> Differences:
     if kinds.kind_of(new) is kinds.COMPARE:
         if timed := run_differences.differences(old, new, across):
             return timed
-        raise InputError("these runs have no timed row in common")
+        raise InputError(f"these runs have no timed row in common{_ALONE}")
     olds, news = _by_key(old), _by_key(new)
     if not olds.keys() & news.keys():
-        raise InputError("these runs have no row in common")
+        raise InputError(f"these runs have no row in common{_ALONE}")
     return [
         FigureDifference(
             key, figure, olds[key].get(figure), value, _ratio(olds[key].get(figure), value)
