@@ -168,8 +168,8 @@ def test_instructions_are_counted_from_release_to_release(
     done = invoke("explain", *words)
     assert done.exit_code == 0, done.output
     assert releases == [REFERENCE, "3.3.0", "3.3.1", "3.3.2"]
-    assert "+5.0 %" in done.output
-    assert "getTime +50" in done.output
+    assert "+5.00 %" in done.output
+    assert ["getTime", "100", "150", "+50"] in [line.split() for line in done.output.splitlines()]
     records = [json.loads(line) for line in only_run_file().read_text().splitlines()[1:]]
     assert [(r["type"], r["old"], r["new"]) for r in records] == [
         ("explain", "3.3.0", "3.3.1"),
