@@ -335,11 +335,7 @@ HERTZ = _numeric(
 )
 COUNT, SEED, THREADS = count(), count(limits.SEED), numbers(limits.THREADS)
 LARGE_COUNT = Kind(
-    "N",
-    "float",
-    float,
-    _large,
-    f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}",
+    "N", "float", float, _large, f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}"
 )
 NAMES = Kind("NAME,…", "str | Iterable[str]", str, _names, "a name, or several with commas")
 SETTINGS = Kind("NAME=V,V", "Mapping[str, Any]", check=_settings, is_repeated=True)

@@ -14,10 +14,7 @@ from mjbench.cli import cli
 from mjbench.counts import explain, instructions
 from mjbench.counts import show as counts
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.records import (
-    ExplainRecord,
-    FunctionDifference,
-)
+from mjbench.counts.records import ExplainRecord, FunctionDifference
 from mjbench.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow

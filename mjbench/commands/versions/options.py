@@ -77,10 +77,7 @@ class VersionsOptions(TargetOptions):
     """How releases are compared."""
 
     paths: list[str] | None = option(
-        None,
-        NAMES,
-        "Ways of stepping to compare between the releases",
-        unset="python_loop",
+        None, NAMES, "Ways of stepping to compare between the releases", unset="python_loop"
     )
     family: int | None = option(
         None,

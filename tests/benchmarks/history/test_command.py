@@ -11,12 +11,7 @@ from click.testing import CliRunner, Result
 from example_counts import counted
 
 from benchmarks.history import plots, timing
-from benchmarks.history.release_ratios import (
-    REFERENCE,
-    LaunchRatio,
-    RatioRecord,
-    StepRatioRecord,
-)
+from benchmarks.history.release_ratios import REFERENCE, LaunchRatio, RatioRecord, StepRatioRecord
 from benchmarks.history.tasks import ReleaseTask
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.errors import Failure, InputError
@@ -148,9 +143,7 @@ def test_what_cannot_be_measured_is_refused_in_a_line(words: Sequence[str], mess
     assert not Path("results").exists()
 
 
-def test_instructions_are_counted_from_release_to_release(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_instructions_are_counted_from_release_to_release(monkeypatch: pytest.MonkeyPatch) -> None:
     releases: list[str] = []
     costs = {"3.3.0": 100.0, "3.3.1": 150.0, "3.3.2": 150.0, REFERENCE: 1.0}
 
