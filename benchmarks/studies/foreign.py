@@ -77,12 +77,7 @@ def plan(limit_s: float = LIMIT_S) -> "ComparisonPlan":
         if variant.path not in ("threads", "processes") or nthread(variant.options) > 1
     )
     return ComparisonPlan(
-        variants,
-        nbatch=NBATCH,
-        nstep=NSTEP,
-        starts=KEYFRAME_STARTS,
-        budget_s=0.0,
-        limit_s=limit_s,
+        variants, nbatch=NBATCH, nstep=NSTEP, starts=KEYFRAME_STARTS, budget_s=0.0, limit_s=limit_s
     )
 
 
