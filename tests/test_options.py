@@ -33,11 +33,7 @@ from mjbench.commands.sweep.options import SweepOptions
 from mjbench.commands.tune import driver as tune
 from mjbench.commands.tune.options import TuneOptions
 from mjbench.commands.versions.driver import between_releases
-from mjbench.commands.versions.options import (
-    ExplainOptions,
-    RevisionOptions,
-    VersionsOptions,
-)
+from mjbench.commands.versions.options import ExplainOptions, RevisionOptions, VersionsOptions
 from mjbench.counts import instructions
 from mjbench.errors import InputError
 from mjbench.limits import COUNT, MAX_SECONDS, THREADS, Bounds

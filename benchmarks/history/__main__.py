@@ -24,7 +24,7 @@ from mjbench.cli.context import measure_and_print
 from mjbench.cli.shared import as_one, takes
 from mjbench.commands.shared_options import RunFileOptions, results_option
 from mjbench.counts.records import ExplainRecord
-from mjbench.counts.show import change_sections
+from mjbench.counts.show import explanations
 from mjbench.errors import InputError
 from mjbench.paired.operations import registry
 from mjbench.releases import bundle, installs, release_names
@@ -114,7 +114,7 @@ def explain(selection: Selection, options: HistoryOptions) -> None:
     measure_and_print(
         measurements.changes(selection),
         options,
-        summary=lambda run: change_sections(run.of_type(ExplainRecord)),
+        each=lambda run: explanations(run.of_type(ExplainRecord)),
     ).exit()
 
 

@@ -199,12 +199,7 @@ _CONFIG: Spec = {
         "titleFontSize": 12,
         "titleFontWeight": "normal",
     },
-    "legend": {
-        "labelColor": _TEXT,
-        "titleColor": _TEXT,
-        "labelFontSize": 12,
-        "columnPadding": 20,
-    },
+    "legend": {"labelColor": _TEXT, "titleColor": _TEXT, "labelFontSize": 12, "columnPadding": 20},
     "title": {"color": _TEXT, "anchor": "start"},
 }
 

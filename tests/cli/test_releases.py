@@ -77,10 +77,7 @@ def test_installs_are_listed_and_removed_by_version(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert done.stdout.splitlines() == ["removed 3.5.0+abc-cpython", "removed 3.5.0-cpython"]
     done = mjbench("releases", "installs", env=here)
-    assert done.stdout.splitlines() == [
-        f"In {tmp_path}:",
-        "3.5.0.post1-cpython  0 MiB, used today",
-    ]
+    assert done.stdout.splitlines() == [f"In {tmp_path}:", "3.5.0.post1-cpython  0 MiB, used today"]
 
 
 def test_installs_that_were_not_used_for_long_are_pruned(tmp_path: Path) -> None:

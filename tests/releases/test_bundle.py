@@ -50,9 +50,7 @@ def test_a_release_cannot_be_inserted(tmp_path: Path) -> None:
     assert bundle.read(path) == THREE[1:]
 
 
-def test_verify_finds_another_upload_time_and_a_release_that_does_not_exist(
-    tmp_path: Path,
-) -> None:
+def test_verify_finds_another_upload_time_and_a_release_that_does_not_exist(tmp_path: Path) -> None:
     path = tmp_path / "history.bundle"
     bundle.write(path, THREE)
     assert bundle.verify(path, THREE) == []

@@ -243,11 +243,7 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
 
 
 def measure_in_child(
-    source: ModelSource,
-    plan: StartPlan,
-    options: LatencyOptions,
-    end_s: float,
-    channel: Channel,
+    source: ModelSource, plan: StartPlan, options: LatencyOptions, end_s: float, channel: Channel
 ) -> list[TickSamples]:
     """Draw a workload and time its ticks, until a time of the system's monotonic clock."""
     channel.doing("loading the model")

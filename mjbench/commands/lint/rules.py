@@ -214,8 +214,7 @@ def steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
 
 
 @rule(
-    "MJB021",
-    "the viewer gets every step, which no screen can show; sync about 60 times a second",
+    "MJB021", "the viewer gets every step, which no screen can show; sync about 60 times a second"
 )
 def synced_viewers(script: SteppingScript) -> Iterator[Match]:
     """Yield viewer.sync() in every step of a loop that keeps no rate.

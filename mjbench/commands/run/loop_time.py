@@ -331,10 +331,7 @@ def _lines(
 
 
 def _building(
-    line: LineTime | None,
-    exact: Mapping[_Cell, float],
-    rest: Mapping[_Cell, float],
-    factor: float,
+    line: LineTime | None, exact: Mapping[_Cell, float], rest: Mapping[_Cell, float], factor: float
 ) -> LineTime | None:
     """Return the line under which models are built, with the timed calls that load them.
 

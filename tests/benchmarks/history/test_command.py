@@ -11,12 +11,7 @@ from click.testing import CliRunner, Result
 from example_counts import counted
 
 from benchmarks.history import plots, timing
-from benchmarks.history.release_ratios import (
-    REFERENCE,
-    LaunchRatio,
-    RatioRecord,
-    StepRatioRecord,
-)
+from benchmarks.history.release_ratios import REFERENCE, LaunchRatio, RatioRecord, StepRatioRecord
 from benchmarks.history.tasks import ReleaseTask
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.errors import Failure, InputError
@@ -148,9 +143,7 @@ def test_what_cannot_be_measured_is_refused_in_a_line(words: Sequence[str], mess
     assert not Path("results").exists()
 
 
-def test_instructions_are_counted_from_release_to_release(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_instructions_are_counted_from_release_to_release(monkeypatch: pytest.MonkeyPatch) -> None:
     releases: list[str] = []
     costs = {"3.3.0": 100.0, "3.3.1": 150.0, "3.3.2": 150.0, REFERENCE: 1.0}
 
@@ -168,8 +161,8 @@ def test_instructions_are_counted_from_release_to_release(
     done = invoke("explain", *words)
     assert done.exit_code == 0, done.output
     assert releases == [REFERENCE, "3.3.0", "3.3.1", "3.3.2"]
-    assert "+5.0 %" in done.output
-    assert "getTime +50" in done.output
+    assert "+5.00 %" in done.output
+    assert ["getTime", "100", "150", "+50"] in [line.split() for line in done.output.splitlines()]
     records = [json.loads(line) for line in only_run_file().read_text().splitlines()[1:]]
     assert [(r["type"], r["old"], r["new"]) for r in records] == [
         ("explain", "3.3.0", "3.3.1"),

@@ -126,9 +126,7 @@ def no_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have no process start and no block run: both take a millisecond."""
     monkeypatch.setattr(timing, "ProcessPairs", IdlePairs)
     monkeypatch.setattr(
-        timing,
-        "time_quads",
-        lambda old, new, count: (["ABBA"] * count, np.full((count, 4), 1e6)),
+        timing, "time_quads", lambda old, new, count: (["ABBA"] * count, np.full((count, 4), 1e6))
     )
     monkeypatch.setattr(moved_check, "placement_control", lambda *releases: PlacementControl(False))
 

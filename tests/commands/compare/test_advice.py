@@ -339,11 +339,7 @@ def advised(*entrants: Entrant, **race: Any) -> ThreadAdvice:
 
 @pytest.mark.parametrize(
     ("speedups", "nthread"),
-    [
-        ({1: 1.0, 2: 1.9, 4: 3.6}, 4),
-        ({1: 1.0, 2: 1.9, 4: 1.95}, 2),
-        ({1: 1.0, 2: 0.9, 4: 0.7}, 1),
-    ],
+    [({1: 1.0, 2: 1.9, 4: 3.6}, 4), ({1: 1.0, 2: 1.9, 4: 1.95}, 2), ({1: 1.0, 2: 0.9, 4: 0.7}, 1)],
 )
 def test_the_fewest_threads_that_are_about_as_fast_as_any_are_advised(
     speedups: dict[int, float], nthread: int

@@ -442,8 +442,7 @@ def test_a_path_that_did_not_race_says_that_it_was_not_timed(
 
 
 @pytest.mark.parametrize(
-    ("compile_s", "detail"),
-    [(None, "not compiled within 300 s"), (12.0, "no answer, killed")],
+    ("compile_s", "detail"), [(None, "not compiled within 300 s"), (12.0, "no answer, killed")]
 )
 def test_a_compiler_that_takes_too_long_bounds_what_the_path_costs(
     tmp_path: Path,

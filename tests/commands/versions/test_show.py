@@ -93,17 +93,9 @@ def test_a_verdict_says_what_the_placement_adds(effect: Interval, text: str) -> 
             Interval(0.6, 0.5, 0.7),
             ": faster by 40 % (interval -50.00 to -30.00 %),",
         ),
-        (
-            Verdict.FASTER,
-            Interval(0.1, 0.08, 0.125),
-            ": faster, 10 times as fast (interval 8–",
-        ),
+        (Verdict.FASTER, Interval(0.1, 0.08, 0.125), ": faster, 10 times as fast (interval 8–"),
         (Verdict.SLOWER, Interval(1.9, 1.8, 2.0), ": slower by 90 % ("),
-        (
-            Verdict.SLOWER,
-            Interval(2.5, 2.4, 2.6),
-            ": slower, takes 2.5 times as long (interval",
-        ),
+        (Verdict.SLOWER, Interval(2.5, 2.4, 2.6), ": slower, takes 2.5 times as long (interval"),
         (
             Verdict.INCONCLUSIVE,
             Interval(1.5, None, None),
