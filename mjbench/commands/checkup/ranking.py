@@ -224,7 +224,8 @@ def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
             change_detail=_in_other_runs(each.settings) if each.effect == Effect.FREE else "",
             error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
             slow_effects=tuning.slow_lines(each.settings),
-            is_halving=each.is_allowed and any(_halves(one, record) for one in each.settings),
+            is_halving=each.is_allowed
+            and any(knobs.halves(one, record.stages or {}) for one in each.settings),
         )
     for known in tuning.counted(record):
         yield _of_faster(
@@ -248,10 +249,6 @@ def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
                 change_detail=f"gives up {loses}" if loses else tuning.changes(attempt),
                 slow_effects=tuning.slow_lines(attempt.settings) if loses else (),
             )
-
-
-def _halves(setting: Setting, record: TuneRecord) -> bool:
-    return knobs.counted_gain(setting, record.stages or {}) >= knobs.HALF
 
 
 def _in_other_runs(settings: Sequence[Setting]) -> str:

@@ -199,8 +199,8 @@ def _is_certain(run: Run) -> bool:
 
 
 def _is_decided(record: TuneRecord) -> bool:
-    is_open = record.untried or record.no_second_look or record.withdrawn
-    return not (is_open or any(map(_may_gain, record.attempts)))
+    is_open = record.untried or record.untried_combinations or record.no_second_look
+    return not (is_open or record.withdrawn or any(map(_may_gain, record.attempts)))
 
 
 def _may_gain(attempt: Attempt) -> bool:

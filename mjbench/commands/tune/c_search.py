@@ -167,7 +167,8 @@ class CSearch:
         wanted = [each.settings for each in allowed]
         judged = self._launch(wanted, ERRORS_PART, nrun=None, has_stages=True)
         launched = {each.settings: [each] for each in judged}
-        self._set(untried=[*settings[len(first) :], *hopeful[len(again) :], *wanted[len(judged) :]])
+        self._leave_untried([*settings[len(first) :], *hopeful[len(again) :]])
+        self._leave_untried(wanted[len(judged) :])
         self._advance(1, f"the time of {len(judged)} settings", 0.8)
         self._repeat(launched, MOST_LAUNCHES, FIGURES_PART)
         timed = self._noted(with_figures(each[0], each) for each in launched.values())
@@ -181,7 +182,7 @@ class CSearch:
         chosen = pareto_front.combinations(alone)
         self._advance(2, f"{len(chosen)} combinations", 0.0)
         tried = self._launch(chosen, TOGETHER_PART, nrun=None)
-        self._set(untried=[*self._record.untried, *chosen[len(tried) :]])
+        self._leave_untried(chosen[len(tried) :])
         return self._noted(each for each in tried if self._may_be(each))
 
     # -- second look --------------------------------------------------------------------------
@@ -203,8 +204,7 @@ class CSearch:
         looked = [*front, *sorted(others, key=pareto_front.time_ratio_of)][:MOST_AGAIN]
         self._advance(3, f"{len(looked)} settings from new starts", 0.3)
         again = self._launch([each.settings for each in looked], AGAIN_PART, nrun=None)
-        late = front[len(again) :]
-        self._set(untried=[*self._record.untried, *(e.settings for e in late if not e.ratio)])
+        self._leave_untried([each.settings for each in front[len(again) :] if not each.ratio])
         # what was timed alone stays where there was no time to run it again
         confirmed = {each.settings: (each, each) for each in looked[len(again) :] if each.ratio}
         for first, second in zip(looked, again, strict=False):
@@ -382,6 +382,15 @@ class CSearch:
                 return
             for attempt in self._launch(self._rng.sample(left, len(left)), 1.0):
                 launched[attempt.settings].append(attempt)
+
+    def _leave_untried(self, left: Sequence[Settings]) -> None:
+        record, alone = self._record, [each[0] for each in left if len(each) == 1]
+        halving = [each for each in alone if knobs.halves(each, record.stages or {})]
+        self._set(
+            untried=record.untried + len(alone),
+            untried_combinations=record.untried_combinations + len(left) - len(alone),
+            untried_halving=[*record.untried_halving, *halving],
+        )
 
     def _set(self, **changes: Any) -> None:
         self._record = replace(self._record, **changes)

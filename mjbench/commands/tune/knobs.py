@@ -22,7 +22,7 @@ _SLOW_SLIP = "what is held or stacked may slip over many seconds: let your longe
 # What a setting that acts on whole steps may gain, where nothing says more.
 _UNKNOWN_GAIN = 0.25
 # A setting that saves this share of the time by count is worth naming, though it is not timed.
-HALF = 0.5
+_HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -299,13 +299,18 @@ def counted_gain(setting: Setting, stages: Mapping[str, float]) -> float:
     return setting.saves * sum(stages.get(stage, 0.0) for stage in setting.stages)
 
 
+def halves(setting: Setting, stages: Mapping[str, float]) -> bool:
+    """Return whether a setting saves half of a step or more by count."""
+    return counted_gain(setting, stages) >= _HALF
+
+
 def order(setting: Setting, stages: Mapping[str, float]) -> tuple[float, float]:
     """Return what sorts settings: those that halve the time by count, then by what may be saved."""
     counted, knob = counted_gain(setting, stages), find(setting.knob)
     at_most = sum(stages.get(stage, 0.0) for stage in knob.stages) if stages else 0.0
     is_known = counted or (knob.stages and stages)
     may_save = max(counted, at_most) if is_known else _UNKNOWN_GAIN
-    return (-counted if counted >= HALF else 0.0), -may_save
+    return (-counted if counted >= _HALF else 0.0), -may_save
 
 
 def find(name: str) -> Knob:

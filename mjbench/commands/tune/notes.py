@@ -40,16 +40,15 @@ def left_out(record: TuneRecord) -> Iterator[str]:
         left_out = (
             "from new starts, so errors are those of the search"
             if record.has_errors
-            else "from which to measure errors, so settings that change the motion are not recommended"
+            else "from which to measure errors, so settings that change the motion are not"
+            " recommended"
         )
         yield f"There is no reference {left_out}: {record.no_reference}"
     if record.no_second_look:
         yield f"Not run again from new starts: {record.no_second_look}"
-    if record.untried:
-        alone = sum(len(settings) == 1 for settings in record.untried)
-        counts = (alone, "setting"), (len(record.untried) - alone, "combination")
-        untried = listed([count_of(count, name) for count, name in counts if count])
-        yield f"There was no time for {untried}: give a longer --budget"
+    counts = (record.untried, "setting"), (record.untried_combinations, "combination")
+    if untried := [count_of(count, name) for count, name in counts if count]:
+        yield f"There was no time for {listed(untried)}: give a longer --budget"
 
 
 def _basis(present: CurrentSettings) -> Iterator[str]:

@@ -170,7 +170,9 @@ class TuneRecord:
         was no time for it; empty where it was run, or not needed.
       no_second_look: why there were no runs from new starts; empty where there were, or nothing to
         recommend.
-      untried: settings, alone and together, for which there was no time.
+      untried: settings for which there was no time, alone.
+      untried_combinations: for which there was no time.
+      untried_halving: of `untried`, those that save half of a step or more by count.
       front: recommendations, the smallest effect first and the slowest first within it.
       meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
@@ -187,7 +189,9 @@ class TuneRecord:
     attempts: Sequence[Attempt] = ()
     no_reference: str = ""
     no_second_look: str = ""
-    untried: Sequence[tuple[Setting, ...]] = ()
+    untried: NonNegativeInt = 0
+    untried_combinations: NonNegativeInt = 0
+    untried_halving: Sequence[Setting] = ()
     front: Sequence[Recommendation] = ()
     withdrawn: Sequence[Withdrawal] = ()
     meshes: Sequence[MeshNote] = ()

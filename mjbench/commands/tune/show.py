@@ -303,18 +303,18 @@ def counted(record: TuneRecord) -> list[CountedGain]:
 
     It is one setting of each knob, the one that saves most.
     """
-    untried = [each[0] for each in record.untried if len(each) == 1]
     tried = {each.settings[0]: each for each in record.attempts if len(each.settings) == 1}
     judged = {one for each in (*record.front, *record.withdrawn) for one in each.settings}
     gains: dict[str, CountedGain] = {}
-    for setting in sorted({*untried, *tried} - judged, key=lambda each: each.saves):
-        saves = knobs.counted_gain(setting, record.stages or {})
-        attempt = tried.get(setting)
-        if saves < knobs.HALF or not setting.evidence or not _may_be(attempt, record):
+    for setting in sorted({*record.untried_halving, *tried} - judged, key=lambda each: each.saves):
+        stages, attempt = record.stages or {}, tried.get(setting)
+        is_known = knobs.halves(setting, stages) and setting.evidence
+        if not (is_known and _may_be(attempt, record)):
             continue
+        factor = 1 / max(1e-9, 1 - knobs.counted_gain(setting, stages))
         is_timed = attempt is not None and attempt.ratio is not None and saves_time(attempt.ratio)
         reason = "its error was not measured" if is_timed else "not timed certainly"
-        gains[setting.knob] = CountedGain(setting, 1 / (1 - saves), reason)
+        gains[setting.knob] = CountedGain(setting, factor, reason)
     return sorted(gains.values(), key=lambda each: -each.factor)
 
 

@@ -258,7 +258,7 @@ def test_the_second_look_has_other_starts():
 def test_settings_for_which_there_is_no_time_are_counted():
     effects = {f"timestep_{i}": (FREE, 0.9, 0.0) for i in range(400)}
     record = searched(Planted(**effects), budget_s=60.0)
-    assert record.untried
+    assert record.untried > 0
     assert record.front
 
 
@@ -266,7 +266,7 @@ def test_all_settings_are_screened_in_a_short_search():
     effects = {f"iterations_{i}": (FREE, 1.0, 0.0) for i in range(25)}
     planted = Planted(**effects, timestep_8=(APPROXIMATE, 0.1, 0.0))
     record = searched(planted, budget_s=15.0)
-    assert not record.untried
+    assert record.untried == 0
     assert len(record.attempts) == 26
     best = min(record.attempts, key=lambda each: each.time_ratio)
     assert best.settings[0].label == "timestep=8" and best.ratio.high < 0.2
@@ -277,6 +277,15 @@ def test_likely_gains_come_first():
     planted.settings = [setting("jacobian=sparse"), setting("timestep=8", saves=0.875)]
     searched(planted)
     assert planted.asked[0][1] == ("timestep=8",)
+
+
+def test_what_halves_the_work_by_count_is_named_where_there_was_no_time_for_it():
+    planted = Planted(jacobian_sparse=(FREE, 0.9, 0.0), timestep_8=(APPROXIMATE, 0.2, 0.0))
+    planted.settings = [setting("jacobian=sparse"), setting("timestep=8", saves=0.875)]
+    planted.present_s = 5.0
+    record = searched(planted, budget_s=5.0)
+    assert record.untried == 2
+    assert [each.label for each in record.untried_halving] == ["timestep=8"]
 
 
 def test_the_reference_is_run_only_where_a_faster_setting_changes_the_motion():
@@ -392,8 +401,7 @@ class Slow(Planted):
 def test_a_setting_whose_error_there_was_no_time_for_is_untried():
     slow = Slow(0, jacobian_x=(FREE, 0.9, 0.0), timestep_2=(APPROXIMATE, 0.5, 0.0))
     record = searched(slow)
-    (untried,) = record.untried
-    assert untried[0].label == "jacobian=x"
+    assert (record.untried, record.untried_combinations) == (1, 0)
     assert labels(record.best()) == ["timestep=2"]
 
 
@@ -408,17 +416,17 @@ def test_combinations_for_which_there_was_no_time_are_counted_apart():
             return super().launch(request)
 
     record = searched(HasTimeForOne(**effects))
-    assert all(len(each) > 1 for each in record.untried)
+    assert record.untried == 0
+    assert record.untried_combinations > 0
     text = "\n".join(tuning_notes.notes(record))
-    assert f"no time for {len(record.untried)} combinations" in text
+    assert f"no time for {record.untried_combinations} combinations" in text
 
 
 def test_settings_for_which_there_is_no_time_from_new_starts_are_untried():
     slow = Slow(1, jacobian_x=(FREE, 0.9, 0.0), timestep_2=(APPROXIMATE, 0.5, 0.0))
     record = searched(slow)
     assert labels(record.front[0]) == ["jacobian=x"]
-    (late,) = record.untried
-    assert [each.label for each in late] == ["jacobian=x", "timestep=2"]
+    assert record.untried_combinations == 1
     assert not record.withdrawn
 
 
