@@ -43,8 +43,6 @@ BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS = 0.004, 15, 200
 # parts. Frames have what is left, except for the seconds in which a process starts.
 BUDGET_S = ProfileOptions.EACH_S
 STEP_SHARE, LOOP_SHARE, PART_SHARE, START_S = 0.4, 0.5, 0.125, 1.0
-# Seconds for the sensors of a stage, where only stages are asked for.
-BRIEF_S = 0.05
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
 FRAMES_PER_S = 60
 
@@ -201,11 +199,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     nrun = max(1, int(BLOCK_S / (starts.nstep * reference_run.step_s(model))))
     block = Block(nrun, starts.nstep, starts.in_turn)
     timers = timer_shares(model, block)
-    part_s = PART_SHARE * budget_s
-    step_s = step_parts.step_s(model, block.new_start(), part_s)
-    sensors_s = part_s / len(step_parts.SensorStage)
-    sensors = step_parts.sensor_costs(model, block.new_start(), step_s, sensors_s)
-    parts = step_parts.parts(model, block.new_start(), step_s, sensors, part_s)
+    stages = step_parts.stages(model, timers, block.new_start, PART_SHARE * budget_s)
     clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
     of_loop, of_one_call, *of_others = _step_ns(
         model, block, LOOP_SHARE * budget_s, [habits.BARE, habits.ONE_CALL, *clock_off]
@@ -218,11 +212,11 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
         engine_ns=engine_ns,
         speedup_without_timer=stats.speedup(of_loop, of_others[0]) if of_others else None,
         work=observation.work,
-        stages=step_parts.with_parts(timers, parts),
+        stages=stages.shares,
         warnings=observation.other_warnings(),
         starts=starts.starts,
         run_nstep=block.nstep,
-        sensors=sensors,
+        sensors=stages.sensors,
         is_python_resolved=least_ratio is not None and least_ratio > 1,
     )
 
@@ -238,16 +232,6 @@ def _step_ns(
     rounds = timing.rounds(contenders, budget_s, LEAST_ROUNDS, MOST_ROUNDS)
     nstep = block.nrun * block.nstep
     return [[1e9 * each / nstep for each in seconds] for seconds in zip(*rounds, strict=True)]
-
-
-def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
-    """Return the share of a step by stage: from the engine's timers, with only sensors apart."""
-    shares = timer_shares(model, block)
-    if not model.nsensor:
-        return shares
-    step_s = step_parts.step_s(model, block.new_start())
-    sensors = step_parts.sensor_costs(model, block.new_start(), step_s, BRIEF_S)
-    return step_parts.with_parts(shares, step_parts.of_sensors(sensors))
 
 
 def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
@@ -272,7 +256,8 @@ def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
     step = int(mujoco.mjtTimer.mjTIMER_STEP)
     fastest = sorted(blocks[1:], key=lambda block: float(block[step]))  # the first touches memory
     timer_s = np.sum(fastest[: -(-len(fastest) // 3)], axis=0)  # by mjtTimer
-    timers = {name: compat.timer(name) for name in step_parts.TIMERS}
+    names = (*step_parts.TIMERS.values(), step_parts.WHOLE_STEP)
+    timers = {name: compat.timer(name) for name in names}
     return step_parts.stage_shares(
         {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}
     )

@@ -17,7 +17,7 @@ from mjbench.bounds import NonNegativeFloat, NonNegativeInt, Share
 from mjbench.commands.profile import measure as profile
 from mjbench.commands.profile import step_parts
 from mjbench.commands.profile.loop_starts import LEAST_NSTEP, StartsInTurn
-from mjbench.commands.profile.step_parts import OTHER
+from mjbench.commands.profile.step_parts import Stage
 from mjbench.commands.run.recorded_models import RecordedModel, loadable
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -87,52 +87,53 @@ class PhysicsCost:
 
     @property
     def main_stage(self) -> tuple[str, float]:
-        """The stage that takes most of a step, and its share; collision is one stage here."""
-        is_phase = {name: "collision" in name for name in self.stages}
-        parts = {name: share for name, share in self.stages.items() if not is_phase[name]}
-        parts.pop(OTHER, None)
-        parts["collision"] = sum(share for name, share in self.stages.items() if is_phase[name])
-        return max(parts.items(), key=lambda part: part[1])
+        return step_parts.longest(self.stages)
 
     @property
     def main_cost(self) -> Cost | None:
-        kinds = {"sensors": (CostKind.SENSORS,), "collision": (CostKind.PAIR, CostKind.TYPES)}.get(
-            self.main_stage[0], ()
-        )
-        return next((cost for cost in self.costs if cost.kind in kinds), None)
+        of_collision = (CostKind.PAIR, CostKind.TYPES)
+        kinds: Mapping[str, Sequence[CostKind]] = {
+            Stage.SENSORS: (CostKind.SENSORS,),
+            Stage.COLLISION: of_collision,
+        }
+        of_stage = kinds.get(self.main_stage[0], ())
+        return next((cost for cost in self.costs if cost.kind in of_stage), None)
 
 
-def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> PhysicsCost | None:
-    """Return what costs in steps; None where no model can be stepped here."""
+def measure(models: Sequence[RecordedModel], timers: Mapping[str, float]) -> PhysicsCost | None:
+    """Return what costs in steps; None where no model can be stepped here.
+
+    Args:
+      timers: shares of a step from the engine's timers in the program; empty where it has none.
+    """
     model = loadable(models)
     if model is None:
         return None
-    return isolate.call(measure_model, model, stages, limit_s=LIMIT_S, otherwise=lambda _: None)
+    return isolate.call(measure_model, model, timers, limit_s=LIMIT_S, otherwise=lambda _: None)
 
 
 def measure_model(
-    recorded: RecordedModel, stages: Mapping[str, float], channel: Channel
+    recorded: RecordedModel, timers: Mapping[str, float], channel: Channel
 ) -> PhysicsCost:
     model, states = recorded.load(), recorded.states
-    step_s = step_parts.step_s(model, StartsInTurn(model, states))
-    sensors = step_parts.sensor_costs(model, StartsInTurn(model, states), step_s)
-    stages = stages or _stages(model, states)
-    if step_parts.SENSORS not in stages:  # timed in the program, by the engine's timers alone
-        stages = step_parts.with_parts(stages, step_parts.of_sensors(sensors))
-    of_sensors = [Cost(CostKind.SENSORS, each.type, each.count, each.share) for each in sensors]
-    narrow_share = stages["narrow-phase collision"]
+    timers = timers or _timer_shares(model, states)
+    step = step_parts.stages(model, timers, lambda: StartsInTurn(model, states))
+    of_sensors = [
+        Cost(CostKind.SENSORS, each.type, each.count, each.share) for each in step.sensors
+    ]
+    narrow_share = step.shares[Stage.NARROW_PHASE]
     has_pairs = narrow_share >= LEAST_SHARE
-    of_pairs = _pairs(model, states, narrow_share, step_s) if has_pairs else ()
+    of_pairs = _pairs(model, states, narrow_share, step.step_s) if has_pairs else ()
     costs = [*of_pairs, *of_sensors]
     largest = sorted(costs, key=lambda cost: -cost.share)
     notable = [cost for cost in largest if cost.share >= LEAST_SHARE]
-    return PhysicsCost(1e9 * step_s, stages, notable[:MOST_COSTS])
+    return PhysicsCost(1e9 * step.step_s, step.shares, notable[:MOST_COSTS])
 
 
-def _stages(model: mujoco.MjModel, states: np.ndarray) -> Mapping[str, float]:
+def _timer_shares(model: mujoco.MjModel, states: np.ndarray) -> Mapping[str, float]:
     nstep = max(LEAST_NSTEP, int(profile.BLOCK_S / reference_run.step_s(model) / len(states)))
     block = profile.Block(len(states), nstep, lambda: StartsInTurn(model, states))
-    return profile.stages(model, block)
+    return profile.timer_shares(model, block)
 
 
 def _pairs(

@@ -19,6 +19,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.commands.profile import measure as profile
+from mjbench.commands.profile import step_parts
 from mjbench.commands.profile.loop_starts import StartsInTurn
 from mjbench.commands.tune import accuracy, edited_model, trajectories
 from mjbench.commands.tune.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
@@ -45,6 +46,8 @@ from mjbench.status import Status
 BLOCK_S, BLOCK_NCONTROL, LEAST_NRUN = 0.002, 2, 2
 # Quads of blocks that a setting gets in a launch, at least and at most.
 LEAST_QUADS, MOST_QUADS = 1, 25
+# Seconds for the stages of a step that calls time, for each kind of them.
+STAGES_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -170,7 +173,8 @@ def stage_shares(model: mujoco.MjModel, trials: Trials) -> dict[str, float]:
     run_s = hold * reference_run.step_s(model, trials.initial_state[0])
     nrun = max(1, int(BLOCK_S / run_s))
     block = profile.Block(nrun, hold, lambda: StartsInTurn(model, trials.initial_state))
-    return profile.stages(model, block)
+    timers = profile.timer_shares(model, block)
+    return dict(step_parts.stages(model, timers, block.new_start, STAGES_S).shares)
 
 
 def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Accuracy:
