@@ -18,9 +18,10 @@ import mujoco
 import numpy as np
 
 from mjbench.bounds import Nanoseconds, NonNegativeInt, Share, Timestep, check_measured
-from mjbench.commands.profile import habits, rendering, step_parts
+from mjbench.commands.profile import habits, model_costs, rendering, step_parts
 from mjbench.commands.profile.habits import Habit, compile_loop
 from mjbench.commands.profile.loop_starts import LoopStarts
+from mjbench.commands.profile.model_costs import MOST_COSTS, Cost
 from mjbench.commands.profile.options import ProfileOptions
 from mjbench.commands.profile.rendering import FrameTime
 from mjbench.commands.profile.step_parts import SensorCost
@@ -60,6 +61,7 @@ FRAMES_PER_S = 60
     "run_nstep",
     "sensors",
     "is_python_resolved",
+    "collision",
 )
 @dataclass(frozen=True)
 class ProfiledSteps:
@@ -72,6 +74,7 @@ class ProfiledSteps:
         None in releases that install none.
       stages: share of a step by stage; they sum up to 1.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
+      collision: what collisions of geoms cost of a step, the largest first.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from.
       run_nstep: steps from each start, which hold its controls.
@@ -88,6 +91,7 @@ class ProfiledSteps:
     run_nstep: NonNegativeInt | None = None
     sensors: Sequence[SensorCost] = ()
     is_python_resolved: bool = True
+    collision: Sequence[Cost] = ()
 
     @property
     def python_ns(self) -> float:
@@ -217,6 +221,9 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
         starts=starts.starts,
         run_nstep=block.nstep,
         sensors=stages.sensors,
+        collision=model_costs.collision_costs(
+            model, starts.states, stages.shares, stages.step_s, PART_SHARE * budget_s
+        )[:MOST_COSTS],
         is_python_resolved=least_ratio is not None and least_ratio > 1,
     )
 

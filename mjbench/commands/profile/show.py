@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench import formats
-from mjbench.commands.profile import step_parts
+from mjbench.commands.profile import model_costs, step_parts
 from mjbench.commands.profile.measure import FRAMES_PER_S, ProfiledSteps, ProfileRow
 from mjbench.commands.profile.rendering import FrameTime
 from mjbench.commands.profile.step_parts import Stage
@@ -65,7 +65,9 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
     stage, share = step_parts.longest(steps.stages)
     if share > 0:
         of_engine = f"{formats.short_percent(share)} of the engine's time"
-        yield Conclusion(f"{model}: the longest stage is {stage}, {of_engine}")
+        cost = model_costs.main_cost(steps.stages, steps.collision)
+        most = f"; most of it is {cost}" if cost is not None else ""
+        yield Conclusion(f"{model}: the longest stage is {stage}, {of_engine}{most}")
     gain = steps.speedup_without_timer
     if gain is not None and gain.is_above(1.0) and gain.estimate >= 1 + engine_clock.MIN_GAIN:
         yield Conclusion(

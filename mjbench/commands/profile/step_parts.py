@@ -16,14 +16,13 @@ import mujoco
 import numpy as np
 
 from mjbench.bounds import NonNegativeInt, Share
+from mjbench.commands.profile.evaluations import Evaluations
 from mjbench.measuring import timing
 from mjbench.simulation import compat
 
 # Seconds for the parts of one kind; rounds, and seconds of a block.
 BUDGET_S = 0.5
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S = 7, 200, 0.0005
-# RK4 evaluates the dynamics so often in a step.
-_EVALUATIONS_OF_RK4 = 4
 
 # A function of the engine, or what brings an MjData to a start state.
 Function = Callable[[mujoco.MjModel, mujoco.MjData], None]
@@ -190,15 +189,9 @@ def parts(
     return timed
 
 
-def evaluations(model: mujoco.MjModel) -> int:
-    """Return how often a step evaluates the dynamics."""
-    is_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    return _EVALUATIONS_OF_RK4 if is_rk4 else 1
-
-
 def _functions(model: mujoco.MjModel) -> Iterator[tuple[Stage, Stage, int, Function]]:
     """Yield a stage, that whose timer includes it, how often a step calls it, and its function."""
-    count = evaluations(model)
+    count = Evaluations.of(model).of_step
     yield Stage.ACCELERATION, Stage.OTHER, count, mujoco.mj_fwdAcceleration
     for name in ("Pos", "Vel", "Acc"):
         yield Stage.CHECKS, Stage.OTHER, 1, getattr(mujoco, f"mj_check{name}")
