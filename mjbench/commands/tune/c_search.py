@@ -246,7 +246,7 @@ class CSearch:
         """Run the present settings, and the reference, from new starts; return the error there."""
         first = self._present
         self._advance(3, "present settings from new starts", 0.0)
-        present, _, _ = self._measure.present(self._plan.trials(1, first.ncontrol))
+        present, *_ = self._measure.present(self._plan.trials(1, first.ncontrol))
         if first.error is None:
             self._set(present=present)
         elif needs_error:

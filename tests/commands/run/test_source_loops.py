@@ -3,6 +3,7 @@
 import pytest
 
 from mjbench.commands.run import source_loops
+from mjbench.commands.run.source_loops import SourceLoop
 
 SOURCE = """\
 import os
