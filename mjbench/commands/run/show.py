@@ -240,8 +240,8 @@ def _outside(row: ProgramRow) -> str:
     ]
     if has_kernels:
         parts.append(
-            f"compiling Warp kernels: {plain(kernels * row.wall_s, 2)} s, once per machine: they are"
-            " kept in Warp's cache"
+            f"compiling Warp kernels: {plain(kernels * row.wall_s, 2)} s, once per machine: they"
+            " are kept in Warp's cache"
         )
     if imports and (is_short or import_share > largest):
         places = ", ".join(str(line.place) for line in imports[:3])
