@@ -239,9 +239,10 @@ def _outside(row: ProgramRow) -> str:
         if line.share >= LEAST_GAIN
     ]
     if has_kernels:
-        parts.append(
+        parts.insert(
+            0 if kernels > largest else len(parts),
             f"compiling Warp kernels: {plain(kernels * row.wall_s, 2)} s, once per machine: they"
-            " are kept in Warp's cache"
+            " are kept in Warp's cache",
         )
     if imports and (is_short or import_share > largest):
         places = ", ".join(str(line.place) for line in imports[:3])
