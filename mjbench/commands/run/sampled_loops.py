@@ -36,9 +36,6 @@ _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
 # Calls that show a loop, of which there may be no samples, beside those that step.
 _SHOWN = (COMPILE, DISPATCH, PROCESS_START)
 
-# A stack of a loop, before what it does is known: of which thread, its frames, and the inner ones.
-_Stack = tuple[ThreadSamples, Sequence[Frame], Sequence[Frame]]
-
 
 def loop_times(
     threads: Sequence[ThreadSamples],
@@ -55,22 +52,23 @@ def loop_times(
       collections_s: seconds of garbage collections by process, which samples of Python alone do
         not show.
     """
-    by_loop: dict[SourceLoop, list[_Stack]] = defaultdict(list)
+    of_pools = {
+        each.thread.pid for each in threads if any(map(activities.is_of_thread_pool, each.stacks))
+    }
+    by_loop: dict[SourceLoop, list[Sample]] = defaultdict(list)
     for thread in threads:
         for stack in thread.stacks:
             if (running := _outermost_loop(stack)) is not None:
                 loop, inner = running
-                by_loop[loop].append((thread, stack, inner))
-    of_pools = {
-        each.thread.pid for each in threads if any(map(activities.is_of_thread_pool, each.stacks))
-    }
+                activity = activities.activity(stack, thread.thread.pid in of_pools)
+                by_loop[loop].append(Sample(thread, stack, inner, activity))
     calls_by_loop: dict[SourceLoop, list[CallTime]] = defaultdict(list)
     for call in calls:
         if call.loop is not None:
             calls_by_loop[call.loop].append(call)
     times = []
     for loop in dict.fromkeys([*by_loop, *calls_by_loop]):
-        samples, timed = _samples(by_loop[loop], of_pools), calls_by_loop[loop]
+        samples, timed = by_loop[loop], calls_by_loop[loop]
         if samples or any(call.is_step or call.callee in _SHOWN for call in timed):
             times.append(_loop_time(loop, samples, timed, main_pid, collections_s or {}))
     return sorted(
@@ -188,14 +186,6 @@ def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
         if call.activity == Activity.LOADING:
             counts[call.place.position] += call.calls
     return {line for line, count in counts.items() if count >= LEAST_REPEATS}
-
-
-def _samples(stacks: Sequence[_Stack], of_pools: Collection[int]) -> list[Sample]:
-    """Return the samples of a loop, each with its activity."""
-    return [
-        Sample(thread, stack, inner, activities.activity(stack, thread.thread.pid in of_pools))
-        for thread, stack, inner in stacks
-    ]
 
 
 def _loop_time(
