@@ -23,6 +23,7 @@ import click
 from benchmarks.history import bundle, files, known_causes, measurements, page, plots, ratio_section
 from benchmarks.history.release_ratios import REFERENCE, RatioRecord
 from benchmarks.history.tasks import Selection
+from benchmarks.operations import registry
 from benchmarks.studies import tally_command
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.shared import as_one, takes
@@ -30,7 +31,6 @@ from mjbench.commands.shared_options import RunFileOptions, results_option
 from mjbench.counts.records import ExplainRecord
 from mjbench.counts.show import explanations
 from mjbench.errors import InputError, MachineError
-from mjbench.paired.operations import registry
 from mjbench.releases import installs, package_index, release_names
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.simulation.models import resolve, shipped

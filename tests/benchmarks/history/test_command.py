@@ -11,12 +11,12 @@ import pytest
 from click.testing import CliRunner, Result
 from example_counts import counted
 
+from benchmarks import operations
 from benchmarks.history import plots, timing
 from benchmarks.history.release_ratios import REFERENCE, LaunchRatio, RatioRecord, StepRatioRecord
 from benchmarks.history.tasks import ReleaseTask
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.errors import Failure, InputError, MachineError
-from mjbench.paired import operations
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import package_index
 from mjbench.releases.placement import Placement
