@@ -85,6 +85,7 @@ OTHER = {
     "metric": "load",
     "options": ["pool=kept"],
     "paths": ["rollout"],
+    "precision": 0.003,
     "returns": "sensors",
     "allow": "free",
     "only": ["solver"],
