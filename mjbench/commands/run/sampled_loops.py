@@ -268,11 +268,11 @@ def _building_line(
 
     whole_s, built_s = defaultdict[Place, float](float), defaultdict[Place, float](float)
     for sample in samples:
-        if (place := outermost(sample)) is not None:
-            whole_s[place] += sample.seconds
+        if (line := outermost(sample)) is not None:
+            whole_s[line] += sample.seconds
             is_loading = any(each.position in loading for each in sample.own_places)
             if sample.activity == Activity.BUILDING or is_loading:
-                built_s[place] += sample.seconds
+                built_s[line] += sample.seconds
     if not built_s:
         return None
     most = max(built_s, key=lambda each: built_s[each])
