@@ -24,16 +24,34 @@ PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("[!.]
 PACKAGES = sorted(p.parent.name for p in (ROOT / "mjbench").glob("*/__init__.py"))
 
 
+# The most words of a page, or of all pages of a folder together.
+LIMITS = {
+    "README.md": 1100,
+    "CONTRIBUTING.md": 890,
+    "models/README.md": 440,
+    "results/README.md": 710,
+    "docs/architecture.md": 1330,
+    "docs/asv.md": 410,
+    "docs/commands.md": 5500,
+    "docs/faq.md": 2200,
+    "docs/faults.md": 600,
+    "docs/formats.md": 1340,
+    "docs/glossary.md": 450,
+    "docs/guides/*.md": 9700,
+    "docs/history.md": 1500,
+    "docs/lab.md": 220,
+    "docs/lint.md": 1020,
+    "docs/method/*.md": 14900,
+    "docs/python.md": 1000,
+    "docs/results.md": 1800,
+}
+
+
 def name(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
 WRITTEN_PART = r"(?s)<!-- [\w-]+: written by .*?<!-- end -->"
-
-
-def is_written(page: Path) -> bool:
-    """Return whether a command writes all of a page."""
-    return bool(re.search("^Written by .*do not edit", page.read_text(), flags=re.M))
 
 
 def prose_of(page: Path) -> str:
@@ -138,32 +156,15 @@ def test_a_command_with_another_option_does_not_parse() -> None:
         parse(["compare", "robot.xml", "--scalling"])
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_pages_for_users_have_no_words_of_the_house(page: Path) -> None:
-    """An arm may be a robot's, and a cell a notebook's or a height field's."""
-    if page.name in ("CHANGELOG.md", "CONTRIBUTING.md", "architecture.md"):
-        pytest.skip("of the code, or written from it")
-    text = re.sub(WRITTEN_PART, "", page.read_text())
-    assert not re.findall(r"\b(regimes?|residues?|excursions?|contests?)\b", text, re.I)
-    other_sense = "manipulation: arm|code cells|cells in other languages|cells below|coarser cells"
-    prose = re.sub(other_sense, "", prose_of(page))
-    assert not re.findall(r"\b([Aa]rms?|[Cc]ells?)\b", prose)
+@pytest.mark.parametrize(("pages", "limit"), LIMITS.items())
+def test_pages_are_short(pages: str, limit: int) -> None:
+    """Of pages that commands write, too."""
+    assert sum(len(page.read_text().split()) for page in ROOT.glob(pages)) <= limit
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_on_pages_that_people_write_things_do_not_speak(page: Path) -> None:
-    if page.name in ("CHANGELOG.md", "CONTRIBUTING.md", "architecture.md") or is_written(page):
-        pytest.skip("of the code, or written from it")
-    assert not re.findall(r"\bsays?\b|\bof (?:its|their) own\b|\bof yours\b", prose_of(page))
-
-
-def test_the_pages_that_people_write_are_short() -> None:
-    """Without what commands write or print."""
-    printed = r"(?ms)^<!-- of [^\n]* -->\n+```\n.*?^```$"
-    texts = [p.read_text() for p in PAGES if p.name != "CHANGELOG.md" and not is_written(p)]
-    written = [re.sub(printed, "", re.sub(WRITTEN_PART, "", text)) for text in texts]
-    assert sum(len(text.split()) for text in written) <= 27_800
-    assert len((ROOT / "README.md").read_text().split()) <= 1_110
+def test_every_page_of_the_documentation_has_a_limit() -> None:
+    limited = {page for pages in LIMITS for page in ROOT.glob(pages)}
+    assert set(ROOT.glob("docs/**/*.md")) <= limited
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

@@ -25,12 +25,7 @@ def test_what_is_not_of_the_machine_does_not_tell_machines_apart() -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [
-        {"cpu": XEON.cpu},
-        {"architecture": "aarch64"},
-        {"usable_cores": 2},
-        {"hypervisor": False},
-    ],
+    [{"cpu": XEON.cpu}, {"architecture": "aarch64"}, {"usable_cores": 2}, {"hypervisor": False}],
 )
 @pytest.mark.parametrize("known", [{}, {"label": "lab"}, {"host": "a1"}])
 def test_another_kind_is_another_machine(

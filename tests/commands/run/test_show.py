@@ -181,7 +181,8 @@ def test_compiling_warp_kernels_is_named_as_that() -> None:
     (line,) = lines(0.5, activity=Activity.KERNELS)
     short = replace(row(loop({Activity.PHYSICS: 1.0})), loops=[], outside_loops=[line])
     assert program.conclusion(short).endswith(
-        "no loop was seen that steps MuJoCo; compiling Warp kernels: 1.5 s, once per machine: they are kept in Warp's cache"
+        "no loop was seen that steps MuJoCo; compiling Warp kernels: 1.5 s, once per machine:"
+        " they are kept in Warp's cache"
     )
 
 
@@ -284,10 +285,7 @@ NEARLY_PHYSICS = loop({Activity.PHYSICS: 0.9, Activity.PYTHON: 0.1})
 PHYSICS = PhysicsCost(
     20_000.0,
     {"broad-phase collision": 0.1, "narrow-phase collision": 0.4, "constraint solver": 0.3},
-    [
-        Cost(CostKind.TYPES, "box and mesh", 12, 0.3),
-        Cost(CostKind.SENSORS, "rangefinder", 8, 0.2),
-    ],
+    [Cost(CostKind.TYPES, "box and mesh", 12, 0.3), Cost(CostKind.SENSORS, "rangefinder", 8, 0.2)],
 )
 
 
