@@ -141,10 +141,10 @@ class CSearch:
         settings, meshes = self._measure.survey(plan.seed, computing_s)
         self._advance(0, "the present settings", 0.5)
         begin_s = self._clock()
-        present, stages, self._reference_s = self._measure.present(plan.trials(0))
+        present, stages, collision, self._reference_s = self._measure.present(plan.trials(0))
         self._present_s = self._clock() - begin_s
         self._second_look_s = min(2 * self._present_s, SECOND_LOOK_PART * self._left_s)
-        self._set(meshes=meshes, present=present, stages=stages)
+        self._set(meshes=meshes, present=present, stages=stages, collision=collision)
         wanted = [each for each in settings if each.knob in plan.knobs]
         return [(each,) for each in sorted(wanted, key=lambda s: knobs.order(s, stages))]
 
@@ -221,10 +221,10 @@ class CSearch:
         try:
             self._repeat(launched, MOST_FINAL_LAUNCHES, 1.0)
         finally:  # Ctrl-C, or a crash, leaves what is known
-            for each in final:
-                first, second = confirmed[each]
-                if len(launched[each]) > 1:
-                    self._recommend(first, with_figures(second, launched[each]))
+            for settings, rows in launched.items():
+                first, second = confirmed[settings]
+                if len(rows) > 1:
+                    self._recommend(first, with_figures(second, rows))
                 elif first.ratio:  # there was no time for more than one launch
                     self._recommend(first, replace(second, ratio=first.ratio))
 
@@ -234,7 +234,7 @@ class CSearch:
     def _present_again(self, needs_error: bool) -> float:
         """Run the present settings from new starts, and the reference; return the error there."""
         first = self._present
-        present, _, _ = self._measure.present(self._plan.trials(1, first.ncontrol))
+        present, *_ = self._measure.present(self._plan.trials(1, first.ncontrol))
         if needs_error:
             present = self._reference(first.horizon_ncontrol) or present
         if first.error is None:

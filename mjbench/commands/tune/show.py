@@ -304,7 +304,8 @@ def counted(record: TuneRecord) -> list[CountedGain]:
     It is one setting of each knob, the one that saves most.
     """
     tried = {each.settings[0]: each for each in record.attempts if len(each.settings) == 1}
-    judged = {one for each in (*record.front, *record.withdrawn) for one in each.settings}
+    judged = {one for each in record.front for one in each.settings}
+    judged |= {one for each in record.withdrawn for one in each.settings}
     gains: dict[str, CountedGain] = {}
     for setting in sorted({*record.untried_halving, *tried} - judged, key=lambda each: each.saves):
         stages, attempt = record.stages or {}, tried.get(setting)
