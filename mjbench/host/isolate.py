@@ -174,10 +174,10 @@ def _converse(
 
     with contextlib.suppress(OSError):  # a dead child is reported when its answer is read
         connection.connection.send(to_call)
-    limit = limit_s
+    limit, is_watched = limit_s, memory_bytes is not None or end_s < math.inf
     try:
         while True:
-            content = connection.receive(limit, watch=watch if memory_bytes or end_s < math.inf else None)
+            content = connection.receive(limit, watch=watch if is_watched else None)
             message = connection.unpickled(content)
             if isinstance(message, Ended):
                 return message
