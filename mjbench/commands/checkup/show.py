@@ -218,6 +218,7 @@ def _why_nothing(run: Run) -> str:
         share = 1.0 if steps.is_all_engine else steps.engine_ns / steps.loop_ns
         whole = formats.whole_percent(share)
         reasons.append(f"{whole} of a step is the engine ({_stages(steps)})")
+        reasons += profile.causes(steps)
     reasons += map(_why_no_path, derive_all(run.records))
     reasons += map(_why_no_setting, run.of_type(TuneRecord))
     reasons += map(program.conclusion, run.of_type(ProgramRow))
@@ -400,6 +401,6 @@ def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
         if (steps := row.steps) is not None:
             first = next(profile.conclusions(row.model, steps))
             yield first.text.removeprefix(f"{row.model}: ")
-            yield f"Of the engine's time: {_stages(steps)}"
+            yield ": ".join([f"Of the engine's time: {_stages(steps)}", *profile.causes(steps)])
             yield profile.work_line(steps)
             yield from starts_lines(steps.starts)

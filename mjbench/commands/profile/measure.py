@@ -62,6 +62,7 @@ FRAMES_PER_S = 60
     "run_nstep",
     "sensors",
     "is_python_resolved",
+    "static_geoms",
 )
 @dataclass(frozen=True)
 class ProfiledSteps:
@@ -77,6 +78,7 @@ class ProfiledSteps:
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from.
       run_nstep: steps from each start, which hold its controls.
+      static_geoms: see `step_parts.static_geoms`.
     """
 
     timestep: Timestep
@@ -90,11 +92,18 @@ class ProfiledSteps:
     run_nstep: NonNegativeInt | None = None
     sensors: Sequence[SensorCost] = ()
     is_python_resolved: bool = True
+    static_geoms: NonNegativeInt = 0
 
     @property
     def python_ns(self) -> float:
         """What the Python loop adds to a step; negative where that is within the noise."""
         return self.loop_ns - self.engine_ns
+
+    @property
+    def longest_stage(self) -> str:
+        """The stage that takes most of a step; empty where none has a share."""
+        shares = {name: share for name, share in self.stages.items() if name != step_parts.OTHER}
+        return max(shares, key=lambda name: shares[name]) if any(shares.values()) else ""
 
     @property
     def is_all_engine(self) -> bool:
@@ -224,6 +233,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
         run_nstep=block.nstep,
         sensors=sensors,
         is_python_resolved=least_ratio is not None and least_ratio > 1,
+        static_geoms=step_parts.static_geoms(model),
     )
 
 

@@ -61,17 +61,27 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         f" Python {duration(steps.python_ns)}"
     )
     yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
-    stages = {stage: share for stage, share in steps.stages.items() if stage != OTHER}
-    if any(stages.values()):
-        longest = max(stages, key=lambda stage: stages[stage])
-        share = formats.short_percent(stages[longest])
-        yield Conclusion(f"{model}: the longest stage is {longest}, {share} of the engine's time")
+    if longest := steps.longest_stage:
+        share = formats.short_percent(steps.stages[longest])
+        because = "".join(f": {cause}" for cause in causes(steps))
+        yield Conclusion(
+            f"{model}: the longest stage is {longest}, {share} of the engine's time{because}"
+        )
     gain = steps.speedup_without_timer
     if gain is not None and gain.is_above(1.0) and gain.estimate >= 1 + engine_clock.MIN_GAIN:
         yield Conclusion(
             f"{model}: without {engine_clock.TIMER_NAME}, a step of the loop is"
             f" {formats.with_interval(gain)} times as fast. {engine_clock.OFF_NOTE}",
             Tone.UNSURE,
+        )
+
+
+def causes(steps: ProfiledSteps) -> Iterator[str]:
+    """Yield what of the model makes the longest stage long, and what tries to change that."""
+    if steps.static_geoms and steps.longest_stage == "kinematics":
+        yield (
+            f"each step places {steps.static_geoms:,} geoms that no joint moves; `mjbench tune"
+            " --only sleep` tries sleep, which leaves them out"
         )
 
 

@@ -171,6 +171,13 @@ def _needed_sensors(model: mujoco.MjModel) -> Iterator[Callable[[np.ndarray], Ca
         model.sensor_needstage[:] = needs
 
 
+def static_geoms(model: mujoco.MjModel) -> int:
+    """Return how many geoms no joint moves, where sleep would leave out most of all; else 0."""
+    count = int(np.count_nonzero(np.asarray(model.body_weldid)[model.geom_bodyid] == 0))
+    is_most = 2 * count > model.ngeom
+    return count if is_most and compat.flag_enabled(model, "sleep") is False else 0
+
+
 def sensor_costs(
     model: mujoco.MjModel, start: Function, step_s: float, budget_s: float = BUDGET_S
 ) -> list[SensorCost]:

@@ -42,6 +42,8 @@ class CostKind(enum.StrEnum):
     """That of all geoms of two types, one with another."""
     SENSORS = "sensors"
     """All sensors of one type."""
+    STATIC = "geoms"
+    """Those that no joint moves: their part of all geoms is taken to be that of kinematics."""
 
 
 class Nearness(enum.IntEnum):
@@ -96,9 +98,11 @@ class PhysicsCost:
 
     @property
     def main_cost(self) -> Cost | None:
-        kinds = {"sensors": (CostKind.SENSORS,), "collision": (CostKind.PAIR, CostKind.TYPES)}.get(
-            self.main_stage[0], ()
-        )
+        kinds = {
+            "sensors": (CostKind.SENSORS,),
+            "collision": (CostKind.PAIR, CostKind.TYPES),
+            "kinematics": (CostKind.STATIC,),
+        }.get(self.main_stage[0], ())
         return next((cost for cost in self.costs if cost.kind in kinds), None)
 
 
@@ -123,7 +127,11 @@ def measure_model(
     narrow_share = stages["narrow-phase collision"]
     has_pairs = narrow_share >= LEAST_SHARE
     of_pairs = _pairs(model, states, narrow_share, step_s) if has_pairs else ()
-    costs = [*of_pairs, *of_sensors]
+    of_static = []
+    if count := step_parts.static_geoms(model):
+        share = stages.get("kinematics", 0.0) * count / model.ngeom
+        of_static.append(Cost(CostKind.STATIC, "geoms that no joint moves", count, share))
+    costs = [*of_pairs, *of_sensors, *of_static]
     largest = sorted(costs, key=lambda cost: -cost.share)
     notable = [cost for cost in largest if cost.share >= LEAST_SHARE]
     return PhysicsCost(1e9 * step_s, stages, notable[:MOST_COSTS])

@@ -141,3 +141,19 @@ def test_the_parts_of_a_step_leave_the_model_as_it_was(model: mujoco.MjModel) ->
     assert {part.name for part in parts} >= {"sensors", "smooth acceleration"}
     assert all(part.share >= 0 for part in parts)
     np.testing.assert_array_equal(model.sensor_needstage, before)
+
+
+@pytest.mark.parametrize(
+    ("world", "option", "count"),
+    [
+        (3 * "<geom size='.1'/>", "", 3),
+        (3 * "<geom size='.1'/>", "<option><flag sleep='enable'/></option>", 0),
+        ("<geom size='.1'/>", "", 0),
+    ],
+)
+def test_static_geoms_count_where_they_are_most_and_do_not_sleep(
+    world: str, option: str, count: int
+) -> None:
+    moving = "<body><freejoint/><geom size='.1'/><body><geom size='.1'/></body></body>"
+    xml = f"<mujoco>{option}<worldbody>{world}{moving}</worldbody></mujoco>"
+    assert step_parts.static_geoms(mujoco.MjModel.from_xml_string(xml)) == count
