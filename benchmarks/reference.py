@@ -55,8 +55,7 @@ class Reference(Tracked):
         cache[model].get()
 
     @for_asv(
-        unit="new/reference",
-        pretty_name=f"time of a step over that of MuJoCo {REFERENCE}, paired",
+        unit="new/reference", pretty_name=f"time of a step over that of MuJoCo {REFERENCE}, paired"
     )
     def track_ratio_to_reference(self, cache: dict[str, Cached[float]], model: str) -> float:
         """Return the time of a step over the reference release's, a ratio without unit."""

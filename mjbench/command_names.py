@@ -51,7 +51,7 @@ LISTED: Mapping[str, Mapping[str, Listed]] = {
 MODES = ("profile --habits", "profile --instructions", "versions --explain")
 NAMES = (*(name for listed in LISTED.values() for name in listed), *MODES)
 # The modules of commands that are not in the one of their first word.
-_MODULES = {"models": "available", "paths": "available", "versions --explain": "versions_explain"}
+_MODULES = {"models": "available", "paths": "available"}
 
 # Modes, and commands of groups, by what their results are named after.
 _OF_RESULTS: Mapping[str, str] = {

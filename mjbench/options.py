@@ -13,9 +13,8 @@ A value comes as text from the command line, or from a program; a `Kind` reads b
 """
 
 import operator
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from enum import StrEnum
 from typing import Any, TypeVar
 
 from mjbench import limits
@@ -294,14 +293,14 @@ def _names(name: str, value: Any) -> list[str]:
     return names
 
 
-def names_among(names: type[StrEnum], metavar: str = "NAME,…") -> Kind:
+def names_among(names: Sequence[str], metavar: str = "NAME,…") -> Kind:
     """Return the kind of one or several of these names, with commas."""
 
-    def read(text: str) -> list[StrEnum]:
+    def read(text: str) -> list[str]:
         words = [word for word in text.split(",") if word.strip()]
         if not words:
             raise ValueError
-        return parsed(",".join(words), lambda word: names(word.strip()))
+        return parsed(",".join(words), lambda word: names[names.index(word.strip())])
 
     expected = f"one of {', '.join(names)}, or several with commas"
     return Kind(metavar, "str", read, expected=expected)
@@ -336,11 +335,7 @@ HERTZ = _numeric(
 )
 COUNT, SEED, THREADS = count(), count(limits.SEED), numbers(limits.THREADS)
 LARGE_COUNT = Kind(
-    "N",
-    "float",
-    float,
-    _large,
-    f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}",
+    "N", "float", float, _large, f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}"
 )
 NAMES = Kind("NAME,…", "str | Iterable[str]", str, _names, "a name, or several with commas")
 SETTINGS = Kind("NAME=V,V", "Mapping[str, Any]", check=_settings, is_repeated=True)

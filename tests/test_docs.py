@@ -35,18 +35,15 @@ LIMITS = {
     "docs/commands.md": 5500,
     "docs/faq.md": 2200,
     "docs/faults.md": 600,
-    "docs/foreign.md": 910,
     "docs/formats.md": 1340,
     "docs/glossary.md": 450,
     "docs/guides/*.md": 9700,
-    "docs/history.md": 2420,
-    "docs/judgements.md": 1080,
+    "docs/history.md": 1500,
     "docs/lab.md": 220,
     "docs/lint.md": 1020,
     "docs/method/*.md": 14900,
     "docs/python.md": 1000,
-    "docs/results.md": 620,
-    "docs/tuning.md": 610,
+    "docs/results.md": 1800,
 }
 
 

@@ -18,7 +18,7 @@ from committed_trials import RUNS, trial_counts
 from method_figures import percent
 from test_docs import prose_of
 
-from benchmarks.studies import races
+from benchmarks.studies import foreign, foreign_page, foreign_tally, races, tuning, tuning_page
 from benchmarks.studies.tally_file import load
 from mjbench.commands.checkup import driver as checkup
 from mjbench.commands.checkup import ranking
@@ -58,11 +58,13 @@ def readme() -> Iterator[str]:
     yield from counts.phrases()
     yield "in 99 of 100 comparisons"
     yield f"is at most {percent(max(worst_regrets()), 1)} slower than the fastest"
-    free, equivalent = promises()
-    assert free[0] == free[1]
-    yield f"all {free[1]} that it called free changed no state"
-    yield f"of the {equivalent[1]} that it called within the solver's tolerance"
-    yield f"tolerance, {equivalent[0]} were"
+    free, equivalent = tuning_page.promises_kept(tuning.load())
+    kept, of = free.split(" of ")
+    assert kept == of
+    yield f"all {of} that it called free changed no state"
+    kept, of = equivalent.split(" of ")
+    yield f"of the {of} that it called within the solver's tolerance"
+    yield f"tolerance, {kept} were"
     yield from durations()
 
 
@@ -90,20 +92,11 @@ def worst_regrets() -> tuple[float, float]:
     return ours, others
 
 
-def promises() -> list[tuple[str, str]]:
-    """Return how many settings kept what `tune` said of them, of how many: free, equivalent."""
-    page = (ROOT / "docs/tuning.md").read_text()
-    patterns = (r"changed no state in (\d+) of (\d+) cases", r"still equivalent in (\d+) of (\d+)")
-    return [found for pattern in patterns for found in re.findall(pattern, page)]
-
-
 def trust() -> Iterator[str]:
     counts = trial_counts()
     yield f"called different | {counts.alarms} |"
     yield f"slowdowns of about 1 % or more that were missed | {counts.missed} |"
-    page = (ROOT / "docs/foreign.md").read_text()
-    (agree,) = re.findall(r"For (\d+ of \d+ models) from", page)
-    yield f"| {agree} |"
+    yield f"| {foreign_page.agreement(foreign_tally.load(foreign.TALLY))} |"
     ours, others = worst_regrets()
     yield f"| {percent(ours, 1)} on our models, {percent(others, 1)} on others |"
     ours, others = (
@@ -112,7 +105,7 @@ def trust() -> Iterator[str]:
     )
     yield f"({percent(race_record.CONFIDENCE)} should)"
     yield f"| {percent(ours, 1)} on ours, {percent(others, 1)} on others |"
-    yield from (f"| {kept} of {of} |" for kept, of in promises())
+    yield from (f"| {kept} |" for kept in tuning_page.promises_kept(tuning.load()))
     yield f"if that is more than {percent(outcomes.MIN_EFFECT)}"
     yield f"can be faster by {percent(race_record.MARGIN)}"
     yield faster_as_a_whole(share=1 / 2, speedup=2)
@@ -155,11 +148,6 @@ def revisions() -> Iterator[str]:
     yield f"arrays above {call_results._MOST_BYTES / 2**20:.0f} MiB"
 
 
-def results() -> Iterator[str]:
-    (models,) = re.findall(r"For \d+ of (\d+) models", (ROOT / "docs/foreign.md").read_text())
-    yield f"do all paths agree on {models} of them?"
-
-
 def upgrades() -> Iterator[str]:
     yield f"at {percent(outcomes.CONFIDENCE)} confidence"
     yield f"which is at most {percent(outcomes.MIN_EFFECT)} (`--min-effect`)"
@@ -185,7 +173,6 @@ def checkup_guide() -> Iterator[str]:
 PHRASES: dict[str, Callable[[], Iterator[str]]] = {
     "README.md": readme,
     "docs/faq.md": lambda: iter(()),
-    "docs/results.md": results,
     "docs/guides/checkup.md": checkup_guide,
     "docs/guides/ci.md": lambda: iter(
         (

@@ -54,10 +54,5 @@ def changes(selection: Selection) -> Measurement:
 
     paths = [source.path for source in selection.sources]
     return Measurement(
-        "history-explain",
-        selection.arguments,
-        paths,
-        measure,
-        finished,
-        record_types=RECORD_TYPES,
+        "history-explain", selection.arguments, paths, measure, finished, record_types=RECORD_TYPES
     )

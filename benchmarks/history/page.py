@@ -16,7 +16,7 @@ from benchmarks.history.speed_history import SpeedHistory, listed_changes
 from benchmarks.history.speed_series import NO_CHANGE_PAIRS, MeasuredRelease, SpeedSeries
 from mjbench.formats import count_of
 from mjbench.host.machine import Machine
-from mjbench.results import charts, markdown
+from mjbench.results import markdown
 from mjbench.results.content import Conclusion, Section
 from mjbench.simulation import models
 
@@ -45,7 +45,7 @@ def document(sections: Iterable[Section], folder: str) -> Iterator[str]:
             yield markdown.escaped(text)
         for figure in section.figures:
             yield ""
-            yield f"![{markdown.escaped(figure.title)}]({folder}/{charts.file_name(figure.title)})"
+            yield f"![{markdown.escaped(figure.title)}]({folder}/{plots.file_name(figure.title)})"
         if not section.figures:
             yield from markdown.tables(section)
         for note in section.notes:
@@ -75,11 +75,10 @@ def sections(history: SpeedHistory) -> Iterator[Section]:
     yield Section(
         "Change points of a step",
         facts=[
-            "Changes of the time of mj_step from one release to the next, from"
-            f" {_percent(tables.MIN_CHANGE)} on, with their standard error. The cause is “work” if"
-            " the work or the result of a step changed, too; “code” if the same work takes another"
-            " time, with placement averaged out; “undecided” if that is not known. After a"
-            " function: by how many percent of the step's instructions its own count changed."
+            f"Changes of {_percent(tables.MIN_CHANGE)} or more, with standard errors. *Code* means"
+            " that the same work takes a different time, *work* that the step computes something"
+            " different. A percentage after a function is the change of its instructions, as a"
+            " share of the step's."
         ],
         tables=[tables.step_changes(history)],
         command=both,
@@ -88,9 +87,8 @@ def sections(history: SpeedHistory) -> Iterator[Section]:
         yield Section(
             "Change points around the step",
             facts=[
-                "Changes of the time of operations around mj_step, on one thread, from"
-                f" {_percent(tables.MIN_CHANGE)} on. ×2 is twice the time. rollout and Batch step,"
-                " so they change with mj_step, too."
+                f"Changes of {_percent(tables.MIN_OPERATION_CHANGE)} or more, on one thread. ×2 is"
+                " twice the time. rollout steps, so it changes with mj_step, too."
             ],
             tables=[tables.operation_changes(history)],
             command=both,
@@ -98,9 +96,9 @@ def sections(history: SpeedHistory) -> Iterator[Section]:
     yield Section(
         "Plots",
         facts=[
-            "From top to bottom: the time of a step relative to the reference, with two standard"
-            " errors and all change points; its instructions; its work; and how far one step ends"
-            " from where the reference ends. Shaded: the ratio as shipped, if it certainly differs."
+            "From top to bottom: the time of a step over that of the reference, with two standard"
+            " errors and all change points; its instructions; its work; and how far the result of"
+            " one step is from the reference's. Shaded: the ratio as shipped, where it differs."
         ],
         figures=[plots.figure(history, series) for series in history.models],
         command=both,
@@ -159,8 +157,9 @@ def _provenance(history: SpeedHistory) -> Iterator[str]:
         machine += f" (operations on {_machine(history.operations_machine)})"
     yield (
         f"{len(releases)} releases, {releases[0]} to {releases[-1]}, were timed against the"
-        f" reference, {', '.join(references)}{machine}, each in turns with it, with the placement"
-        " of code averaged out. Other machines have other times, and may have other ratios."
+        f" reference, {', '.join(references)}{machine}. A release and the reference ran"
+        " alternately, with the placement of code averaged out. Other machines may have other"
+        " ratios."
     )
     for problem in sorted({each.record.problem for each in measured if each.record.problem}):
         yield f"Placement was not averaged out everywhere: {problem}."
@@ -170,10 +169,6 @@ def _provenance(history: SpeedHistory) -> Iterator[str]:
         f" {100 * FALSE_DISCOVERY_RATE:g} % of the listed changes are wrong if ratios have standard"
         f" errors of at most {100 * SIMULATED_DEVIATION:g} %. {noisy} of the {len(measured)} ratios"
         " here have a larger one."
-    )
-    yield (
-        "Standard errors do not include what the rest of the machine did meanwhile: a disturbed"
-        " run had changes that differ by up to several percent."
     )
     own = [each.ratio.log_ratio for each in measured if each.release == each.record.reference]
     if own:  # the least that a bias of all ratios can be
@@ -203,7 +198,7 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
             for values in ([c.log_ratio for c in changes], [c.deviation for c in changes])
         )
         yield (
-            "As a check, in some releases a step executes as many instructions as in the one"
+            "As a check, a step of some releases executes as many instructions as in the release"
             f" before: {', '.join(names)}. The root mean square of their"
             f" {count_of(len(changes), 'change')} is {100 * deviation:.2f} %, where their"
             f" standard errors predict {100 * expected:.2f} %; {listed} of them"

@@ -13,25 +13,28 @@ from mjbench.results.content import Column, DataTable
 # The smallest change that has a row: a run beside other work had changes that differ by as much
 # (docs/method/history.md). Plots mark the smaller ones, too.
 MIN_CHANGE = math.log1p(0.05)
-# Functions that are named with a change, and the smallest change of one, as a share of the step's
-# instructions.
-_FUNCTIONS, _MIN_SHARE = 2, 0.0005
+# The same around the step, of which there are more.
+MIN_OPERATION_CHANGE = math.log1p(0.15)
+# The smallest change of a function that is named, as a share of the step's instructions.
+_MIN_SHARE = 0.0005
 
 
 def step_changes(history: SpeedHistory) -> DataTable:
     listed = listed_changes(history, history.models)
-    return _change_points("Change points of a step", "model", listed)
+    return _change_points("Change points of a step", "model", listed, MIN_CHANGE)
 
 
 def operation_changes(history: SpeedHistory) -> DataTable:
     listed = listed_changes(history, history.operations)
-    return _change_points("Change points around the step", "operation", listed)
+    return _change_points(
+        "Change points around the step", "operation", listed, MIN_OPERATION_CHANGE
+    )
 
 
-def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTable:
+def _change_points(heading: str, noun: str, listed: Sequence[Listed], least: float) -> DataTable:
     return DataTable.of(
         heading,
-        [each for each in listed if abs(each.point.change) >= MIN_CHANGE],
+        [each for each in listed if abs(each.point.change) >= least],
         (Column("releases"), lambda each: f"{each.before.release} → {each.after.release}"),
         (Column(noun), lambda each: each.title),
         (
@@ -48,7 +51,10 @@ def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTab
 
 
 def _instruction_ratio(counts: ExplainRecord | None) -> float | None:
-    return None if counts is None else counts.instruction_ratio
+    if counts is None:
+        return None
+    old, new = counts.instructions_per_step.old, counts.instructions_per_step.new
+    return new / old if old and new else None
 
 
 def _accounts(listed: Listed) -> Iterator[str]:
@@ -57,19 +63,17 @@ def _accounts(listed: Listed) -> Iterator[str]:
     ratio = _instruction_ratio(listed.counts)
     if ratio is not None and (ratio - 1) * listed.point.change < 0:
         yield "its instructions changed in the other direction"
-    elif functions := _functions(listed.counts):
-        yield functions
+    elif not listed.causes:
+        yield from _function(listed.counts)
     for cause in listed.causes:
         yield cause.text + (f" ({cause.commit})" if cause.commit else "")
 
 
-def _functions(counts: ExplainRecord | None) -> str:
-    """Return the functions that may account for a change, with their instructions."""
+def _function(counts: ExplainRecord | None) -> Iterator[str]:
+    """Yield the function whose instructions changed most, if it may account for a change."""
     old = counts.instructions_per_step.old if counts else None
     if counts is None or not old:
-        return ""
-    return ", ".join(
-        f"{' + '.join(d.names)} {100 * d.difference / old:+.1f} %"
-        for d in largest_differences(counts.functions, _FUNCTIONS)
-        if abs(d.difference) >= _MIN_SHARE * old
-    )
+        return
+    for d in largest_differences(counts.functions, 1):
+        if abs(d.difference) >= _MIN_SHARE * old:
+            yield f"{' + '.join(d.names)} {100 * d.difference / old:+.1f} %"

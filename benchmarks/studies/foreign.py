@@ -3,8 +3,9 @@
     python -m benchmarks.studies.foreign [--only NAME …] [--time-limit SECONDS]
 
 downloads the wheels of `foreign_packages.PACKAGES` into the cache folder, compares the C paths on
-every MJCF file in them, and writes results/foreign.json and docs/foreign.md. It takes about half an
-hour. Each file's result is stored at once, so a run that was stopped continues where it was.
+every MJCF file in them, and writes results/foreign.json and its part of docs/results.md. It takes
+about half an hour. Each file's result is stored at once, so a run that was stopped continues where
+it was.
 
 `--only` compares the files of a package, or those whose path contains NAME, and replaces their
 results in the tally that is there; it needs the MuJoCo and the packages of that tally.
@@ -33,6 +34,7 @@ from benchmarks.studies import (
 from benchmarks.studies.foreign_packages import PACKAGES, Package, PackageFiles
 from benchmarks.studies.foreign_progress import Progress
 from benchmarks.studies.foreign_tally import FileResult, ForeignTally, PackageTally
+from benchmarks.studies.page_part import PagePart
 from mjbench.errors import InputError, MachineError, writing
 from mjbench.host import machine, platforms
 from mjbench.paths.base import nthread
@@ -45,7 +47,6 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 TALLY: Path = ROOT / "results" / "foreign.json"
-PAGE: Path = ROOT / "docs" / "foreign.md"
 # The work of each model. Agreement is the question, not speed.
 NBATCH, NSTEP = 4, 20
 THREADS = (1, 2)
@@ -60,7 +61,7 @@ class Files:
     cache: Path
     progress: Path
     tally: Path
-    page: Path
+    part: PagePart
 
 
 def plan(limit_s: float = LIMIT_S) -> "ComparisonPlan":
@@ -76,12 +77,7 @@ def plan(limit_s: float = LIMIT_S) -> "ComparisonPlan":
         if variant.path not in ("threads", "processes") or nthread(variant.options) > 1
     )
     return ComparisonPlan(
-        variants,
-        nbatch=NBATCH,
-        nstep=NSTEP,
-        starts=KEYFRAME_STARTS,
-        budget_s=0.0,
-        limit_s=limit_s,
+        variants, nbatch=NBATCH, nstep=NSTEP, starts=KEYFRAME_STARTS, budget_s=0.0, limit_s=limit_s
     )
 
 
@@ -95,7 +91,7 @@ def conditions() -> str:
 def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
     """Compare all variants on one model file."""
     from mjbench.commands.compare.driver import ModelChildren
-    from mjbench.commands.compare.results import ModelComparison
+    from mjbench.commands.compare.results import ModelResults
     from mjbench.host.files import temporary_folder
     from mjbench.verification.path_verification import ModelFiles
 
@@ -104,7 +100,7 @@ def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
         children = ModelChildren(source, plan(limit_s), ModelFiles.in_folder(folder))
         children.verify()
     measurements = children.measurements(children.agreeing, is_over=True)
-    return foreign_tally.judge(files, file, ModelComparison(children.model_record(), measurements))
+    return foreign_tally.judge(files, file, ModelResults(children.model_record(), measurements))
 
 
 def tally_of(
@@ -127,9 +123,9 @@ def tally_of(
 
 
 def save(tally: ForeignTally, files: Files) -> None:
-    """Write the JSON file and the page; each is replaced as a whole."""
+    """Write the JSON file and the part of the page."""
     tally_file.write(files.tally, tally)
-    tally_file.replace(files.page, foreign_page.page(tally))
+    files.part.write(foreign_page.lines(tally))
 
 
 def run_all(packages: Sequence[PackageFiles], files: Files, limit_s: float) -> ForeignTally:
@@ -259,7 +255,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     if not options.time_limit > 0:
         parser.error(f"--time-limit {options.time_limit:g}: give seconds above 0")
     cache = installs.cache_folder() / "foreign"
-    files = Files(cache, cache / "progress.jsonl", TALLY, PAGE)
+    files = Files(cache, cache / "progress.jsonl", TALLY, foreign_page.PART)
 
     def action() -> ExitCode:
         with _locked(cache):
@@ -268,8 +264,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
                 tally = run_only(packages, options.only, files, options.time_limit)
             else:
                 tally = run_all(packages, files, options.time_limit)
-        models, agree = (sum(getattr(p, n) for p in tally.packages) for n in ("models", "agree"))
-        print(f"{agree} of {models} models agree on every path; see {PAGE.relative_to(ROOT)}")
+        print(f"{foreign_page.agreement(tally)} agree on every path")
         return exit_code(tally)
 
     stored = "the tally has what was compared" if options.only else "the same command continues"

@@ -3,9 +3,9 @@
     python -m benchmarks.studies.judgements [MODEL …] [--paths mjx64,warp] [--page]
 
 A model is a shipped name, or PACKAGE:FILE of a wheel that `make foreign` has downloaded. Without
-any, all shipped models. It writes results/judgements.json after each path, and docs/judgements.md
-from it; models that are named replace their rows. A path takes one to five minutes, most of which
-compiles.
+any, all shipped models. It writes results/judgements.json after each path, and its part
+of docs/results.md; models that are named replace their rows. A path takes one to five minutes, most
+of which compiles.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ from mjbench.verification.plan import Variant
 from mjbench.verification.records import VariantRecord
 
 ROOT = Path(__file__).resolve().parents[2]
-TALLY, PAGE = ROOT / "results" / "judgements.json", ROOT / "docs" / "judgements.md"
+TALLY = ROOT / "results" / "judgements.json"
 PATHS = ("mjx", "mjx64", "warp")
 NBATCH, NSTEP, LIMIT_S = 16, 50, 240.0
 
@@ -68,7 +68,7 @@ def run(names: Sequence[str], paths: Sequence[str], limit_s: float) -> None:
 def save(tally: JudgementTally) -> None:
     """Write the tally and the page."""
     tally_file.write(TALLY, tally)
-    PAGE.write_text(judgement_page.page(tally), encoding="utf-8")
+    judgement_page.PART.write(judgement_page.lines(tally))
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

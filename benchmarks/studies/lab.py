@@ -133,11 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser = tally_command.parser(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE")
     parser.add_argument(
-        "--package",
-        type=Path,
-        default=INSTALLED,
-        metavar="DIR",
-        help="into which npm installed it",
+        "--package", type=Path, default=INSTALLED, metavar="DIR", help="into which npm installed it"
     )
     options = parser.parse_args(arguments)
 

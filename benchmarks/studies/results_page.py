@@ -13,7 +13,6 @@ from mjbench.interval import Interval
 from mjbench.paired.outcomes import Cause
 from mjbench.paired.race_record import Loop
 from mjbench.results import markdown
-from mjbench.verification.plan import describe_options
 
 if TYPE_CHECKING:  # else imported late: asv imports this module where few packages are
     from benchmarks.history.speed_history import Listed, SpeedHistory
@@ -29,6 +28,8 @@ MODELS = PagePart("results.md", "models", "benchmarks.studies.results_page")
 RELEASES = PagePart("results.md", "releases", "benchmarks.studies.results_page")
 # Whose releases are listed, and from which change of any of them on.
 SERIES, LEAST = ("humanoid", "pick_and_place", "cartpole"), 0.02
+# A figure from fewer launches is cited with their number.
+ENOUGH_LAUNCHES = 8
 _COLOURS = {Loop.CLOSED: "#d9730d", Loop.OPEN: "#2a78b8"}
 _NAMES = {Loop.CLOSED: "for RL (closed loop)", Loop.OPEN: "for planning (open loop)"}
 _LEFT, _ROW, _UNIT, _MOST = 150, 34, 170, 3.0
@@ -55,7 +56,8 @@ def model_lines(run: "Run") -> Iterator[str]:
     machine = run.header.machine
     yield (
         f"MuJoCo {machine.versions['mujoco']} on {machine.usable_cores} cores of {machine.cpu}: the"
-        " advised path, and its speed-up over a plain Python loop with its 95 % interval."
+        " fastest way of stepping, and its speed-up over a plain Python loop with a 95 % interval."
+        f" `?` marks advice that is not certain. Fewer than {ENOUGH_LAUNCHES} launches are named."
     )
     yield ""
     columns = ["plain loop, µs/step", *_NAMES.values()]
@@ -84,12 +86,16 @@ def _plain_us(model: "ModelResults") -> str:
 def _cell(row: "Advice") -> str:
     if row.speedup is None:
         return "the plain loop"
+    from mjbench.commands.compare.advice import described
+
     mark = "" if row.is_certain else " ?"
-    return f"{row.path} {describe_options(row.options)}: {_interval(row.speedup)}{mark}"
+    if row.result.launches < ENOUGH_LAUNCHES:
+        mark = f", {row.result.launches} launches{mark}"
+    return f"{described(row.variant)}: {_interval(row.speedup)}{mark}"
 
 
 def _interval(ratio: Interval) -> str:
-    return f"{ratio.estimate:.2f} ({ratio.low:.2f} to {ratio.high:.2f})"
+    return f"{ratio.estimate:.2f} ({ratio.low:.2f}–{ratio.high:.2f})"
 
 
 def chart(run: "Run") -> str:
@@ -168,9 +174,9 @@ def release_lines(history: "SpeedHistory") -> Iterator[str]:
             cells = (_change(of_models.get(name), of_release[name][release]) for name in SERIES)
             rows.append([release, *cells])
     yield (
-        f"Releases in which a step of one of three models changed by {100 * LEAST:g} % or more;"
-        " positive is slower, *work* means that it does other work. In brackets, the time of a step"
-        " over that of 4.0.0."
+        f"Releases in which a step of one of three models changed by {100 * LEAST:g} % or more."
+        " Positive is slower. *Work* means that the step computes something different. In brackets"
+        " is the time of a step over that of 4.0.0."
     )
     yield ""
     yield from markdown.table_lines(["release", *SERIES], rows)

@@ -12,7 +12,7 @@ from benchmarks.history import change_points
 from benchmarks.history.change_points import Changes
 
 RELEASES = 42
-NO_CHANGE = Path(__file__).parents[2] / "results/verdicts/reference-between-builds.jsonl"
+NO_CHANGE = Path(__file__).parents[2] / "results/history-checks/reference-builds-alike.jsonl"
 # A drift lasts as many releases.
 _DRIFTING = 20
 

@@ -5,8 +5,9 @@
 searches settings for the shipped models and for ten models of other packages, which it downloads
 into the cache folder. Every recommendation is then run from starts that neither look of the search
 had: its error must be no larger than promised, and free settings must still change no bit. It
-writes results/tuning.json after each model, and docs/tuning.md from it. Named models replace their
-rows; `--page` only writes the page again. It takes about an hour, and needs the machine for itself.
+writes results/tuning.json after each model, and its part of docs/results.md. Named models replace
+their rows; `--page` only writes the page again. It takes about an hour, and needs the machine for
+itself.
 
 The exit code is 1 if a setting that is recommended first errs by more than promised, or a free one
 changes a state; it is 0 otherwise.
@@ -39,7 +40,7 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.status import ExitCode, Status
 
 ROOT = Path(__file__).resolve().parents[2]
-TALLY, PAGE = ROOT / "results" / "tuning.json", ROOT / "docs" / "tuning.md"
+TALLY = ROOT / "results" / "tuning.json"
 BUDGET_S = 120.0
 # Further looks at every recommendation, each from starts of its own.
 LOOKS = 2
@@ -217,7 +218,7 @@ def load(file: Path = TALLY) -> TuningTally:
 def save(tally: TuningTally) -> None:
     """Write the tally and the page."""
     tally_file.write(TALLY, tally)
-    PAGE.write_text(tuning_page.page(tally), encoding="utf-8")
+    tuning_page.PART.write(tuning_page.lines(tally))
 
 
 def run(names: Sequence[str], budget_s: float) -> TuningTally:

@@ -51,11 +51,7 @@ _AS_SHIPPED = (
 )
 _PAGE = Scenario("within a page 0.7 %, placed", placed=True, page_deviation=PAGE)
 _COMBINED = Scenario(
-    "all kinds of noise, placed",
-    noise=mixed,
-    disturbed=0.1,
-    placed=True,
-    page_deviation=PAGE,
+    "all kinds of noise, placed", noise=mixed, disturbed=0.1, placed=True, page_deviation=PAGE
 )
 SCENARIOS = (
     *_AS_SHIPPED,

@@ -211,8 +211,7 @@ def busy_neighbour_core() -> Iterator[None]:
     core = max(allowed)
     code = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: sum(range(100000))"
     spinner = child.Child(  # in a session of its own: Ctrl-C is not for it
-        child.ending_with_parent([sys.executable, "-c", code]),
-        stdin=subprocess.DEVNULL,
+        child.ending_with_parent([sys.executable, "-c", code]), stdin=subprocess.DEVNULL
     )
     try:
         yield
@@ -246,10 +245,7 @@ def measurement(
     def items(earlier: Sequence[Record], observer: Observer) -> Items:
         done = [record for record in earlier if isinstance(record, TrialRecord)]
         missing = [*remaining(all_cases, count, done)]
-        with (
-            busy_neighbour_core() if is_busy else contextlib.nullcontext(),
-            WorkerPool() as pool,
-        ):
+        with busy_neighbour_core() if is_busy else contextlib.nullcontext(), WorkerPool() as pool:
             for number, (case, ended) in enumerate(run(pool, missing, plan), len(done)):
                 name = f"{case.model}, {describe_case(case)}"
                 if isinstance(ended, Failure):

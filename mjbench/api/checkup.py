@@ -12,10 +12,7 @@ from mjbench.commands.checkup import driver, ranking, targets
 from mjbench.commands.checkup.item import CheckupItem
 from mjbench.commands.checkup.options import CheckupOptions
 from mjbench.commands.checkup.show import CheckupDocument
-from mjbench.errors import (
-    InputError,
-    wrong_argument,
-)
+from mjbench.errors import InputError, wrong_argument
 from mjbench.measuring.timing import Progress
 
 if TYPE_CHECKING:
@@ -38,10 +35,7 @@ class Checkup(Result):
 
 @with_options(CheckupOptions)
 def checkup(
-    target: "Model",
-    *arguments: str,
-    options: CheckupOptions,
-    on_progress: Progress | None = None,
+    target: "Model", *arguments: str, options: CheckupOptions, on_progress: Progress | None = None
 ) -> Checkup:
     """Return what to do about a simulation that is slow, in a minute.
 

@@ -15,9 +15,7 @@ _Result = TypeVar("_Result")
 _WIDTH = 100
 
 
-def with_options(
-    kind: type[Any],
-) -> Callable[[Callable[..., _Result]], Callable[..., _Result]]:
+def with_options(kind: type[Any]) -> Callable[[Callable[..., _Result]], Callable[..., _Result]]:
     """Return a decorator for a function that takes `options` of this kind.
 
     The result has a keyword for each option instead, whose text is among its `Args:`. Arrays of

@@ -23,11 +23,7 @@ def doctor(options: DoctorOptions) -> None:
     Example:
       mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
     """
-    from mjbench.commands.doctor.driver import (
-        CONDITIONS_S,
-        all_conditions,
-        compare_with_itself,
-    )
+    from mjbench.commands.doctor.driver import CONDITIONS_S, all_conditions, compare_with_itself
     from mjbench.commands.doctor.show import condition_lines, noise_section
     from mjbench.commands.show import forms
     from mjbench.commands.show.documents import DoctorDocument

@@ -7,10 +7,11 @@ import click
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import mode, takes
-from mjbench.commands.versions.options import VersionsOptions
+from mjbench.commands.versions.options import ExplainOptions, VersionsOptions
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
+from mjbench.status import Status
 
 
 @cli.command()
@@ -56,6 +57,37 @@ def versions(names: tuple[str, ...], options: VersionsOptions) -> None:
     measurement = between_releases(specs, sources, options.paths, plan, functions)
     run = measure_and_print(measurement, options, summary=show.sections)
     run.exit_with(options.exit_code_of_run(run.session.run(), plan.confidence))
+
+
+@cli.command("versions --explain")
+@click.argument("names", nargs=-1, required=True, metavar="OLD NEW MODEL…")
+@takes(ExplainOptions)
+def versions_explain(names: tuple[str, ...], options: ExplainOptions) -> None:
+    """Explain what changed from the OLD release to the NEW one: instructions, work, or time alone.
+
+    Needs valgrind. Lists instructions per step by function and by stage, the largest difference
+    first, with the work done and the ratio of wall-clock times. Times and counts are of the same
+    simulations.
+
+    \b
+    Example:
+      mjbench versions --explain 3.17.0 4.0.0 pile
+    """
+    from mjbench.commands.versions.explain_driver import of_change
+    from mjbench.counts import show
+    from mjbench.counts.records import ExplainRecord
+    from mjbench.releases import installs
+
+    releases, sources = releases_and_models(names)
+    run = measure_and_print(
+        of_change(installs.parse_available(releases), sources, options),
+        options,
+        each=lambda run: show.explanations(run.of_type(ExplainRecord), options.top),
+    )
+    rows = run.session.run().of_type(ExplainRecord)
+    run.exit(
+        row.time.status if row.time and row.status == Status.OK else row.status for row in rows
+    )
 
 
 def releases_and_models(

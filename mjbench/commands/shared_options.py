@@ -1,8 +1,8 @@
 """Options that several commands have, in groups; `mjbench.options` says what becomes of them."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -213,10 +213,10 @@ def check_holds(nstep: int | None, hold: int, flag: str = "--hold") -> None:
         raise InputError(f"--nstep {nstep} is not a multiple of {flag} {hold}")
 
 
-def fail_on_option(finding: type[StrEnum], help_text: str) -> Any:
+def fail_on_option(findings: Sequence[str], help_text: str) -> Any:
     """Return the option `--fail-on`, whose value is a list of findings."""
-    kind = names_among(finding, "FINDING,…")
-    help_text = f"Exit 1 for one of these: {', '.join(finding)}. {help_text}"
+    kind = names_among(findings, "FINDING,…")
+    help_text = f"Exit 1 for one of these: {', '.join(findings)}. {help_text}"
     return option(None, kind, help_text, "--fail-on", of_functions=False)
 
 

@@ -3,10 +3,7 @@
 from mjbench.counts.function_differences import function_differences
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRecord
-from mjbench.paired.records import (
-    Pair,
-    VerdictRow,
-)
+from mjbench.paired.records import Pair, VerdictRow
 from mjbench.simulation import changed_work, state_drift
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
@@ -27,9 +24,12 @@ def explain_change(
         old=baseline.release,
         new=candidate.release,
         status=failed.status if failed else Status.OK,
+        detail=f"MuJoCo {failed.release}: {failed.detail}" if failed else "",
         instructions_per_step=Pair(baseline.instructions_per_step, candidate.instructions_per_step),
         outside_per_step=Pair(baseline.outside_per_step, candidate.outside_per_step),
         work=Pair(baseline.work, candidate.work),
+        changes=_work_changes(baseline, candidate, time),
+        warnings=Pair(baseline.warnings or {}, candidate.warnings or {}),
         stages={
             stage: Pair(before.get(stage, 0.0), after.get(stage, 0.0))
             for stage in {**before, **after}
@@ -47,8 +47,10 @@ def drift(baseline: ModelCount, candidate: ModelCount) -> StateDrift | None:
     return state_drift.drift(baseline.followed, candidate.followed, healthy)
 
 
-def work_changes(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None) -> list[str]:
-    """Return how the work of the two differs, for people; empty where it is the same.
+def _work_changes(
+    baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
+) -> list[str]:
+    """Return how the work of the two differs.
 
     Where time was compared, single steps were compared with it; they are counted without otherwise.
     """

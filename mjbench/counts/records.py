@@ -92,11 +92,14 @@ class ExplainRecord:
     Attributes:
       model: its name; empty for an operation that builds its own.
       status: how counting ended; the baseline's, if both failed.
+      detail: which release failed, and why; empty when ok.
       instructions_per_step: of the engine.
       outside_per_step: of everything else: the bindings, and Python.
       functions: that differ in instructions executed, the largest difference first; a run file has
         those that changed most.
       time: the paired comparison of time; None where time was not compared.
+      changes: how the work of the two differs, in a few words each; empty where it is the same.
+      warnings: how many simulations that did not diverge raised each warning of MuJoCo.
       operation: name of the operation (see `paired.operations`); empty for a step.
     """
 
@@ -111,15 +114,12 @@ class ExplainRecord:
     stages: Mapping[str, Pair[AnyFloat | None]]
     functions: Sequence[FunctionDifference]
     time: VerdictRow | None
+    detail: str = ""
+    changes: Sequence[str] = ()
+    warnings: Pair[Mapping[str, NonNegativeInt]] | None = None
     operation: str = ""
 
     @property
     def series(self) -> str:
         """Which rows are of the same thing, in other releases; its name for people."""
         return self.operation or self.model
-
-    @property
-    def instruction_ratio(self) -> float | None:
-        """New over old instructions of a step; None where one was not counted."""
-        old, new = self.instructions_per_step.old, self.instructions_per_step.new
-        return new / old if old and new else None

@@ -3,15 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench import formats
-from mjbench.counts import explain
-from mjbench.counts.function_differences import NetDifference, largest_differences, moved_groups
-from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import (
-    ExplainRecord,
-    FunctionDifference,
-    InstructionsRecord,
-)
-from mjbench.formats import count_of
+from mjbench.counts.function_differences import largest_differences, moved_groups
+from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
 from mjbench.interval import Interval
 from mjbench.paired.records import VerdictRow
 from mjbench.results import charts
@@ -24,9 +17,6 @@ from mjbench.status import Status
 _MOST_LISTED, _MOST_DRAWN = 10, 12
 # Ratios of time and of instructions that differ by more have a cause that instructions do not show.
 _DISAGREEMENT = 0.03
-
-# As many functions are named of those that account for a change.
-MAIN_FUNCTIONS = 3
 
 
 def sections(counts: Sequence[InstructionsRecord], top: int = _MOST_LISTED) -> Iterator[Section]:
@@ -77,49 +67,47 @@ def _functions_section(count: InstructionsRecord, total: float, top: int) -> Sec
     )
 
 
-def explanation_section(
-    baseline: ModelCount, candidate: ModelCount, row: ExplainRecord, top: int
-) -> Section:
-    heading = f"{candidate.model}, MuJoCo {baseline.release} → {candidate.release}"
-    counts = (baseline, candidate)
-    failed = [count for count in counts if count.status != Status.OK]
-    if failed:
-        text = f"{heading}: MuJoCo {failed[0].release}: {failed[0].detail}"
-        return Section(heading, [Conclusion(text, Tone.BAD)])
-    first, *rest = summary(baseline, candidate, row)
+def explanations(rows: Sequence[ExplainRecord], top: int = _MOST_LISTED) -> Iterator[Section]:
+    """Yield what changed from one release to another, with the first functions of each."""
+    for row in rows:
+        heading = f"{row.series}, MuJoCo {row.old} → {row.new}"
+        if row.status == Status.OK:
+            yield _explanation(heading, row, top)
+        else:
+            yield Section(heading, [Conclusion(f"{heading}: {row.detail}", Tone.BAD)])
+
+
+def _explanation(heading: str, row: ExplainRecord, top: int) -> Section:
+    first, *rest = summary(row)
     further = row.functions[top:]
     difference = sum(function.difference for function in further)
     share = 100 * difference / (row.instructions_per_step.new or 1.0)
     note = f"{len(further)} further functions: {difference:+,.0f} ({share:+.2f} %)"
+    warnings = [(row.old, row.warnings.old), (row.new, row.warnings.new)] if row.warnings else []
     return Section(
         heading,
         [Conclusion(f"{heading}: {first}")],
         facts=[
             *rest,
-            *(
-                f"MuJoCo {count.release}: {warning}"
-                for count in counts
-                for warning in warning_lines(count.warnings)
-            ),
+            *(f"MuJoCo {name}: {line}" for name, each in warnings for line in warning_lines(each)),
         ],
+        figures=_figures(heading, row),
         tables=[_stages_table(row), _functions_table(row, top)],
         notes=[note] if further else [],
     )
 
 
-def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
+def summary(row: ExplainRecord) -> list[str]:
     """Return what changed, a line each: first by how much, then in what."""
-    old, new = baseline.instructions_per_step, candidate.instructions_per_step
+    old, new = row.instructions_per_step.old, row.instructions_per_step.new
     assert old and new, "both were counted"
-    ratio = new / old
-    changes = explain.work_changes(baseline, candidate, row.time)
-    counts = f"instructions per step {old:,.0f} → {new:,.0f} ({formats.change(ratio)})"
+    counts = f"instructions per step {old:,.0f} → {new:,.0f} ({formats.change(new / old)})"
     time = row.time
     lines = [
         f"{_describe_time(time, time.ratio)}; {counts}" if time and time.ratio else counts,
-        "changed work: " + ", ".join(changes) if changes else "same work",
+        "changed work: " + ", ".join(row.changes) if row.changes else "same work",
     ]
-    return lines + _move_lines(row) + (_time_lines(time, ratio) if time else [])
+    return lines + _move_lines(row) + (_time_lines(time, new / old) if time else [])
 
 
 def _move_lines(row: ExplainRecord) -> list[str]:
@@ -181,58 +169,11 @@ def _signed(instructions: float) -> str:
     return f"{instructions:+,.0f}"
 
 
-def change_sections(rows: Sequence[ExplainRecord]) -> Iterator[Section]:
-    """Yield what changed between releases in models and operations; none without rows.
-
-    What both releases lack, such as Batch, is left out.
-    """
-    compared = [row for row in rows if row.status != Status.UNAVAILABLE]
-    if not rows:
-        return
-    differ = [
-        row for row in compared if abs((row.instruction_ratio or 1.0) - 1) > explain.REPEATABILITY
-    ]
-    unloaded = [row for row in compared if row.status == Status.INPUT]
-    failed = [row for row in compared if row.instruction_ratio is None and row not in unloaded]
-    conclusions = [Conclusion(f"Instructions differ in {len(differ)} of {len(compared)} pairs")]
-    if unloaded:
-        text = f"{count_of(len(unloaded), 'pair')} not counted: a release cannot load the model"
-        conclusions.append(Conclusion(text))
-    conclusions += [
-        Conclusion(f"{_heading(row)}: not counted ({row.status})", Tone.BAD) for row in failed
-    ]
-    largest_first = sorted(differ, key=lambda row: -abs((row.instruction_ratio or 1.0) - 1))
-    changes = [(row, largest_differences(row.functions, _MOST_DRAWN)) for row in largest_first]
-    yield Section(
-        "Instructions, release by release",
-        conclusions,
-        figures=[_figure(row, largest) for row, largest in changes if largest],
-        tables=[_changes_table(differ)],
-    )
-
-
-def _heading(row: ExplainRecord) -> str:
-    return f"{row.series}, instructions, {row.old} → {row.new}"
-
-
-def _changes_table(rows: Sequence[ExplainRecord]) -> DataTable:
-    return DataTable.of(
-        "Changes",
-        rows,
-        (Column("model or operation"), lambda row: row.series),
-        (Column("old"), lambda row: row.old),
-        (Column("new"), lambda row: row.new),
-        (Column("instructions", formats.change_to_tenth), lambda row: row.instruction_ratio),
-        (Column("functions that account for most", wraps=True), _main_functions),
-    )
-
-
-def _main_functions(row: ExplainRecord) -> str:
-    largest = largest_differences(row.functions, MAIN_FUNCTIONS)
-    return ", ".join(f"{' and '.join(each.names)} {_signed(each.difference)}" for each in largest)
-
-
-def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
+def _figures(heading: str, row: ExplainRecord) -> list[Figure]:
+    """Return the chart of the functions that changed most; none where none did."""
+    changes = largest_differences(row.functions, _MOST_DRAWN)
+    if not changes:
+        return []
     total = row.instructions_per_step.old or 1.0
     whole = "the operation" if row.operation else "a step"
     data = DataTable.of(
@@ -251,13 +192,14 @@ def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
             "value": charts.BLUE,
         },
     }
-    return charts.figure(
-        f"{_heading(row)}: functions that account for most of the change",
+    figure = charts.figure(
+        f"{heading}: functions that account for most of the change",
         f"Bars of {len(changes)} functions; the largest change is that of"
         f" {' and '.join(largest.names)}, {100 * largest.difference / total:+.1f} % of {whole}.",
         data,
         [charts.rule_at(0.0), charts.layer("bar", bars, height=12)],
     )
+    return [figure]
 
 
 def _remarks(function: FunctionDifference) -> str:

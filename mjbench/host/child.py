@@ -91,11 +91,7 @@ class Child(ChildProcess):
     """A program that this process started."""
 
     def __init__(
-        self,
-        command: Sequence[str],
-        *,
-        env: Mapping[str, str] | None = None,
-        **arguments: Any,
+        self, command: Sequence[str], *, env: Mapping[str, str] | None = None, **arguments: Any
     ):
         _adopt_orphans()
         super().__init__(new_mark())

@@ -67,9 +67,7 @@ class StopRule(ABC, Generic[LaunchT]):
 
 
 def launch(
-    targets: Targets[LaunchT],
-    rule: StopRule[LaunchT],
-    on_launch: Callable[[], None] = lambda: None,
+    targets: Targets[LaunchT], rule: StopRule[LaunchT], on_launch: Callable[[], None] = lambda: None
 ) -> Failure:
     """Launch targets until a rule ends it, something fails, time is up, or Ctrl-C is pressed.
 

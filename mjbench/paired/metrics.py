@@ -124,11 +124,7 @@ def _operation(
 
 _ALL = (
     MetricSpec(
-        Metric.TIME,
-        Measured.STEPS,
-        "the time of steps",
-        of_functions=True,
-        of_compiling_paths=True,
+        Metric.TIME, Measured.STEPS, "the time of steps", of_functions=True, of_compiling_paths=True
     ),
     MetricSpec(
         Metric.INSTRUCTIONS,

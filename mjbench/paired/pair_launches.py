@@ -60,10 +60,7 @@ class ProcessPairs:
     """
 
     def __init__(
-        self,
-        pool: WorkerPool,
-        releases: tuple[ReleaseSpec, ReleaseSpec],
-        names: tuple[str, str],
+        self, pool: WorkerPool, releases: tuple[ReleaseSpec, ReleaseSpec], names: tuple[str, str]
     ):
         """Start nothing yet."""
         self._pool, self._releases, self._names = pool, releases, names

@@ -343,11 +343,7 @@ class WorkerPool:
         return self._moves[release.key]
 
     def _start_worker(
-        self,
-        program: _Program,
-        theirs: socket.socket,
-        output_file: Path,
-        cores: Collection[int],
+        self, program: _Program, theirs: socket.socket, output_file: Path, cores: Collection[int]
     ) -> Process:
         if not platforms.can_adopt():
             process = self._start_program("mjbench.paired.worker", program, theirs, output_file)

@@ -9,13 +9,7 @@ from mjbench.results import charts
 from mjbench.results.content import Column, DataTable, Figure, Report, Tone
 
 # What stands before a conclusion, beside its colour.
-MARKS = {
-    Tone.CAUTION: "!",
-    Tone.GOOD: "✓",
-    Tone.BAD: "✗",
-    Tone.UNSURE: "?",
-    Tone.NEUTRAL: "•",
-}
+MARKS = {Tone.CAUTION: "!", Tone.GOOD: "✓", Tone.BAD: "✗", Tone.UNSURE: "?", Tone.NEUTRAL: "•"}
 # What a sentence has of a command line.
 _CODE = re.compile("`([^`]+)`")
 # Characters of a text that is not wrapped in a table.

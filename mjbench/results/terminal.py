@@ -55,11 +55,7 @@ def text_of(sections: Iterable[Section], code: bool = False) -> str:
     file = io.StringIO()
     # in a notebook, a console of Rich shows what it prints, whatever its file is
     out = _Console(
-        file=file,
-        width=_PLAIN_WIDTH,
-        color_system=None,
-        force_terminal=False,
-        force_jupyter=False,
+        file=file, width=_PLAIN_WIDTH, color_system=None, force_terminal=False, force_jupyter=False
     )
     print_sections(out, sections, code)
     return "\n".join(line.rstrip() for line in file.getvalue().strip("\n").split("\n"))

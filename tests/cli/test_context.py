@@ -220,10 +220,7 @@ def test_a_continued_run_has_what_disturbed_it_before_and_since(
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.5)
     measured(lambda: iter([Item([row("b")])]), tmp_path, file)
     run = runs.load(file, RECORD_TYPES)
-    assert run.of_type(Disturbance) == [
-        Disturbance([], 0.13),
-        Disturbance([], 0.5),
-    ]
+    assert run.of_type(Disturbance) == [Disturbance([], 0.13), Disturbance([], 0.5)]
 
 
 def test_a_command_that_measures_no_time_says_nothing_of_the_host(

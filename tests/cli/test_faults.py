@@ -93,8 +93,7 @@ def test_a_full_disk_is_reported_and_the_table_is_still_shown(
 
 
 @pytest.mark.parametrize(
-    ("when", "number"),
-    [("at once", signal.SIGINT), ("while a path hangs", signal.SIGHUP)],
+    ("when", "number"), [("at once", signal.SIGINT), ("while a path hangs", signal.SIGHUP)]
 )
 def test_an_interrupt_is_one_line_and_saves_what_was_measured(
     tmp_path: Path, contact_file: str, when: str, number: signal.Signals

@@ -56,10 +56,7 @@ def test_a_clean_folder_exits_0(tmp_path: Path) -> None:
         ("broken.py", "line 1: invalid syntax"),
         ("robot.xml", "lint reads Python files; `mjbench MODEL` and"),
         ("robot.mjb", "lint reads Python files; `mjbench MODEL` and"),
-        (
-            "run.ipynb",
-            "a notebook; save it as a Python file: jupyter nbconvert --to script",
-        ),
+        ("run.ipynb", "a notebook; save it as a Python file: jupyter nbconvert --to script"),
         ("pipe.py", "not a regular file"),
         ("/dev/zero", "not a regular file"),
         ("loop.py", "cannot be read: Too many levels of symbolic links"),

@@ -57,10 +57,7 @@ def test_a_torn_comparison_is_continued_where_it_ended(
 
 
 def test_a_run_is_not_continued_with_other_start_states(tmp_path: Path) -> None:
-    file, words = (
-        tmp_path / "states.npz",
-        ("--states", "states.npz", "--budget", "0.01"),
-    )
+    file, words = (tmp_path / "states.npz", ("--states", "states.npz", "--budget", "0.01"))
     np.savez(file, qpos=np.zeros((3, 2)))
     compare = ("compare", "cartpole", "--paths", "python_loop", "--nbatch", "2", "--nstep", "20")
     done = mjbench(*compare, *words, "--json", "out.json", cwd=tmp_path)

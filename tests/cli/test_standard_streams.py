@@ -51,10 +51,7 @@ def test_an_error_that_cannot_be_printed_is_no_finding(words: list[str]) -> None
 
 @pytest.mark.parametrize("color", ["", "1"], ids=["lines", "bar"])
 def test_progress_that_cannot_be_printed_costs_no_result(
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    color: str,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str], color: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("FORCE_COLOR", color)  # as on a terminal

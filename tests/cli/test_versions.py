@@ -84,18 +84,9 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         ((*SAME, "--fail-on", "tea"), "'tea' is not one of"),
         ((*SAME, "--min-effect", "0"), "above 0% and below 100%"),
         ((*SAME, "--budget", "soon"), "not a time such as 60s"),
-        (
-            (*SAME, "--paths", "mjx"),
-            "name the packages in place of installed",
-        ),
-        (
-            (*SAME, "--paths", "mjx,rollout"),
-            "compile: leave out rollout",
-        ),
-        (
-            (*SAME, "--paths", "mjx", "--metric", "load"),
-            "leave out --metric",
-        ),
+        ((*SAME, "--paths", "mjx"), "name the packages in place of installed"),
+        ((*SAME, "--paths", "mjx,rollout"), "compile: leave out rollout"),
+        ((*SAME, "--paths", "mjx", "--metric", "load"), "leave out --metric"),
         (("jax==0.7.0", "jax==0.7.1", "cartpole"), "python_loop does not use jax: name a path"),
         (("numpy==", "numpy==2.4.0", "pile"), "numpy== is no package"),
         (
@@ -107,18 +98,9 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         (("installed", "3.5.0", "b.py::f", "--paths", "mjx"), "are of models"),
         (("installed", "3.5.0", "b.py::f", "--nstep", "2"), "are of models"),
         ((*SAME, "--nstep", "5", "--hold", "2"), "not a multiple"),
-        (
-            (*SAME, "--states", "no.npz"),
-            "--states no.npz: no such file",
-        ),
-        (
-            (*SAME, "--states", "empty.npz"),
-            "empty.npz: not an .npz file",
-        ),
-        (
-            (*SAME, "--states", "empty.npz", "--settle", "0"),
-            "give --settle or --states, not both",
-        ),
+        ((*SAME, "--states", "no.npz"), "--states no.npz: no such file"),
+        ((*SAME, "--states", "empty.npz"), "empty.npz: not an .npz file"),
+        ((*SAME, "--states", "empty.npz", "--settle", "0"), "give --settle or --states, not both"),
     ],
 )
 def test_bad_arguments_are_reported_in_one_line(

@@ -14,10 +14,7 @@ from mjbench.cli import cli
 from mjbench.counts import explain, instructions
 from mjbench.counts import show as counts
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.records import (
-    ExplainRecord,
-    FunctionDifference,
-)
+from mjbench.counts.records import ExplainRecord, FunctionDifference
 from mjbench.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
@@ -50,7 +47,7 @@ def explained(
 def summarized(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None = None
 ) -> list[str]:
-    return counts.summary(baseline, candidate, explained(baseline, candidate, time))
+    return counts.summary(explained(baseline, candidate, time))
 
 
 def test_a_step_that_leads_elsewhere_is_changed_work() -> None:
@@ -89,9 +86,7 @@ def test_cost_that_moved_is_named_with_what_is_left_of_it() -> None:
         for name, by, other in (("f", -900.0, "g"), ("g", 950.0, "f"))
     ]
     row = replace(explained(count, count), functions=moved)
-    assert "cost moved between f (-900) and g (+950), together +50" in counts.summary(
-        count, count, row
-    )
+    assert "cost moved between f (-900) and g (+950), together +50" in counts.summary(row)
 
 
 def test_a_time_that_could_not_be_compared_says_why() -> None:

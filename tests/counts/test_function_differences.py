@@ -73,10 +73,7 @@ def moved(
     """Return the groups, for functions that cost `rest` in the release in which they cost less."""
     functions = {
         name: FunctionDifference(
-            name=name,
-            old=rest + max(0.0, -by),
-            new=rest + max(0.0, by),
-            difference=by,
+            name=name, old=rest + max(0.0, -by), new=rest + max(0.0, by), difference=by
         )
         for name, by in differences.items()
     }

@@ -10,13 +10,12 @@ from mjbench.counts.explain import explain_change
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import FunctionDifference
 from mjbench.results import terminal
-from mjbench.results.content import Section, Tone
+from mjbench.results.content import Section
 from mjbench.status import Status
 
 
 def explanation(baseline: ModelCount, candidate: ModelCount) -> list[str]:
-    row = explain_change(baseline, candidate, None)
-    return lines_of([counts.explanation_section(baseline, candidate, row, top=1)])
+    return lines_of(counts.explanations([explain_change(baseline, candidate, None)], top=1))
 
 
 def lines_of(sections: Iterable[Section]) -> list[str]:
@@ -53,13 +52,5 @@ def test_cost_that_moved_stands_beside_a_function() -> None:
         name="mj_f", old=900.0, new=100.0, difference=-800.0, moved_with=["mj_g", "mj_h"]
     )
     row = replace(explain_change(count, count, None), functions=[function])
-    last_line = lines_of([counts.explanation_section(count, count, row, top=1)])[-1]
+    last_line = lines_of(counts.explanations([row], top=1))[-1]
     assert last_line.split("  ")[-1] == "moved to mj_g, mj_h"
-
-
-def test_a_release_that_cannot_load_a_model_is_no_failure() -> None:
-    unloaded = replace(CRASHED, status=Status.INPUT)
-    rows = [explain_change(unloaded, counted("2.0", a=1000.0), None)]
-    (section,) = counts.change_sections(rows)
-    assert [each.tone for each in section.conclusions] == [Tone.NEUTRAL, Tone.NEUTRAL]
-    assert section.conclusions[1].text == "1 pair not counted: a release cannot load the model"

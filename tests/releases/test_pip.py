@@ -61,11 +61,7 @@ def script(file: Path, commands: str) -> None:
     ],
 )
 def test_a_version_that_does_not_exist_is_refused_with_the_nearest_ones(
-    failing_pip: Callable[[str], None],
-    index: FullIndex,
-    tmp_path: Path,
-    version: str,
-    nearest: str,
+    failing_pip: Callable[[str], None], index: FullIndex, tmp_path: Path, version: str, nearest: str
 ) -> None:
     failing_pip(NO_MATCH)
     index("2.3.6", "4.0.0", "3.0.0", "3.1.0", "3.2.0", "3.3.1", "3.3.0", "3.3.0rc2")

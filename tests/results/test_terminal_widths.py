@@ -30,11 +30,7 @@ WIDTHS = (60, 100)
 # What no committed run has: a search, packages, and memory that grows.
 LONG = VersionRow(1_234, "7" * 40, "Copy states whose subject is longer than a terminal " * 3)
 SEARCH = BisectRecord(
-    target="bench.py::step",
-    old="v1",
-    new="HEAD",
-    versions=2_000,
-    status=Status.OK,
+    target="bench.py::step", old="v1", new="HEAD", versions=2_000, status=Status.OK
 )
 COMPARISONS = [
     BisectComparison(12, LONG, SLOWER),

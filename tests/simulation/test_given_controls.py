@@ -101,10 +101,7 @@ def test_more_steps_than_controls_are_refused_or_fewer_taken(tmp_path: Path) -> 
     [
         ({}, "actions.npz has neither ctrl nor actions; it has nothing"),
         ({"action": SEQUENCES}, "actions.npz has neither ctrl nor actions; it has action"),
-        (
-            {"ctrl": np.zeros(4)},
-            "shape (4,); expected (ncontrol, nu), or (nsequence, ",
-        ),
+        ({"ctrl": np.zeros(4)}, "shape (4,); expected (ncontrol, nu), or (nsequence, "),
         ({"ctrl": np.zeros((4, 2))}, "the model has 1 controls, the file's have 2 numbers"),
         ({"ctrl": np.zeros((0, 1))}, "actions.npz holds no controls"),
         ({"ctrl": np.full((4, 1), np.nan)}, "actions.npz holds numbers that are not finite"),

@@ -64,11 +64,7 @@ CONTACTS_XML = (
 
 @pytest.mark.parametrize(
     ("xml", "warning"),
-    [
-        (SINGULAR_XML, "INERTIA"),
-        (CONSTRAINTS_XML, "CNSTRFULL"),
-        (CONTACTS_XML, "CONTACTFULL"),
-    ],
+    [(SINGULAR_XML, "INERTIA"), (CONSTRAINTS_XML, "CNSTRFULL"), (CONTACTS_XML, "CONTACTFULL")],
     ids=["inertia", "constraints", "contacts"],
 )
 def test_a_warning_that_leaves_the_state_sound_is_no_divergence(xml: str, warning: str) -> None:

@@ -49,8 +49,7 @@ class Machine:
 
 
 @pytest.mark.parametrize(
-    ("slowdown", "expected"),
-    [(0.5, Answer.SLOWER), (0.2, Answer.SLOWER), (0.0, Answer.NOT_SLOWER)],
+    ("slowdown", "expected"), [(0.5, Answer.SLOWER), (0.2, Answer.SLOWER), (0.0, Answer.NOT_SLOWER)]
 )
 def test_a_change_is_judged_by_the_slowdown_that_is_allowed(
     slowdown: float, expected: Answer

@@ -101,16 +101,8 @@ def test_it():
 @pytest.mark.parametrize(
     ("confidence", "time_limit_s", "message"),
     [
-        (
-            1.0,
-            30.0,
-            "confidence must be above 0 and below 1, such as 0.01 for 1 %, not",
-        ),
-        (
-            0.95,
-            0.0,
-            "time_limit_s must be above 0 and at most 86400, a day in seconds, not",
-        ),
+        (1.0, 30.0, "confidence must be above 0 and below 1, such as 0.01 for 1 %, not"),
+        (0.95, 0.0, "time_limit_s must be above 0 and at most 86400, a day in seconds, not"),
         (0.95, float("nan"), "time_limit_s must be above 0 and at most 86400"),
     ],
 )

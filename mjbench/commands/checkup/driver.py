@@ -27,12 +27,7 @@ from mjbench.commands.run.options import PROGRAM_S
 from mjbench.commands.tune.c_search import LEAST_LAUNCHES, SearchPlan
 from mjbench.commands.tune.driver import tune
 from mjbench.commands.tune.result import TuneRecord
-from mjbench.errors import (
-    Failure,
-    InputError,
-    MjbenchError,
-    describe_unforeseen,
-)
+from mjbench.errors import Failure, InputError, MjbenchError, describe_unforeseen
 from mjbench.host import isolate, machine
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.paired.race_record import RaceRecord

@@ -41,11 +41,7 @@ _MOST_OF_PROGRAM = 6
 # Settings that err by more, as a share of the motion, are not listed: what they gain is no longer
 # of the same motion, and who only wants to save time would not expect it.
 _MOST_ERROR = 0.05
-_LOOPS = {
-    Loop.CLOSED: " (RL)",
-    Loop.OPEN: " (open loop)",
-    None: " (RL, open loop)",
-}
+_LOOPS = {Loop.CLOSED: " (RL)", Loop.OPEN: " (open loop)", None: " (RL, open loop)"}
 _CHANGES = {
     Effect.FREE: ResultChange.NONE,
     Effect.EQUIVALENT: ResultChange.TOLERANCE,

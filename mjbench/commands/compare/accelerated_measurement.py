@@ -135,8 +135,7 @@ class _Measurement:
             self._record = dataclasses.replace(self._record, samples_s=())
             self._judge(EngineJudgement.of(path.precision, [part]))
         self._send(
-            memory_bytes=machine.peak_memory_bytes(),
-            gpu_memory_bytes=compiled.gpu_memory_bytes(),
+            memory_bytes=machine.peak_memory_bytes(), gpu_memory_bytes=compiled.gpu_memory_bytes()
         )
         if self._record.agrees and request.is_named:
             self._begin(f"compiling {path.name} again, with its cache", COMPILER_PATIENCE)

@@ -13,15 +13,7 @@ from mjbench.commands.shared_options import (
     nstep_option,
     threads_option,
 )
-from mjbench.options import (
-    FLAG,
-    LARGE_COUNT,
-    NAMES,
-    SETTINGS,
-    choice,
-    numbers,
-    option,
-)
+from mjbench.options import FLAG, LARGE_COUNT, NAMES, SETTINGS, choice, numbers, option
 
 # Steps of an action with --rl, unless the user says.
 RL_HOLD = 5

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mjbench import paths
-from mjbench.commands.env import adapters, construction, engine, physics_comparison, timer
+from mjbench.commands.env import adapters, construction, physics_comparison, timer
 from mjbench.commands.env.adapters import EnvironmentAdapter
 from mjbench.commands.env.passes import EnvironmentPasses, Pass, in_random_order, time_rounds
 from mjbench.commands.env.physics_comparison import PhysicsAlone, PhysicsComparison
@@ -33,7 +33,7 @@ from mjbench.host import machine
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.paths.base import nthread
-from mjbench.simulation import reference_run
+from mjbench.simulation import engine_functions, reference_run
 from mjbench.status import Status
 from mjbench.verification.path_verification import AgreementReport
 from mjbench.verification.plan import Variant
@@ -281,7 +281,7 @@ class _Turns:
     ):
         self._passes, self._comparison = passes, comparison
         self._variants, self._progress = request.variants, progress
-        self._elsewhere = engine.bindings()
+        self._elsewhere = engine_functions.bindings()
         self._random = random.Random(request.plan.seed)
         self._rng = np.random.default_rng([request.plan.seed, 6])
         cores = min(machine.usable_cores(), request.most_threads)

@@ -1,7 +1,6 @@
 """The options of `mjbench env`."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 from mjbench.commands.shared_options import (
     BudgetOptions,
@@ -19,12 +18,6 @@ from mjbench.options import THREADS, count, names_among, option
 MAX_NSTEP = 100_000
 
 
-class EnvironmentPart(StrEnum):
-    """What `--skip` can name."""
-
-    VECTORS = "vectors"
-
-
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentOptions(BudgetOptions, SeedOptions, TimeLimitOptions, OutputOptions):
     """How an environment is measured."""
@@ -37,8 +30,8 @@ class EnvironmentOptions(BudgetOptions, SeedOptions, TimeLimitOptions, OutputOpt
     nbatch: list[int] | None = nbatch_option(
         "1, 2, 4, … up to the usable cores", THREADS, ": environments in each vector environment"
     )
-    skip: list[EnvironmentPart] | None = option(
+    skip: list[str] | None = option(
         None,
-        names_among(EnvironmentPart),
+        names_among(["vectors"]),
         "Leave out these parts: vectors, SyncVectorEnv and AsyncVectorEnv.",
     )

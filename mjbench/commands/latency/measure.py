@@ -154,6 +154,14 @@ class LatencyRow:
     histogram: CompressedText = ""
     starts: Starts | None = None
 
+    @property
+    def one_in_seen(self) -> int:
+        """The rarest misses that so many ticks show with 95 % probability, one tick in this many.
+
+        Misses of one tick in n leave 3 n ticks without any with a probability of 5 %.
+        """
+        return max(1, (self.ntick or 0) // 3)
+
     def __post_init__(self) -> None:
         check_measured(self, "pace", "ntick", "deadline_s", "missed", "max_ns", "work")
 
@@ -243,11 +251,7 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
 
 
 def measure_in_child(
-    source: ModelSource,
-    plan: StartPlan,
-    options: LatencyOptions,
-    end_s: float,
-    channel: Channel,
+    source: ModelSource, plan: StartPlan, options: LatencyOptions, end_s: float, channel: Channel
 ) -> list[TickSamples]:
     """Draw a workload and time its ticks, until a time of the system's monotonic clock."""
     channel.doing("loading the model")

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from mjbench.commands.shared_options import (
@@ -18,12 +17,6 @@ from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
     from mjbench.commands.latency.measure import LatencyRow
-
-
-class LatencyFinding(StrEnum):
-    """What `--fail-on` can name."""
-
-    MISSED = "missed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +40,8 @@ class LatencyOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
     nstep: int | None = nstep_option(
         "10,000 ticks, or what the budget allows", of="measured at each pace"
     )
-    findings: Sequence[LatencyFinding] | None = fail_on_option(
-        LatencyFinding, "`missed`: a tick ends after its deadline, free-running or paced."
+    findings: Sequence[str] | None = fail_on_option(
+        ["missed"], "`missed`: a tick ends after its deadline, free-running or paced."
     )
 
     def exit_code(self, rows: Sequence["LatencyRow"]) -> ExitCode:

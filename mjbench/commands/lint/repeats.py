@@ -85,10 +85,7 @@ def following(
 
 
 def in_steps(
-    script: SteppingScript,
-    nodes: Iterable[_Node],
-    loops: Sequence[Loop],
-    or_methods: bool = False,
+    script: SteppingScript, nodes: Iterable[_Node], loops: Sequence[Loop], or_methods: bool = False
 ) -> Iterator[tuple[_Node, Iteration]]:
     """Yield the nodes that run in every step of a loop, directly or in a function that it calls.
 

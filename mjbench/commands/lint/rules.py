@@ -1,7 +1,7 @@
 """The rules of `mjbench lint`: those about what runs in each step or episode, and all of them.
 
-A new rule is a function with its explanation, here or in a module `lint_…` with its like, and a
-line of `RULES`.
+A new rule is a function with its explanation, here or in another module of this package, and
+a line of `RULES`.
 """
 
 import ast
@@ -214,8 +214,7 @@ def steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
 
 
 @rule(
-    "MJB021",
-    "the viewer gets every step, which no screen can show; sync about 60 times a second",
+    "MJB021", "the viewer gets every step, which no screen can show; sync about 60 times a second"
 )
 def synced_viewers(script: SteppingScript) -> Iterator[Match]:
     """Yield viewer.sync() in every step of a loop that keeps no rate.

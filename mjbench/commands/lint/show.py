@@ -86,10 +86,7 @@ def as_sarif(document: LintDocument) -> str:
         {"level": "error", "message": {"text": f"{printable(u.file)}: {u.detail}"}}
         for u in document.unchecked
     ]
-    ending = {
-        "executionSuccessful": not notifications,
-        "toolExecutionNotifications": notifications,
-    }
+    ending = {"executionSuccessful": not notifications, "toolExecutionNotifications": notifications}
     driver = {"name": "mjbench lint", "version": mjbench.__version__, "rules": rules}
     run = {
         "tool": {"driver": driver},

@@ -39,11 +39,7 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
                 *warning_lines(steps.warnings),
             ],
             figures=[charts.share_bars(title, stages, "stages", "ns", "ns of a step")],
-            tables=[
-                stages,
-                _sensors(steps),
-                _simulated_second(row.simulated_second),
-            ],
+            tables=[stages, _sensors(steps), _simulated_second(row.simulated_second)],
             notes=[
                 *_other_line(steps),
                 *(_frame_line(frame, steps.loop_ns) for frame in row.frames or ()),

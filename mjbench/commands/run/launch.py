@@ -180,11 +180,7 @@ def run(
 
 
 def _observation(
-    folder: Path,
-    pid: int,
-    profiling: Profiling | None,
-    begin_s: float,
-    end_s: float,
+    folder: Path, pid: int, profiling: Profiling | None, begin_s: float, end_s: float
 ) -> ProgramObservation:
     """Return what the profiler and the clocks have seen."""
     waits: Sequence[GilWait] = ()

@@ -100,12 +100,7 @@ def program() -> str:
     return path
 
 
-def start(
-    pid: int,
-    folder: Path,
-    rate_hz: int,
-    holders_s: float | None = None,
-) -> Sampler:
+def start(pid: int, folder: Path, rate_hz: int, holders_s: float | None = None) -> Sampler:
     """Sample a process and those that it starts, until it ends or `Sampler.stop`.
 
     Args:

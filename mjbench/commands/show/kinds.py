@@ -125,7 +125,7 @@ BISECT = Kind(
     lambda run: after_disturbances(run, bisect.sections(run.records)),
     lambda run: run.of_type(BisectRecord),
 )
-EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)
+EXPLAIN = _kind(ExplainRecord, counts.explanations, "explain", has_machine=False)
 INSTRUCTIONS = _kind(InstructionsRecord, counts.sections, "instructions", has_machine=False)
 TUNE = _kind(TuneRecord, tuning.sections, "tune", rows=tuning.rows)
 

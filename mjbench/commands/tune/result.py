@@ -8,13 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mjbench.bounds import (
-    AnyFloat,
-    Int64,
-    NonNegativeFloat,
-    NonNegativeInt,
-    PositiveFloat,
-)
+from mjbench.bounds import AnyFloat, Int64, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.mesh_notes import MeshNote
 from mjbench.commands.tune.reference import CurrentSettings

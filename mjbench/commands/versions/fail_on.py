@@ -33,7 +33,7 @@ class FailOnOptions:
     """
 
     findings: Sequence[GateFinding] | None = fail_on_option(
-        GateFinding,
+        tuple(GateFinding),
         "Exit 3 when it cannot be decided: the verdict is inconclusive, it may be due to where a"
         " build's code lies in memory, or the work was not compared.",
     )

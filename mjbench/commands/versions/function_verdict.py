@@ -42,12 +42,7 @@ from mjbench.paired.timed_function import (
     prepare_function,
     try_function,
 )
-from mjbench.paired.verdict import (
-    MIN_LAUNCHES,
-    VerdictPlan,
-    launch_until_certain,
-    package_versions,
-)
+from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan, launch_until_certain, package_versions
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.pip import BuildError
 from mjbench.status import Status

@@ -1,7 +1,6 @@
 """The options of `mjbench versions`, `versions --explain`, `ab` and `bisect`."""
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from mjbench.commands.shared_options import BudgetOptions, OutputOptions, SizeOptions, top_option
@@ -48,11 +47,16 @@ class JudgingOptions(BudgetOptions, SizeOptions):
     def plan(self) -> "VerdictPlan":
         from mjbench.paired.verdict import VerdictPlan
 
-        budget = self.budget
+        budget, most = self.budget, self.min_effect / 2
+        if self.precision is not None and self.precision > most:
+            raise InputError(
+                f"--precision {100 * self.precision:g}% changes nothing above {100 * most:g}%, half"
+                " of --min-effect: give less, or a larger --min-effect"
+            )
         return VerdictPlan(
             self.min_effect,
             self.confidence,
-            self.precision or min(self.min_effect / 2, outcomes.PRECISION),
+            self.precision or min(most, outcomes.PRECISION),
             budget.total_s or budget.each_s,
             self.sizes,
             self.as_shipped,
@@ -78,10 +82,7 @@ class VersionsOptions(TargetOptions):
     """How releases are compared."""
 
     paths: list[str] | None = option(
-        None,
-        NAMES,
-        "Ways of stepping to compare between the releases",
-        unset="python_loop",
+        None, NAMES, "Ways of stepping to compare between the releases", unset="python_loop"
     )
     family: int | None = option(
         None,
@@ -98,19 +99,13 @@ class VersionsOptions(TargetOptions):
         return replace(super().plan, family=self.family or 1)
 
 
-class ExplainPart(StrEnum):
-    """What `versions --explain --skip` can name."""
-
-    TIMES = "times"
-
-
 @dataclass(frozen=True, kw_only=True)
 class ExplainOptions(JudgingOptions, OutputOptions):
     """How differences are explained."""
 
     top: int = top_option()
-    skip: list[ExplainPart] | None = option(
-        None, names_among(ExplainPart), "Leave out these parts: times, the wall-clock times."
+    skip: list[str] | None = option(
+        None, names_among(["times"]), "Leave out these parts: times, the wall-clock times."
     )
 
 

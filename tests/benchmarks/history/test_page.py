@@ -42,5 +42,7 @@ def test_pairs_without_a_change_say_how_exact_the_history_is() -> None:
     ratios = (1.0, 1.0, 1.01, 1.01)
     records = [record(v, r) for v, r in zip(releases, ratios, strict=True)]
     (line,) = of_history.no_change_line(speed_history.from_records(records))
-    assert "as in the one before: 3.1.3. The root mean square of their 1 change is 1.00 %" in line
+    assert (
+        "as in the release before: 3.1.3. The root mean square of their 1 change is 1.00 %" in line
+    )
     assert [*of_history.no_change_line(speed_of(STEP))] == []

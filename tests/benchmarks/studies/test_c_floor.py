@@ -43,11 +43,7 @@ def running(
 @pytest.mark.parametrize("returns", list(workload.Product))
 @pytest.mark.parametrize("has_timer", [False, True])
 def test_the_c_program_reaches_the_same_states(
-    program: Path,
-    tmp_path: Path,
-    returns: workload.Product,
-    has_timer: bool,
-    model: mujoco.MjModel,
+    program: Path, tmp_path: Path, returns: workload.Product, has_timer: bool, model: mujoco.MjModel
 ) -> None:
     random_workload = workload.make(model, nbatch=4, nstep=12, hold=3).returning(returns)
     with c_floor.CProgram(program, random_workload, tmp_path) as c_program:

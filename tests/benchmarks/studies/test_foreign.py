@@ -15,6 +15,7 @@ from benchmarks.studies import (
 )
 from benchmarks.studies.foreign_packages import Package, PackageFiles
 from benchmarks.studies.foreign_tally import FileResult, Outcome
+from benchmarks.studies.page_part import PagePart, of_lines
 from mjbench.errors import InputError, MachineError
 from mjbench.status import ExitCode
 
@@ -47,9 +48,9 @@ def package_of(root: Path, models: dict[str, str]) -> PackageFiles:
 
 
 def files_in(folder: Path) -> foreign.Files:
-    return foreign.Files(
-        folder, folder / "progress.jsonl", folder / "foreign.json", folder / "foreign.md"
-    )
+    part = PagePart(str(folder / "page.md"), "foreign", "a test")
+    part.file.write_text("<!-- foreign: written by a test -->\n<!-- end -->\n")
+    return foreign.Files(folder, folder / "progress.jsonl", folder / "foreign.json", part)
 
 
 def results_of(tally: foreign_tally.ForeignTally) -> dict[str, Outcome]:
@@ -111,7 +112,7 @@ def test_a_run_writes_a_tally_and_its_page_and_forgets_its_progress(
     package, files = package_of(tmp_path / "robots", MODELS), files_in(tmp_path)
     tally = foreign.run_all([package], files, 60.0)
     assert foreign_tally.load(files.tally) == tally
-    assert files.page.read_text() == foreign_page.page(tally)
+    assert files.part.text() == of_lines(foreign_page.lines(tally))
     assert compared == sorted(MODELS)
     assert not files.progress.exists()
 
@@ -246,7 +247,7 @@ def test_an_interrupted_command_keeps_what_was_compared_and_says_where(
     monkeypatch.setattr(foreign, "PACKAGES", (PACKAGE,))
     monkeypatch.setattr(foreign, "_fetched", lambda *arguments: package)
     monkeypatch.setattr(foreign, "TALLY", files.tally)
-    monkeypatch.setattr(foreign, "PAGE", files.page)
+    monkeypatch.setattr(foreign_page, "PART", files.part)
     assert foreign.main(arguments) == ExitCode.INTERRUPTED
     stored = "the tally has what was compared" if arguments else "the same command continues"
     assert capsys.readouterr().err == f"foreign: interrupted; {stored}\n"

@@ -9,7 +9,8 @@ from commands import ROOT
 from benchmarks.studies import foreign, foreign_packages, foreign_page, foreign_tally
 from benchmarks.studies.foreign_packages import Package, PackageFiles
 from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
-from mjbench.commands.compare.results import ModelComparison
+from benchmarks.studies.page_part import of_lines
+from mjbench.commands.compare.results import ModelResults
 from mjbench.status import ExitCode, Status
 from mjbench.verification.records import ModelRecord, VariantRecord
 
@@ -17,7 +18,7 @@ PACKAGE = Package("robots", "1.0")
 
 
 def judged(root: Path, statuses: dict[str, Status], **model: Any) -> FileResult:
-    records = ModelComparison(
+    records = ModelResults(
         ModelRecord(model="bots/a.xml", **{"status": Status.OK, "spread": 1.0, **model}),
         tuple(
             VariantRecord(
@@ -75,7 +76,7 @@ def test_a_model_that_agrees_on_fewer_or_closer_starts_says_so(tmp_path: Path) -
 
 def test_the_page_is_the_one_that_the_committed_tally_writes() -> None:
     tally = foreign_tally.load(foreign.TALLY)
-    assert foreign.PAGE.read_text() == foreign_page.page(tally), (
+    assert foreign_page.PART.text() == of_lines(foreign_page.lines(tally)), (
         "write it again: python -m benchmarks.studies.foreign_page"
     )
 
@@ -108,7 +109,7 @@ def test_committed_models_disagree_only_where_rollouts_stop_at_a_warning() -> No
 
 
 def test_no_committed_reason_names_a_folder_of_the_machine_it_was_run_on() -> None:
-    text = foreign.TALLY.read_text() + foreign.PAGE.read_text()
+    text = foreign.TALLY.read_text() + foreign_page.PART.text()
     assert "/.cache/" not in text
     assert "/home/" not in text
     assert "/root/" not in text

@@ -7,6 +7,7 @@ from example_records import JUDGED, measurement
 
 from benchmarks.studies import judgement_page, judgements, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load
+from benchmarks.studies.page_part import of_lines
 from mjbench.simulation.accelerated_judgement import EngineAnswer
 from mjbench.status import Status
 
@@ -20,16 +21,15 @@ def tally() -> JudgementTally:
     return empty.with_row(JudgedModel.of("shipped", close)).with_row(JudgedModel.of("p", REFUSED))
 
 
-def test_the_page_says_what_differs_and_which_versions_computed() -> None:
-    text = judgement_page.page(tally())
-    assert "Of 2 pairs of a model and a path: 1 close; 1 times the engine does not take" in text
+def test_the_page_has_the_answers_and_the_versions_that_computed() -> None:
+    text = of_lines(judgement_page.lines(tally()))
+    assert "Of 2 pairs of a model and a path: 1 close, 1 unavailable." in text
     assert "mujoco 4.0.0, mujoco-warp 4.0.0" in text
-    assert "contacts: box–box" in text
-    assert text.index("Shipped models") < text.index("p: m")
+    assert "| m | close |" in text
 
 
 def test_the_page_is_that_of_the_committed_tally() -> None:
-    assert judgements.PAGE.read_text() == judgement_page.page(load(judgements.TALLY))
+    assert judgement_page.PART.text() == of_lines(judgement_page.lines(load(judgements.TALLY)))
 
 
 def test_a_model_that_is_judged_again_replaces_its_row(tmp_path: Path) -> None:

@@ -43,8 +43,7 @@ def test_modules_become_one_script_in_the_order_of_their_imports(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    "content",
-    ['import a from "./a.mjs";', "export default 1;", 'const a = "</script>";'],
+    "content", ['import a from "./a.mjs";', "export default 1;", 'const a = "</script>";']
 )
 def test_what_one_script_cannot_hold_is_refused(tmp_path: Path, content: str) -> None:
     with pytest.raises(InputError, match=r"top\.mjs: cannot put into one script: "):

@@ -129,12 +129,7 @@ def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:
     none, slowed = trials.summary(all_trials)
     assert (none.slowdown, none.trials, none.detected, none.wrong) == (0.0, 2, 0.5, 0.5)
     assert (none.missed, none.covered) == (None, 0.5)
-    assert (slowed.slowdown, slowed.trials, slowed.detected, slowed.wrong) == (
-        0.02,
-        4,
-        0.25,
-        0.25,
-    )
+    assert (slowed.slowdown, slowed.trials, slowed.detected, slowed.wrong) == (0.02, 4, 0.25, 0.25)
     assert (slowed.missed, slowed.inconclusive, slowed.covered) == (0.25, 0.25, 0.5)
     assert slowed.error == pytest.approx(np.mean([0.0, -0.04, -0.02, 0.004]))
     assert (slowed.seconds, slowed.launches) == (2.0, 2.0)

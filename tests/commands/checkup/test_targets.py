@@ -55,10 +55,7 @@ def test_a_program_has_arguments(folder: Path) -> None:
 def test_a_module_is_a_program_whose_file_is_read_where_it_is_below_the_folder(
     folder: Path,
 ) -> None:
-    for words, path in (
-        (("train", "--fast"), folder / "train.py"),
-        (("json.tool",), None),
-    ):
+    for words, path in ((("train", "--fast"), folder / "train.py"), (("json.tool",), None)):
         assert targets.recognized("-m", words, folder) == ProgramFile(("-m", *words), path)
 
 

@@ -10,10 +10,7 @@ import pytest
 from example_records import PAIR
 from pretender import Pretender32, make_workload
 
-from mjbench.commands.compare.accelerated_agreement import (
-    probe_workload,
-    take_single_steps,
-)
+from mjbench.commands.compare.accelerated_agreement import probe_workload, take_single_steps
 from mjbench.commands.compare.accelerated_single_steps import (
     Budget,
     JudgedConstraints,
@@ -24,12 +21,7 @@ from mjbench.commands.compare.accelerated_single_steps import (
 )
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import compat, reference_trajectory
-from mjbench.simulation.accelerated_judgement import (
-    EngineAnswer,
-    JudgedPart,
-    PartName,
-    Precision,
-)
+from mjbench.simulation.accelerated_judgement import EngineAnswer, JudgedPart, PartName, Precision
 from mjbench.simulation.constraint_problem import converging
 from mjbench.simulation.reference_run import Peaks
 from mjbench.simulation.reference_trajectory import SingleSteps

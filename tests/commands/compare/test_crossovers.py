@@ -36,9 +36,7 @@ def rows() -> list[PathResult]:
     ]
 
 
-def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead(
-    rows: list[PathResult],
-) -> None:
+def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead(rows: list[PathResult]) -> None:
     first, second = crossovers(rows)
     assert (first.path, first.nbatch, first.rival.path) == ("mjx", 256, "rollout")
     assert (second.path, second.nbatch, second.largest) == ("mjx64", None, 256)

@@ -34,26 +34,13 @@ def test_an_environment_is_measured_and_compared() -> None:
     assert (record.facts.nstep, record.facts.nepisode) == (40, 3)
     assert record.facts.episode_nstep == 15.0
     assert record.facts.calls == ["mj_step(nstep=4)"]
-    assert (record.check.status, record.check.checked, record.check.covered) == (
-        Status.OK,
-        40,
-        40,
-    )
+    assert (record.check.status, record.check.checked, record.check.covered) == (Status.OK, 40, 40)
     rounds = len(record.step_ns)
     assert rounds >= 7
-    for samples in (
-        record.compared_ns,
-        record.reset_ns,
-        record.layered_ns,
-        record.cores,
-    ):
+    for samples in (record.compared_ns, record.reset_ns, record.layered_ns, record.cores):
         assert len(samples) == rounds
         assert min(samples) > 0
-    assert {layer.layer for layer in record.layers} >= {
-        Layer.PHYSICS,
-        Layer.WRAPPERS,
-        Layer.REWARD,
-    }
+    assert {layer.layer for layer in record.layers} >= {Layer.PHYSICS, Layer.WRAPPERS, Layer.REWARD}
     for layer in record.layers:
         assert len(layer.ns) == rounds
     sums = [sum(ns) for ns in zip(*(layer.ns for layer in record.layers), strict=True)]

@@ -26,11 +26,7 @@ def recorded(environment: Any, nstep: int = NSTEP) -> Recording:
     ("environment", "calls", "checked"),
     [
         (examples.make(), (("mj_step", 4),), NSTEP),
-        (
-            examples.dm_control(),
-            (("mj_step2", 1), ("mj_step", 3), ("mj_step1", 0)),
-            2 * NSTEP,
-        ),
+        (examples.dm_control(), (("mj_step2", 1), ("mj_step", 3), ("mj_step1", 0)), 2 * NSTEP),
         (examples.robosuite(), (("mj_step1", 0), ("mj_step2", 1)) * 4, 4 * NSTEP),
     ],
     ids=["gymnasium", "dm_control", "robosuite"],

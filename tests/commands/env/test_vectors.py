@@ -270,10 +270,7 @@ def test_a_form_that_was_wrong_in_a_timed_block_leaves_the_figures_of_the_others
 
 def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None:
     single = {"a": np.array([0.1, 0.2]), "b": (np.array(3),)}
-    batched = {
-        "a": np.array([[9.0, 9.0], [0.1, 0.2]], dtype=np.float32),
-        "b": (np.array([9, 3]),),
-    }
+    batched = {"a": np.array([[9.0, 9.0], [0.1, 0.2]], dtype=np.float32), "b": (np.array([9, 3]),)}
     copied = vectors._copied(single)
     assert vectors._equal(copied, batched, 1)
     assert not vectors._equal(copied, batched, 0)

@@ -141,10 +141,7 @@ def messages(
     tmp_path: Path, *lines: str, result: str = "self.data.qpos", method: str = "pass"
 ) -> list[str]:
     text = GETTERS.format(
-        result=result,
-        plain=result.replace("self.", ""),
-        method=method,
-        lines="\n    ".join(lines),
+        result=result, plain=result.replace("self.", ""), method=method, lines="\n    ".join(lines)
     )
     return [finding.message for finding in findings(tmp_path, text, "MJB016")]
 

@@ -142,9 +142,7 @@ def test_random_numbers_of_the_program_are_its_own(tmp_path: Path) -> None:
     assert (random.getstate(), np.random.get_state()[1].tolist()) == states
 
 
-def test_exceptions_are_those_of_the_program_and_the_states_before_are_kept(
-    tmp_path: Path,
-) -> None:
+def test_exceptions_are_those_of_the_program_and_the_states_before_are_kept(tmp_path: Path) -> None:
     capture = mjbench.capture(tmp_path / "states.npz")
     with pytest.raises(KeyboardInterrupt), capture:
         list(program(CARTPOLE, one_by_one, 7))

@@ -53,8 +53,7 @@ def test_the_profiler_ends_with_mjbench_however_that_ends(tmp_path):
         "signal.pause()"
     )
     parent = subprocess.Popen(
-        [sys.executable, "-c", program, str(tmp_path)],
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        [sys.executable, "-c", program, str(tmp_path)], env={**os.environ, "PYTHONPATH": PYTHONPATH}
     )
     process = os.pidfd_open(int((tmp_path / "pid").read_text()))
     parent.kill()

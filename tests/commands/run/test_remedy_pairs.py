@@ -119,10 +119,7 @@ def test_rays_at_once_hit_what_single_rays_hit():
 def test_a_step_with_controls_is_that_of_a_rollout():
     actuated = mujoco.MjModel.from_xml_string(
         FALLING.format("Euler")
-        .replace(
-            "</worldbody>",
-            "</worldbody><actuator><motor joint='hinge'/></actuator>",
-        )
+        .replace("</worldbody>", "</worldbody><actuator><motor joint='hinge'/></actuator>")
         .replace("<joint axis", '<joint name="hinge" axis')
     )
     ends = []

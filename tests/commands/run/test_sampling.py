@@ -23,8 +23,7 @@ class FakeSampler:
 
 
 @pytest.mark.parametrize(
-    ("children", "rate_hz", "started"),
-    [(1, None, [100]), (2, None, [100, 20]), (2, 50, [50])],
+    ("children", "rate_hz", "started"), [(1, None, [100]), (2, None, [100, 20]), (2, 50, [50])]
 )
 def test_of_many_processes_samples_are_fewer(tmp_path, monkeypatch, children, rate_hz, started):
     rates = []

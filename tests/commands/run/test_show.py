@@ -254,10 +254,7 @@ NEARLY_PHYSICS = loop({Activity.PHYSICS: 0.9, Activity.PYTHON: 0.1})
 PHYSICS = PhysicsCost(
     20_000.0,
     {"broad-phase collision": 0.1, "narrow-phase collision": 0.4, "constraint solver": 0.3},
-    [
-        Cost(CostKind.TYPES, "box and mesh", 12, 0.3),
-        Cost(CostKind.SENSORS, "rangefinder", 8, 0.2),
-    ],
+    [Cost(CostKind.TYPES, "box and mesh", 12, 0.3), Cost(CostKind.SENSORS, "rangefinder", 8, 0.2)],
 )
 
 

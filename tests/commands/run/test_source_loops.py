@@ -35,15 +35,7 @@ def file(tmp_path):
 
 @pytest.mark.parametrize(
     ("line", "lines"),
-    [
-        (1, None),
-        (5, (4, 5)),
-        (6, (6, 6)),
-        (10, (9, 14)),
-        (11, (9, 14)),
-        (15, None),
-        (18, (17, 18)),
-    ],
+    [(1, None), (5, (4, 5)), (6, (6, 6)), (10, (9, 14)), (11, (9, 14)), (15, None), (18, (17, 18))],
 )
 def test_outermost_loop_of_a_line(file, line, lines):
     loop = source_loops.outermost_loop(file, line)

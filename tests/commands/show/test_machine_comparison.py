@@ -77,11 +77,7 @@ def test_what_machines_agree_on_is_a_sentence(verdicts: list[Record], expected: 
 
 @pytest.mark.parametrize(
     ("verdicts", "tone"),
-    [
-        ([SLOWER, FASTER], Tone.BAD),
-        ([FASTER, OPEN], Tone.GOOD),
-        ([SAME, SAME], Tone.NEUTRAL),
-    ],
+    [([SLOWER, FASTER], Tone.BAD), ([FASTER, OPEN], Tone.GOOD), ([SAME, SAME], Tone.NEUTRAL)],
 )
 def test_slower_on_one_machine_is_bad(verdicts: list[Record], tone: Tone) -> None:
     runs = [run(name, verdict) for name, verdict in zip("ab", verdicts, strict=True)]

@@ -171,9 +171,7 @@ def test_what_the_head_of_a_report_has_no_room_for_is_folded(
     assert report.further[0].text in "\n".join(as_markdown.render(report))
 
 
-def test_of_several_models_the_head_has_what_is_advised_and_what_went_wrong(
-    tmp_path: Path,
-) -> None:
+def test_of_several_models_the_head_has_what_is_advised_and_what_went_wrong(tmp_path: Path) -> None:
     wrong = {"status": Status.DISAGREES, "agrees": False}
     records = [record for name in "abc" for record in compared(name)]
     report = reports.build([named(run_file_here(tmp_path, *records, *compared("d", **wrong)))])
@@ -192,10 +190,7 @@ def test_the_head_says_what_was_measured_when_and_where(tmp_path: Path) -> None:
     assert report.subtitle in Page(as_html.render(report)).text
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["runs/reference-mujoco-4.0.0", "runs/reference-story-versions"],
-)
+@pytest.mark.parametrize("name", ["runs/reference-mujoco-4.0.0", "runs/reference-story-versions"])
 def test_markdown_shows_little_and_folds_the_rest(name: str) -> None:
     text = "\n".join(as_markdown.render(report(ROOT / f"results/{name}.jsonl")))
     shown = re.sub(r"</summary>.*?</details>", "", text, flags=re.S)
@@ -358,10 +353,7 @@ def test_the_command_of_a_section_names_some_files(tmp_path: Path) -> None:
 
 
 def test_a_table_is_saved_with_the_numbers_that_were_measured_and_not_as_they_are_shown() -> None:
-    rows = [
-        ("=1+1", -1234.5678, Interval(2.0, 1.5, 2.5), -0.0625),
-        ("a, b", None, None, None),
-    ]
+    rows = [("=1+1", -1234.5678, Interval(2.0, 1.5, 2.5), -0.0625), ("a, b", None, None, None)]
     columns = (
         Column("name"),
         Column("ns", formats.digits(3)),

@@ -141,10 +141,7 @@ def test_a_release_without_mjspec_can_have_options_alone(
         (Edit(Part.COMPILER, "speed", "true"), "compiler speed=true: MuJoCo .* no such attribute"),
         (Edit(Part.EXCLUDE, "a", "nobody"), "with exclude a nobody: MuJoCo cannot compile it"),
         (Edit(Part.FLAG, "ipc", "enable"), "with flag ipc=enable: MuJoCo cannot compile it"),
-        (
-            Edit(Part.COMPILER, "settotalmass", "true"),
-            "true: MuJoCo warns: .* deprecated",
-        ),
+        (Edit(Part.COMPILER, "settotalmass", "true"), "true: MuJoCo warns: .* deprecated"),
     ],
 )
 def test_what_mujoco_rejects_is_one_line_that_names_the_setting(

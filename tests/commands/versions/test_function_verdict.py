@@ -122,8 +122,7 @@ def sides(baseline: Observed, candidate: Observed, again: Observed | None = None
 
 
 @pytest.mark.parametrize(
-    ("log_ratio", "verdict"),
-    [(0.0, Verdict.SAME), (0.05, Verdict.SLOWER), (-0.05, Verdict.FASTER)],
+    ("log_ratio", "verdict"), [(0.0, Verdict.SAME), (0.05, Verdict.SLOWER), (-0.05, Verdict.FASTER)]
 )
 def test_launches_decide(decided: Decided, log_ratio: float, verdict: Verdict) -> None:
     record = decided(Invented(sides(FACTS, FACTS), log_ratio))

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.history import bundle
 from mjbench.errors import InputError
-from mjbench.releases import bundle
 from mjbench.releases.release import Release
 
 START = datetime(2024, 1, 1, tzinfo=UTC)
@@ -50,9 +50,7 @@ def test_a_release_cannot_be_inserted(tmp_path: Path) -> None:
     assert bundle.read(path) == THREE[1:]
 
 
-def test_verify_finds_another_upload_time_and_a_release_that_does_not_exist(
-    tmp_path: Path,
-) -> None:
+def test_verify_finds_another_upload_time_and_a_release_that_does_not_exist(tmp_path: Path) -> None:
     path = tmp_path / "history.bundle"
     bundle.write(path, THREE)
     assert bundle.verify(path, THREE) == []
