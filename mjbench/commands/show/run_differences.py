@@ -3,7 +3,7 @@
 import math
 import statistics
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -50,6 +50,7 @@ class RunDifference:
       verdict: what the interval of the ratio says beside `MIN_EFFECT`; `inconclusive` with
         cautions, None without an interval: paths that left a race early have too few launches.
       cautions: what to know before the ratio: what disturbed either.
+      is_of_one_engine: whether both ran the same version of MuJoCo.
     """
 
     model: str
@@ -61,11 +62,7 @@ class RunDifference:
     ratio: Interval | None = None
     verdict: Verdict | None = None
     cautions: Sequence[str] = ()
-
-
-def common_rows(old: Run, new: Run) -> Collection[object]:
-    """Return what the rows are about that both runs have timed."""
-    return _timed(old).keys() & _timed(new).keys()
+    is_of_one_engine: bool = False
 
 
 def differences(old: Run, new: Run, across: bool) -> list[RunDifference]:
@@ -75,31 +72,30 @@ def differences(old: Run, new: Run, across: bool) -> list[RunDifference]:
     """
     olds, news = _timed(old), _timed(new)
     rows = [_difference(olds[key], news[key], across) for key in news if key in olds]
-    machines = [run.header.machine for run in (old, new)]
-    changed_speed = filter(None, [machine_identity.changed_speed(*machines)])
-    cautions = [*changed_speed, *_of_common_factor(rows, *machines)]
-    if not cautions:
+    changed_speed = machine_identity.changed_speed(old.header.machine, new.header.machine)
+    if not changed_speed:
         return rows
     return [
         replace(
             row,
             verdict=row.verdict and Verdict.INCONCLUSIVE,
-            cautions=[*row.cautions, *cautions],
+            cautions=[*row.cautions, changed_speed],
         )
         for row in rows
     ]
 
 
-def _of_common_factor(rows: Sequence[RunDifference], old: Machine, new: Machine) -> Iterator[str]:
-    """Yield that all rows of one MuJoCo moved by one factor."""
+def _of_common_factor(rows: Sequence[RunDifference]) -> Iterator[Conclusion]:
+    """Yield that all rows of one MuJoCo moved by one factor, as they do on a slower machine."""
     logs = [math.log(row.ratio.estimate) for row in rows if row.ratio is not None]
-    if len(logs) < _LEAST_COMMON or old.versions.get("mujoco") != new.versions.get("mujoco"):
+    if len(logs) < _LEAST_COMMON or not all(row.is_of_one_engine for row in rows):
         return
     common, within = statistics.median(logs), math.log1p(MIN_EFFECT)
     if abs(common) > within and all(abs(each - common) < within for each in logs):
-        yield (
+        yield Conclusion(
             f"All {len(logs)} rows take {formats.factor(math.exp(common))} times as long, and"
-            " MuJoCo is the same: that is the machine"
+            " MuJoCo is the same: that is probably the machine",
+            Tone.CAUTION,
         )
 
 
@@ -158,6 +154,8 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
         ratio,
         Verdict.INCONCLUSIVE if ratio is not None and cautions else _verdict(ratio),
         cautions=cautions,
+        is_of_one_engine=before.machine.versions.get("mujoco")
+        == after.machine.versions.get("mujoco"),
     )
 
 
@@ -191,7 +189,7 @@ def differences_section(rows: Sequence[RunDifference]) -> Section:
     """Return what the differences come to."""
     return Section(
         "NEW beside OLD",
-        [*_cautions(rows), _conclusion(rows)],
+        [*_cautions(rows), _conclusion(rows), *_of_common_factor(rows)],
         tables=[_table(rows)],
         notes=[
             "The two were measured at different times; to find smaller differences, alternate both:"

@@ -4,7 +4,7 @@ What `compare` timed has verdicts (see `run_differences`). Of other kinds, rows 
 (`rows`) that are about the same thing are held against each other, figure by figure.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mjbench import formats
@@ -12,6 +12,7 @@ from mjbench.commands.show import kinds, rows, run_differences
 from mjbench.commands.show.reports import NamedRun
 from mjbench.commands.show.rows import Cell
 from mjbench.commands.show.run_differences import RunDifference
+from mjbench.commands.show.stored_runs import subjects
 from mjbench.errors import InputError
 from mjbench.host import disturbance
 from mjbench.host.disturbance import Disturbance
@@ -51,13 +52,15 @@ Differences = Sequence[RunDifference] | Sequence[FigureDifference]
 def pair_of(named_runs: Sequence[NamedRun], across: bool) -> Sequence[NamedRun]:
     """Return two runs to compare, the older first; none where they are not.
 
-    They are of one kind, and, unless `across`, of one machine and with a row in common.
+    They are of one kind, and, unless `across`, of one machine and about one thing, such as a
+    model.
     """
     if not _are_two_of_one_kind(named_runs):
         return []
     old, new = sorted(named_runs, key=lambda named: named.run.header.began)
-    is_asked = len(set(_machines(named_runs))) == 1 and bool(_common_rows(old.run, new.run))
-    return [old, new] if across or is_asked else []
+    are_of_one_machine = len(set(_machines(named_runs))) == 1
+    are_about_one = not {*subjects(old.run)}.isdisjoint(subjects(new.run))
+    return [old, new] if across or (are_of_one_machine and are_about_one) else []
 
 
 def of_two_machines(named_runs: Sequence[NamedRun]) -> str:
@@ -81,20 +84,15 @@ def _machines(named_runs: Sequence[NamedRun]) -> Sequence[MachineIdentity]:
     return identify([named.run.header.machine for named in named_runs])
 
 
-def _common_rows(old: Run, new: Run) -> Collection[object]:
-    """Return what the rows are about that both runs have."""
-    if kinds.kind_of(new) is kinds.COMPARE:
-        return run_differences.common_rows(old, new)
-    return _by_key(old).keys() & _by_key(new).keys()
-
-
 def differences(old: Run, new: Run, across: bool) -> Differences:
     """Return how two runs differ; InputError where they have no row in common."""
-    if not _common_rows(old, new):
-        raise InputError(f"these runs have no row in common{_ALONE}")
     if kinds.kind_of(new) is kinds.COMPARE:
-        return run_differences.differences(old, new, across)
+        if timed := run_differences.differences(old, new, across):
+            return timed
+        raise InputError(f"these runs have no timed row in common{_ALONE}")
     olds, news = _by_key(old), _by_key(new)
+    if not olds.keys() & news.keys():
+        raise InputError(f"these runs have no row in common{_ALONE}")
     return [
         FigureDifference(
             key, figure, olds[key].get(figure), value, _ratio(olds[key].get(figure), value)

@@ -69,10 +69,10 @@ ONE_EACH = {"python_loop": 1.0, "rollout": 1.0, "threads": 1.0}
 def test_rows_that_all_move_by_one_factor_are_the_machine() -> None:
     slower = dict.fromkeys(ONE_EACH, 1.3) | {"rollout": 1.31}
     rows = differences(run_of_paths(ONE_EACH), run_of_paths(slower), across=False)
-    assert {row.verdict for row in rows} == {Verdict.INCONCLUSIVE}
-    first, conclusion = differences_section(rows).conclusions
-    assert first.text.startswith("All 3 rows take 1.30 times as long, and MuJoCo is the same")
-    assert conclusion.text == "Of 3 rows: 3 undecided"
+    _, then = differences_section(rows).conclusions
+    assert then.text == (
+        "All 3 rows take 1.30 times as long, and MuJoCo is the same: that is probably the machine"
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,11 +84,11 @@ def test_rows_that_all_move_by_one_factor_are_the_machine() -> None:
         (dict.fromkeys(ONE_EACH, 1.02), {}),
     ],
 )
-def test_what_may_be_the_code_keeps_its_verdict(
+def test_what_may_be_the_code_is_not_said_to_be_the_machine(
     times: Mapping[str, float], machine: Mapping[str, Any]
 ) -> None:
     rows = differences(run_of_paths(ONE_EACH), run_of_paths(times, **machine), across=False)
-    assert all(row.verdict is not Verdict.INCONCLUSIVE and not row.cautions for row in rows)
+    assert len(differences_section(rows).conclusions) == 1
 
 
 def test_a_machine_that_became_slower_itself_decides_no_row() -> None:
