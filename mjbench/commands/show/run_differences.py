@@ -95,7 +95,7 @@ def _of_common_factor(rows: Sequence[RunDifference]) -> Iterator[Conclusion]:
         yield Conclusion(
             f"All {len(logs)} rows take {formats.factor(math.exp(common))} times as long, and"
             " MuJoCo is the same: that is probably the machine",
-            Tone.CAUTION,
+            Tone.UNSURE,
         )
 
 
