@@ -16,6 +16,7 @@ from mjbench.commands.compare import advice
 from mjbench.commands.compare.results import ModelResults, derive_all
 from mjbench.commands.env import show as environment
 from mjbench.commands.env.result import EnvironmentRecord
+from mjbench.commands.profile import model_costs
 from mjbench.commands.profile import show as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
 from mjbench.commands.run import show as program
@@ -218,7 +219,6 @@ def _why_nothing(run: Run) -> str:
         share = 1.0 if steps.is_all_engine else steps.engine_ns / steps.loop_ns
         whole = formats.whole_percent(share)
         reasons.append(f"{whole} of a step is the engine ({_stages(steps)})")
-        reasons += profile.causes(steps)
     reasons += map(_why_no_path, derive_all(run.records))
     reasons += map(_why_no_setting, run.of_type(TuneRecord))
     reasons += map(program.conclusion, run.of_type(ProgramRow))
@@ -246,9 +246,11 @@ def _why_no_setting(record: TuneRecord) -> str:
 
 
 def _stages(steps: ProfiledSteps) -> str:
+    """Return the longest stages, and what costs most in the first."""
     largest = sorted(steps.stages.items(), key=lambda stage: -stage[1])[:_MOST_STAGES]
     named = [f"{name} {formats.whole_percent(share)}" for name, share in largest if share]
-    return ", ".join(named)
+    cost = model_costs.main_cost(steps.stages, steps.costs)
+    return ", ".join(named) + (f"; {cost}" if cost is not None else "")
 
 
 # -- the list --------------------------------------------------------------------------------------
@@ -401,6 +403,6 @@ def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
         if (steps := row.steps) is not None:
             first = next(profile.conclusions(row.model, steps))
             yield first.text.removeprefix(f"{row.model}: ")
-            yield ": ".join([f"Of the engine's time: {_stages(steps)}", *profile.causes(steps)])
+            yield f"Of the engine's time: {_stages(steps)}"
             yield profile.work_line(steps)
             yield from starts_lines(steps.starts)

@@ -20,7 +20,7 @@ from mjbench.commands.env.adapters import EnvironmentAdapter
 from mjbench.commands.env.passes import EnvironmentPasses, Pass, in_random_order, time_rounds
 from mjbench.commands.env.physics_comparison import PhysicsAlone, PhysicsComparison
 from mjbench.commands.env.recording import EngineWatch, Recording, StepTrace
-from mjbench.commands.env.repetition import FieldDifference, physics_differences
+from mjbench.commands.env.repetition import FieldDifference, left_by_reset, physics_differences
 from mjbench.commands.env.result import (
     EnvironmentFacts,
     EnvironmentRecord,
@@ -103,7 +103,10 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     physics = _physics_alone(recording, unrepeated, seed, request.most_threads)
     record = EnvironmentRecord(
         environment=request.source.name,
-        facts=_facts(adapter, recording, times, seed, unrepeated),
+        facts=replace(
+            _facts(adapter, recording, times, seed, unrepeated),
+            left_by_reset=left_by_reset(recording, recording_again),
+        ),
         check=_check(recording, physics),
         changes=recording.changes,
         timer_cost=timer.measure_cost(),

@@ -27,7 +27,7 @@ from mjbench.commands.run.loop_time import (
     shares_of,
 )
 from mjbench.commands.run.py_spy import Frame, ThreadSamples
-from mjbench.commands.run.source_loops import SourceLoop, outermost_loop
+from mjbench.commands.run.source_loops import SourceLoop, program_loop
 
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
@@ -157,16 +157,14 @@ def _waits_for_ends(time: LoopTime) -> bool:
 def _outermost_loop(stack: Sequence[Frame]) -> tuple[SourceLoop, Sequence[Frame]] | None:
     """Return the outermost loop that a stack runs, and the frames from its line on.
 
-    Loops of Python's standard library are not meant: they start threads and processes. Nor are
-    those of mjbench, or of the process that forked this one, which stand on its stack.
+    Those of the process that forked this one, which stand on its stack, are not meant.
     """
-    for i in range(_own_begin(stack), len(stack)):
-        frame = stack[i]
-        if not file_owners.is_of_program(frame.file):
-            continue
-        if (loop := outermost_loop(frame.file, frame.line)) is not None:
-            return replace(loop, file=activities.shown_path(loop.file)), stack[i:]
-    return None
+    own = stack[_own_begin(stack) :]
+    running = program_loop([(frame.file, frame.line) for frame in own])
+    if running is None:
+        return None
+    loop, i = running
+    return replace(loop, file=activities.shown_path(loop.file)), own[i:]
 
 
 def _own_begin(stack: Sequence[Frame]) -> int:

@@ -137,8 +137,8 @@ class CSearch:
         computing_s = min(MAX_COMPUTING_S, SURVEY_SHARE * plan.budget_s)
         settings, meshes = self._measure.survey(plan.seed, computing_s)
         self._advance(0, "the present settings", 0.5)
-        present, stages, self._reference_s = self._measure.present(plan.trials(0))
-        self._set(meshes=meshes, present=present, stages=stages)
+        present, stages, collision, self._reference_s = self._measure.present(plan.trials(0))
+        self._set(meshes=meshes, present=present, stages=stages, collision=collision)
         wanted = [each for each in settings if each.knob in plan.knobs]
         return [(each,) for each in sorted(wanted, key=lambda s: -knobs.likely_gain(s, stages))]
 
@@ -246,7 +246,7 @@ class CSearch:
         """Run the present settings, and the reference, from new starts; return the error there."""
         first = self._present
         self._advance(3, "present settings from new starts", 0.0)
-        present, _, _ = self._measure.present(self._plan.trials(1, first.ncontrol))
+        present, *_ = self._measure.present(self._plan.trials(1, first.ncontrol))
         if first.error is None:
             self._set(present=present)
         elif needs_error:

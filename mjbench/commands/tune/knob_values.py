@@ -12,6 +12,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from mjbench.commands.profile.evaluations import Evaluations
 from mjbench.commands.tune import model_features as features
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting, option
 from mjbench.commands.tune.usual_regime import ObservedModel, Usage
@@ -66,10 +67,11 @@ def integrators(observed: ObservedModel) -> list[Setting]:
     present = keyword(observed.model, "integrator")
     faster = {each.lower(): others for each, others in _FASTER_INTEGRATORS.items()}
     others = keywords("integrator", faster.get(present, ()))(observed)
-    if present != "rk4":
+    evaluations = Evaluations.of(observed.model).of_step
+    if evaluations == 1:
         return others
-    evidence = "one evaluation of the dynamics a step, where RK4 makes four"
-    return [replace(each, evidence=evidence, saves=0.75) for each in others]
+    evidence = f"one evaluation of the dynamics a step, where RK4 makes {evaluations}"
+    return [replace(each, evidence=evidence, saves=1 - 1 / evaluations) for each in others]
 
 
 def jacobians(observed: ObservedModel) -> list[Setting]:

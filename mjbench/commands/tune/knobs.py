@@ -7,7 +7,7 @@ release has. To add one, write a row of KNOBS, and its name in `setting_names.GR
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.commands.profile.step_parts import OTHER, SENSORS
+from mjbench.commands.profile.step_parts import Stage
 from mjbench.commands.tune import knob_values as values
 from mjbench.commands.tune import model_features as features
 from mjbench.commands.tune.setting_names import NAMES
@@ -15,9 +15,9 @@ from mjbench.commands.tune.settings import Setting
 from mjbench.commands.tune.usual_regime import ObservedModel
 from mjbench.errors import InputError, shown, suggestion
 
-_COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
-_CONSTRAINTS = ("constraint making", "constraint projection", "constraint solver")
-_SOLVER = ("constraint solver",)
+_COLLISION = (Stage.BROAD_PHASE, Stage.NARROW_PHASE, Stage.COLLISION)
+_CONSTRAINTS = (Stage.CONSTRAINT_MAKING, Stage.CONSTRAINT_PROJECTION, Stage.SOLVER)
+_SOLVER = (Stage.SOLVER,)
 _SLOW_SLIP = "what is held or stacked may slip over many seconds: let your longest task run"
 # What a setting that acts on whole steps may gain, where nothing says more.
 _UNKNOWN_GAIN = 0.25
@@ -30,7 +30,7 @@ class Knob:
     Attributes:
       name: that of its option or flag, where it is one.
       values: returns the settings worth trying.
-      stages: of a step (`profile.measure.stages`) that it can speed up; empty for the whole step.
+      stages: of a step that it can speed up; empty for the whole step.
       changes: what it may change, in one short sentence.
       helps: why it can, where it is not for its stages, in a few words.
       slow: what it prevents that is slower than runs of a second show, in one short sentence.
@@ -39,7 +39,7 @@ class Knob:
 
     name: str
     values: Callable[[ObservedModel], Sequence[Setting]]
-    stages: tuple[str, ...]
+    stages: tuple[Stage, ...]
     changes: str
     helps: str = ""
     slow: str = ""
@@ -92,7 +92,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "midphase",
         values.flag("midphase", lambda observed: features.has_compound_bodies(observed.model)),
-        ("collision",),
+        (Stage.COLLISION,),
         "Nothing but rounding.",
     ),
     Knob(
@@ -106,7 +106,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "nativeccd",
         values.flag("nativeccd", _is_convex),
-        ("narrow-phase collision",),
+        (Stage.NARROW_PHASE,),
         "Contacts of meshes, cylinders and ellipsoids: another algorithm.",
         since="3.2.3",
     ),
@@ -125,7 +125,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "eulerdamp",
         values.flag("eulerdamp", values.is_damped_euler),
-        ("integration",),
+        (Stage.INTEGRATION,),
         "Joint damping: explicit damping is less stable.",
         since="3.0.0",
     ),
@@ -160,21 +160,21 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "ccd_iterations",
         values.fewer("ccd_iterations", (20, 10, 5), _is_convex),
-        ("narrow-phase collision",),
+        (Stage.NARROW_PHASE,),
         "Contacts of meshes, cylinders and ellipsoids that need more iterations.",
         since="3.2.3",
     ),
     Knob(
         "ccd_tolerance",
         values.coarser("ccd_tolerance", (1e-5, 1e-4, 1e-3), _is_convex),
-        ("narrow-phase collision",),
+        (Stage.NARROW_PHASE,),
         "Contacts of meshes, cylinders and ellipsoids, to the new tolerance.",
         since="3.2.3",
     ),
     Knob(
         "autoreset",
         values.disabled("autoreset", loses="the reset of simulations that diverge"),
-        (OTHER,),
+        (Stage.CHECKS,),
         "Nothing, unless a simulation diverges.",
         since="3.2.1",
     ),
@@ -201,25 +201,25 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "sensor",
         values.disabled("sensor", lambda o: o.model.nsensor > 0, loses="sensor data"),
-        (SENSORS,),
+        (Stage.SENSORS,),
         "Nothing but sensor data.",
     ),
     Knob(
         "energy",
         values.disabled("energy", loses="the energy in mjData"),
-        (OTHER,),
+        (Stage.ENERGY,),
         "Nothing but mjData.energy.",
     ),
     Knob(
         "fwdinv",
         values.disabled("fwdinv", loses="the check of forward against inverse dynamics"),
-        (OTHER,),
+        (Stage.OTHER,),
         "Nothing but mjData.solver_fwdinv.",
     ),
     Knob(
         "visual_geoms",
         values.no_visual_geoms,
-        ("kinematics", SENSORS),
+        (Stage.KINEMATICS, Stage.SENSORS),
         "What is drawn and what rays hit; other geoms get new ids.",
     ),
     Knob(
@@ -233,7 +233,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "integrator",
         values.integrators,
-        ("integration",),
+        (Stage.INTEGRATION,),
         "How positions and velocities advance: accuracy and stability.",
     ),
     Knob(

@@ -26,6 +26,8 @@ def notes(record: TuneRecord) -> list[str]:
     if len(failed) > _MOST_FAILED:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
     lines += left_out(record)
+    if record.collision is not None:
+        lines.append(f"Of a step, collisions of {record.collision}")
     lines += [
         f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
         f" {100 * mesh.share:.0f} % of a {mesh.primitive}"

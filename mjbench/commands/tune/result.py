@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from mjbench.bounds import AnyFloat, Int64, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from mjbench.commands.profile.model_costs import Cost
 from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.mesh_notes import MeshNote
 from mjbench.commands.tune.reference import CurrentSettings
@@ -173,6 +174,7 @@ class TuneRecord:
       front: recommendations, the smallest effect first and the slowest first within it.
       meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
+      collision: the costliest collisions of height fields or meshes; None where they cost little.
     """
 
     record_type: ClassVar[str] = "tune"
@@ -191,6 +193,7 @@ class TuneRecord:
     withdrawn: Sequence[Withdrawal] = ()
     meshes: Sequence[MeshNote] = ()
     stages: Mapping[str, AnyFloat] | None = None
+    collision: Cost | None = None
     seconds: NonNegativeFloat = 0.0
 
     @property

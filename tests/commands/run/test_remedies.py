@@ -581,3 +581,17 @@ def test_too_many_threads_save_what_a_second_run_with_fewer_did():
     )
     assert listing.remedies(replace(time, pids=[1]), pools=pools) == []
     assert listing.remedies(time, pools=replace(pools, speedup=1.01)) == []
+
+
+def test_a_transfer_on_a_line_of_lint_has_the_sentence_of_lint_once():
+    calls = [call(call_clock.TRANSFER, seconds=2.0), call(call_clock.DISPATCH, 12, seconds=1.0)]
+    given = [finding("MJB022", message="put it there once")]
+    texts = [each.text for each in listing.remedies(loop_of(*calls), given)]
+    assert "put it there once" in texts
+    assert not any("transfers to the device" in text for text in texts)
+
+
+def test_garbage_collections_save_the_time_that_they_were_timed_to_take():
+    time = loop(line(12, {PHYSICS: 0.7}), activities={PHYSICS: 0.7, Activity.COLLECTION: 0.3})
+    (first,) = listing.remedies(time)
+    assert (first.basis, first.gain) == (Basis.TIMED, 0.3)

@@ -55,7 +55,7 @@ class Planted:
 
     def present(self, plan):
         self.seed, self.has_reference = plan.seed, False
-        return replace(self._facts(), error=None), {}, self.reference_s
+        return replace(self._facts(), error=None), {}, None, self.reference_s
 
     def reference(self, horizon_ncontrol=None):
         self.references += 1

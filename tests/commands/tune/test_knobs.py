@@ -8,7 +8,7 @@ import mujoco
 import pytest
 from tuning_models import rods
 
-from mjbench.commands.profile.step_parts import OTHER, SENSORS, STAGES
+from mjbench.commands.profile.step_parts import Stage
 from mjbench.commands.tune import knob_values, knobs, usual_regime
 from mjbench.commands.tune.pair_watch import IdlePair
 from mjbench.commands.tune.settings import NO_CHANGE, Edit, LoopChange, Part, Setting
@@ -77,7 +77,7 @@ def test_knobs_have_names_of_their_own_and_stages_that_exist() -> None:
     names = [knob.name for knob in knobs.KNOBS]
     assert len(set(names)) == len(names)
     for knob in knobs.KNOBS:
-        assert set(knob.stages) <= {*STAGES, OTHER, SENSORS}
+        assert set(knob.stages) <= set(Stage)
         assert knob.changes.endswith(".")
         assert knob.since.count(".") == 2
 

@@ -121,7 +121,8 @@ def _savings(
 
 
 def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRemedy, CallsInLoop]]:
-    """Yield the remedies that apply, each with its calls from one line."""
+    """Yield the remedies that apply, each with its calls from one line; the first row counts."""
+    said = set[tuple[Sequence[str], Place]]()
     for remedy in CALL_REMEDIES:
         by_place: dict[Place, list[CallTime]] = defaultdict(list)
         for call in loop.calls:
@@ -131,10 +132,12 @@ def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRe
             place = max(by_place, key=lambda each: seconds_of(by_place[each]))
             by_place = {place: [call for calls in by_place.values() for call in calls]}
         for place, calls in by_place.items():
-            if _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
+            is_said = (remedy.callees, place) in said
+            if is_said or _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
                 continue
             finding = _finding_of(remedy, place, loop, findings)
             if finding is not None:
+                said.add((remedy.callees, place))
                 place_of_finding = Place(finding.file, finding.line, "")
                 yield remedy, CallsInLoop(calls, loop, place_of_finding, finding)
             elif count_of(calls) >= LEAST_REPEATS and not remedy.needs_finding:
