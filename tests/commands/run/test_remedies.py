@@ -337,7 +337,7 @@ def test_what_compiles_again_in_every_iteration_is_listed_once_with_its_cause():
 
 def test_two_findings_of_one_rule_on_a_line_are_one_remedy():
     time = loop(line(15, {NUMPY: 0.6}), line(12, {PHYSICS: 0.4}))
-    twice = [finding("MJB022"), replace(finding("MJB022"), col=30)]
+    twice = [finding("MJB099"), replace(finding("MJB099"), col=30)]
     assert len(listing.remedies(time, twice)) == 1
 
 
