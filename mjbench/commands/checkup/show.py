@@ -158,8 +158,9 @@ def _failure(part: CheckedPart) -> str:
 
 
 def _best_alone(listed_items: Sequence[CheckupItem]) -> float:
-    """Return how many times the plain loop the best way of stepping alone is; 1 without any."""
-    return max((each.times for each in listed_items if each.unit == GainUnit.PLAIN_LOOP), default=1)
+    """Return how many times as fast the best way of stepping alone is, or what halves the work."""
+    named = [each for each in listed_items if each.unit == GainUnit.PLAIN_LOOP or each.is_halving]
+    return max((each.times for each in named), default=1)
 
 
 def _combined(run: Run, least: float = 1.0) -> str:
@@ -199,8 +200,8 @@ def _is_certain(run: Run) -> bool:
 
 
 def _is_decided(record: TuneRecord) -> bool:
-    is_open = record.untried or record.untried_combinations or record.withdrawn
-    return not (is_open or any(map(_may_gain, record.attempts)))
+    is_open = record.untried or record.untried_combinations or record.no_second_look
+    return not (is_open or record.withdrawn or any(map(_may_gain, record.attempts)))
 
 
 def _may_gain(attempt: Attempt) -> bool:

@@ -21,6 +21,8 @@ _SOLVER = (Stage.SOLVER,)
 _SLOW_SLIP = "what is held or stacked may slip over many seconds: let your longest task run"
 # What a setting that acts on whole steps may gain, where nothing says more.
 _UNKNOWN_GAIN = 0.25
+# A setting that saves this share of the time by count is worth naming, though it is not timed.
+_HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,10 @@ def _has_contacts(observed: ObservedModel) -> bool:
 
 def _is_convex(observed: ObservedModel) -> bool:
     return features.needs_convex_collider(observed.model)
+
+
+def _has_signed_distances(observed: ObservedModel) -> bool:
+    return features.has_signed_distances(observed.model)
 
 
 # Of those that may save as much, the ones that most often help without a change of results first.
@@ -97,10 +103,10 @@ KNOBS: Sequence[Knob] = (
     ),
     Knob(
         "sleep",
-        values.flag("sleep", lambda observed: features.can_sleep(observed.model)),
+        values.sleep,
         (),
         "Bodies that hardly move stop; states do not hold what sleeps, so a run's history counts.",
-        "resting bodies are left out of a step",
+        "resting and static bodies are left out of a step",
         since="3.4.0",
     ),
     Knob(
@@ -131,7 +137,7 @@ KNOBS: Sequence[Knob] = (
     ),
     Knob(
         "tolerance",
-        values.coarser("tolerance", (1e-6, 1e-5, 1e-4), _has_constraints),
+        values.coarser("tolerance", (1e-8, 1e-6, 1e-5, 1e-4), _has_constraints),
         _SOLVER,
         "Constraint forces: the solver stops at the new tolerance.",
     ),
@@ -170,6 +176,34 @@ KNOBS: Sequence[Knob] = (
         (Stage.NARROW_PHASE,),
         "Contacts of meshes, cylinders and ellipsoids, to the new tolerance.",
         since="3.2.3",
+    ),
+    Knob(
+        "sdf_iterations",
+        values.fewer("sdf_iterations", (5, 3), _has_signed_distances),
+        (Stage.NARROW_PHASE,),
+        "Contacts of signed distance fields are less exact.",
+        since="3.0.0",
+    ),
+    Knob(
+        "sdf_initpoints",
+        values.fewer("sdf_initpoints", (20, 10, 5), _has_signed_distances),
+        (Stage.NARROW_PHASE,),
+        "Contacts of signed distance fields are fewer.",
+        since="3.0.0",
+    ),
+    Knob(
+        "maxhullvert",
+        values.smaller_hulls,
+        (Stage.NARROW_PHASE,),
+        "Meshes collide as a coarser convex hull.",
+        since="3.2.3",
+    ),
+    Knob(
+        "tendons",
+        values.no_unused_tendons,
+        (Stage.KINEMATICS, Stage.TENDONS, Stage.VELOCITY),
+        "Nothing but what is drawn and mjData's tendons; other tendons get new ids.",
+        since="3.3.3",
     ),
     Knob(
         "autoreset",
@@ -233,7 +267,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "integrator",
         values.integrators,
-        (Stage.INTEGRATION,),
+        (),
         "How positions and velocities advance: accuracy and stability.",
     ),
     Knob(
@@ -258,12 +292,25 @@ def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
     return {name: some for name, some in offered.items() if some}
 
 
-def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
-    """Return the share of the time that a setting may save at most: what is tried first."""
-    knob = find(setting.knob)
-    if setting.saves or not knob.stages or not stages:
-        return setting.saves or _UNKNOWN_GAIN
-    return sum(stages.get(stage, 0.0) for stage in knob.stages)
+def counted_gain(setting: Setting, stages: Mapping[str, float]) -> float:
+    """Return the share of the time that a setting saves by count; 0 where that is not known."""
+    if not setting.stages:
+        return setting.saves
+    return setting.saves * sum(stages.get(stage, 0.0) for stage in setting.stages)
+
+
+def halves(setting: Setting, stages: Mapping[str, float]) -> bool:
+    """Return whether a setting saves half of a step or more by count."""
+    return counted_gain(setting, stages) >= _HALF
+
+
+def order(setting: Setting, stages: Mapping[str, float]) -> tuple[float, float]:
+    """Return what sorts settings: those that halve the time by count, then by what may be saved."""
+    counted, knob = counted_gain(setting, stages), find(setting.knob)
+    at_most = sum(stages.get(stage, 0.0) for stage in knob.stages) if stages else 0.0
+    is_known = counted or (knob.stages and stages)
+    may_save = max(counted, at_most) if is_known else _UNKNOWN_GAIN
+    return (-counted if counted >= _HALF else 0.0), -may_save
 
 
 def find(name: str) -> Knob:

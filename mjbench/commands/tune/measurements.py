@@ -119,12 +119,6 @@ def summary(attempts: Sequence[Attempt]) -> Attempt:
     return replace(last, time_ratio=ratio, launches=rows)
 
 
-def with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
-    if seen.status != Status.OK:
-        return Attempt(attempt.settings, seen.status, seen.detail)
-    return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)
-
-
 def with_figures(attempt: Attempt, launched: Sequence[Attempt]) -> Attempt:
     """Return an attempt with the ratio of launches that did not choose it."""
     known = summary(launched)

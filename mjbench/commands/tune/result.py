@@ -130,7 +130,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """Settings that two looks confirm; the second had starts and controls of its own.
+    """Settings that two looks confirm; the second, if any, had starts and controls of its own.
 
     Attributes:
       ratio: their time over that of the present settings, in fresh processes from further starts,
@@ -169,8 +169,11 @@ class TuneRecord:
         larger of both looks.
       no_reference: why settings that need an error were left out: the reference failed, or there
         was no time for it; empty where it was run, or not needed.
+      no_second_look: why there were no runs from new starts; empty where there were, or nothing to
+        recommend.
       untried: settings for which there was no time, alone.
       untried_combinations: for which there was no time.
+      untried_halving: of `untried`, those that save half of a step or more by count.
       front: recommendations, the smallest effect first and the slowest first within it.
       meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
@@ -187,8 +190,10 @@ class TuneRecord:
     present: CurrentSettings | None = None
     attempts: Sequence[Attempt] = ()
     no_reference: str = ""
+    no_second_look: str = ""
     untried: NonNegativeInt = 0
     untried_combinations: NonNegativeInt = 0
+    untried_halving: Sequence[Setting] = ()
     front: Sequence[Recommendation] = ()
     withdrawn: Sequence[Withdrawal] = ()
     meshes: Sequence[MeshNote] = ()
