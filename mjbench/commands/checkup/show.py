@@ -16,6 +16,7 @@ from mjbench.commands.compare import advice
 from mjbench.commands.compare.results import ModelResults, derive_all
 from mjbench.commands.env import show as environment
 from mjbench.commands.env.result import EnvironmentRecord
+from mjbench.commands.profile import model_costs
 from mjbench.commands.profile import show as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
 from mjbench.commands.run import show as program
@@ -246,9 +247,11 @@ def _why_no_setting(record: TuneRecord) -> str:
 
 
 def _stages(steps: ProfiledSteps) -> str:
+    """Return the longest stages, and what costs most in the first."""
     largest = sorted(steps.stages.items(), key=lambda stage: -stage[1])[:_MOST_STAGES]
     named = [f"{name} {formats.whole_percent(share)}" for name, share in largest if share]
-    return ", ".join(named)
+    cost = model_costs.main_cost(steps.stages, steps.costs)
+    return ", ".join(named) + (f"; {cost}" if cost is not None else "")
 
 
 # -- the list --------------------------------------------------------------------------------------

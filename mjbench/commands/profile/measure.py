@@ -61,7 +61,7 @@ FRAMES_PER_S = 60
     "run_nstep",
     "sensors",
     "is_python_resolved",
-    "collision",
+    "costs",
 )
 @dataclass(frozen=True)
 class ProfiledSteps:
@@ -74,7 +74,7 @@ class ProfiledSteps:
         None in releases that install none.
       stages: share of a step by stage; they sum up to 1.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
-      collision: what collisions of geoms cost of a step, the largest first.
+      costs: what collisions of geoms, and static geoms, cost of a step, the largest first.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from.
       run_nstep: steps from each start, which hold its controls.
@@ -91,7 +91,7 @@ class ProfiledSteps:
     run_nstep: NonNegativeInt | None = None
     sensors: Sequence[SensorCost] = ()
     is_python_resolved: bool = True
-    collision: Sequence[Cost] = ()
+    costs: Sequence[Cost] = ()
 
     @property
     def python_ns(self) -> float:
@@ -210,6 +210,10 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     )
     loop_ns, engine_ns = statistics.median(of_loop), statistics.median(of_one_call)
     least_ratio = stats.speedup(of_loop, of_one_call).low
+    of_collision = model_costs.collision_costs(
+        model, starts.states, stages.shares, stages.step_s, PART_SHARE * budget_s
+    )
+    of_static = model_costs.static_costs(model, stages.shares)
     return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
@@ -221,9 +225,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
         starts=starts.starts,
         run_nstep=block.nstep,
         sensors=stages.sensors,
-        collision=model_costs.collision_costs(
-            model, starts.states, stages.shares, stages.step_s, PART_SHARE * budget_s
-        )[:MOST_COSTS],
+        costs=sorted([*of_collision, *of_static], key=lambda cost: -cost.share)[:MOST_COSTS],
         is_python_resolved=least_ratio is not None and least_ratio > 1,
     )
 

@@ -38,6 +38,8 @@ class CostKind(enum.StrEnum):
     """That of all geoms of two types, one with another."""
     SENSORS = "sensors"
     """All sensors of one type."""
+    STATIC = "static geoms"
+    """Kinematics of geoms that no joint moves, taken to be their part of all geoms."""
 
 
 class Nearness(enum.IntEnum):
@@ -79,6 +81,7 @@ def main_cost(stages: Mapping[str, float], costs: Sequence[Cost]) -> Cost | None
     kinds: Mapping[str, Sequence[CostKind]] = {
         Stage.SENSORS: (CostKind.SENSORS,),
         Stage.COLLISION: of_collision,
+        Stage.KINEMATICS: (CostKind.STATIC,),
     }
     longest, _ = step_parts.longest(stages)
     return next((cost for cost in costs if cost.kind in kinds.get(longest, ())), None)
@@ -102,6 +105,16 @@ def collision_costs(
         return []
     costs = _pairs(model, states, narrow_share, step_s, budget_s)
     return sorted(costs, key=lambda cost: -cost.share)
+
+
+def static_costs(model: mujoco.MjModel, stages: Mapping[str, float]) -> list[Cost]:
+    """Return what geoms cost that no joint moves, where sleep would leave out most of all geoms."""
+    count = int(np.count_nonzero(np.asarray(model.body_weldid)[model.geom_bodyid] == 0))
+    if 2 * count <= model.ngeom or compat.flag_enabled(model, "sleep") is not False:
+        return []
+    share = stages.get(Stage.KINEMATICS, 0.0) * count / model.ngeom
+    name = "static geoms, which sleep would leave out"
+    return [Cost(CostKind.STATIC, name, count, share)] if share >= LEAST_SHARE else []
 
 
 def _pairs(

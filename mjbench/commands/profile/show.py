@@ -61,7 +61,7 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
     stage, share = step_parts.longest(steps.stages)
     if share > 0:
         of_engine = f"{formats.short_percent(share)} of the engine's time"
-        cost = model_costs.main_cost(steps.stages, steps.collision)
+        cost = model_costs.main_cost(steps.stages, steps.costs)
         most = f"; most of it is {cost}" if cost is not None else ""
         yield Conclusion(f"{model}: the longest stage is {stage}, {of_engine}{most}")
     gain = steps.speedup_without_timer

@@ -126,19 +126,41 @@ class CallTime:
 
 
 @dataclass(frozen=True)
+class ArgumentChange:
+    """How an argument differs from what a function of JAX was compiled for.
+
+    Attributes:
+      argument: its name, such as `d.ctrl`.
+      kind: a name of `argument_types`, such as WEAK_TYPE.
+      before: its type, such as `float32[2]`, or its value.
+      now: likewise.
+    """
+
+    argument: str
+    kind: str
+    before: str
+    now: str
+
+
+@dataclass(frozen=True)
 class Incident:
     """What only a run shows: a warning of the engine such as BADQACC, or a name of `call_clock`.
 
-    `count` says how often it was seen; of IN_TURN, how many simulations there are.
+    Attributes:
+      count: how often it was seen; of IN_TURN, how many simulations there are.
+      seconds: that it took.
+      changes: of RECOMPILED, how the arguments of the first differ; empty if they do not.
     """
 
     name: str
     place: Place
     count: int
+    seconds: float = 0.0
+    changes: Sequence[ArgumentChange] = ()
 
     @property
     def is_wrong(self) -> bool:
-        return self.name != call_clock.IN_TURN
+        return self.name not in (call_clock.IN_TURN, call_clock.RECOMPILED)
 
 
 @dataclass(frozen=True)
@@ -214,6 +236,9 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
         elif callee == call_clock.IN_TURN:
             simulations = round(slot.all_steps / max(1, slot.calls))
             incidents.append(Incident(callee, places[0], simulations))
+        elif callee == call_clock.RECOMPILED:
+            changes = [ArgumentChange(*change) for change in site.get("detail", ())]
+            incidents.append(Incident(callee, places[0], slot.calls, 1e-9 * slot.ns, changes))
         else:
             detail, is_renderer = site.get("detail"), callee == "Renderer"
             height, width, backend = detail if detail and is_renderer else (0, 0, "")

@@ -72,7 +72,7 @@ def measure_model(
         Cost(CostKind.SENSORS, each.type, each.count, each.share) for each in step.sensors
     ]
     of_pairs = model_costs.collision_costs(model, states, step.shares, step.step_s)
-    costs = [*of_pairs, *of_sensors]
+    costs = [*of_pairs, *of_sensors, *model_costs.static_costs(model, step.shares)]
     largest = sorted(costs, key=lambda cost: -cost.share)
     notable = [cost for cost in largest if cost.share >= LEAST_SHARE]
     return PhysicsCost(1e9 * step.step_s, step.shares, notable[:MOST_COSTS], Evaluations.of(model))

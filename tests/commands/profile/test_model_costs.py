@@ -6,6 +6,7 @@ import pytest
 
 from mjbench.commands.profile import model_costs, step_parts
 from mjbench.commands.profile.model_costs import Cost, CostKind
+from mjbench.commands.profile.step_parts import Stage
 
 XML = """
 <mujoco>
@@ -115,3 +116,19 @@ def test_what_costs_most_is_of_the_longest_stage():
     assert model_costs.main_cost(stages, [sensors, pair]) == pair
     assert model_costs.main_cost({**stages, "sensors": 0.4}, [sensors, pair]) == sensors
     assert model_costs.main_cost({"tendons": 1.0}, [sensors, pair]) is None
+
+
+@pytest.mark.parametrize(
+    ("world", "option", "count"),
+    [
+        (3 * "<geom size='.1'/>", "", 3),
+        (3 * "<geom size='.1'/>", "<option><flag sleep='enable'/></option>", 0),
+        ("<geom size='.1'/>", "", 0),
+    ],
+)
+def test_static_geoms_count_where_they_are_most_and_do_not_sleep(world, option, count):
+    moving = "<body><freejoint/><geom size='.1'/><body><geom size='.1'/></body></body>"
+    xml = f"<mujoco>{option}<worldbody>{world}{moving}</worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(xml)
+    costs = model_costs.static_costs(model, {Stage.KINEMATICS: 0.5})
+    assert sum(cost.count for cost in costs) == count

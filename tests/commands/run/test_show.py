@@ -299,6 +299,14 @@ def test_a_loop_that_is_nearly_all_physics_is_told_what_costs_in_it() -> None:
     )
 
 
+def test_a_world_of_static_geoms_is_what_costs_in_kinematics() -> None:
+    costs = [Cost(CostKind.STATIC, "geoms that no joint moves", 4901, 0.6)]
+    city = PhysicsCost(20_000.0, {"kinematics": 0.62, "narrow-phase collision": 0.38}, costs)
+    assert "62 % is kinematics, most of it geoms that no joint moves (4,901): 60 %" in (
+        program.conclusion(row(loop({Activity.PHYSICS: 1.0}), physics=city))
+    )
+
+
 @pytest.mark.parametrize(("error", "ends"), [(0.02, ""), (0.05, " (0.50 to 0.70)")])
 def test_a_wide_interval_of_a_pair_is_shown(error: float, ends: str) -> None:
     uncertain = replace(remedy(), gain_error=error)

@@ -79,8 +79,12 @@ def remedies(
         waiting for it saves them.
     """
     measured = measured or MeasuredRatios({})
+    recompilations = list(loop_remedies.of_recompilations(loop, incidents))
+    explained = {(Activity.COMPILING, each.place) for each in recompilations}
+    savings = _savings(loop, findings, measured, others_busy_s)
     listed = [
-        *_savings(loop, findings, measured, others_busy_s),
+        *recompilations,
+        *(each for each in savings if (each.activity, each.place) not in explained),
         *loop_remedies.of_turns(loop, measured, incidents),
         *loop_remedies.of_pools(loop, pools),
     ]
@@ -198,7 +202,8 @@ def _of_lines(
 
 def _of_findings(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[Remedy]:
     """Yield what lint says of lines whose remedy no row of a table knows, with their share."""
-    for finding in findings:
+    by_line = {(each.file, each.line, each.code): each for each in reversed(findings)}
+    for finding in reversed(by_line.values()):
         last = finding.last_line or finding.line
         lines = [
             line
