@@ -139,13 +139,14 @@ def call(
     import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
+    end_s: float = math.inf,
     otherwise: Callable[[Ended], _Answer] | None = None,
 ) -> _Answer:
     """Return what a function returns in a child (see `run`), or `otherwise` if it did not end well.
 
     Without `otherwise`, that raises as `Ended.check` does.
     """
-    further = (import_from, environment, memory_bytes)
+    further = (import_from, environment, memory_bytes, end_s)
     ended = run(function, arguments, lambda message: None, limit_s, *further)
     if ended.status != Status.OK and otherwise is not None:
         return otherwise(ended)
