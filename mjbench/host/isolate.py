@@ -161,7 +161,7 @@ def _converse(
     on_message: Callable[[Any], None],
     limit_s: float,
     memory_bytes: int | None,
-    end_s: float,
+    end_s: float = math.inf,
 ) -> Ended:
     seconds = end_s - monotonic()
 

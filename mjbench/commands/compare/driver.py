@@ -366,7 +366,7 @@ class ModelChildren:
             record = replace(record, agrees=False, agreement=detail)
         self.measured[position] = replace(record, status=status, detail=detail)
 
-    def run_accelerated(self, position: int, end_s: float) -> None:
+    def run_accelerated(self, position: int, end_s: float = math.inf) -> None:
         """Measure one accelerated path alone; whatever becomes of it costs its own row.
 
         Args:
