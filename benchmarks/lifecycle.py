@@ -4,14 +4,12 @@ import copy
 import functools
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 
-from benchmarks import stored
+from benchmarks import operations, stored
 from benchmarks.settings import Timed, for_asv
 from mjbench.errors import UnavailableError
-from mjbench.paired import operations
 from mjbench.simulation import workload
 
 SMALL, BIG = "cartpole", "pile"
@@ -29,11 +27,10 @@ def _block(name: str, repeats: int) -> Callable[[], None]:
     A release that cannot do it skips the benchmark.
     """
     operation = replace(operations.registry()[name], repeats=repeats)
-    source = operation.source
     try:
-        if source is not None:
+        if operation.model:
             stored.load(operation.model)
-        return operation.prepared(source.path if source else Path()).run
+        return operation.prepared().run
     except UnavailableError as error:
         raise NotImplementedError(str(error)) from error
 

@@ -4,12 +4,13 @@ The command names the packages themselves. It works wherever mjbench came from: 
 address of a version-control system.
 """
 
+import importlib
 import importlib.util
 import re
 import sys
 from collections.abc import Iterable, Iterator
 
-from mjbench.errors import MachineError
+from mjbench.errors import MachineError, one_line
 
 # `name>=1 ; extra == 'mjx'`, as the metadata of a package has it.
 _OF_EXTRA = re.compile(
@@ -31,10 +32,21 @@ def require(what: str, extra: str, packages: Iterable[str]) -> None:
       packages: names by which they are imported.
 
     Raises:
-      MachineError: one is missing; the message has the command that installs it.
+      MachineError: one is missing, or cannot be imported; the message has the command that
+        installs it.
     """
-    if absent := missing(packages):
+    names = list(packages)
+    if absent := missing(names):
         raise MachineError(f"{what} needs {', '.join(absent)}: {install_command(extra)}")
+    for name in names:
+        try:
+            importlib.import_module(name)
+        except Exception as error:  # whatever a broken package raises
+            cause = one_line(f"{type(error).__name__}: {error}")
+            raise MachineError(
+                f"{what} needs {name}, which cannot be imported ({cause}):"
+                f" {install_command(extra)} --force-reinstall"
+            ) from error
 
 
 def _is_installed(name: str) -> bool:

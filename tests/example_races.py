@@ -11,7 +11,7 @@ from example_records import measurement, model_record
 from mjbench import paths
 from mjbench.commands.compare import driver as model_comparison
 from mjbench.commands.compare import results as path_speedups
-from mjbench.commands.compare.results import ModelComparison, ModelResults
+from mjbench.commands.compare.results import ModelResults
 from mjbench.paired.launches import Targets, launch
 from mjbench.paired.race import RaceBudget, RaceRule
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
@@ -138,7 +138,7 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
             self._show_progress(name, 0.5)
             self._show_known()
 
-        def known(self) -> ModelComparison:
+        def known(self) -> ModelResults:
             plan = self._plan
             entrants = [(each, _SPEEDUPS.get(each.path, 0.9)) for each in plan.variants[1:]]
             record = raced(entrants, model=self._name, nbatch_asked=plan.nbatch)
@@ -147,7 +147,7 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
             assert isinstance(model, ModelRecord)
             assert isinstance(ended, RaceRecord)
             rows = tuple(row for row in measurements if isinstance(row, VariantRecord))
-            return ModelComparison(model, rows, ended)
+            return ModelResults(model, rows, ended)
 
     monkeypatch.setattr(model_comparison, "ComparedModel", Invented)
     return plans

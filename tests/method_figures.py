@@ -242,18 +242,6 @@ def gpu_compile_s(path: str) -> list[float]:
     return sorted(r.compile_s for r in gpu_results() if r.path == path and r.compile_s is not None)
 
 
-def mjx_guide() -> Iterator[str]:
-    yield (
-        f"took MJX {on_gpu_machine('mjx', 1024):,.0f} ns with 1,024 simulations"
-        f" and {on_gpu_machine('mjx', 8192):,.0f} ns with 8,192;"
-        f" C on 16 cores took {on_gpu_machine(None, 1024):,.0f} ns with 1,024"
-    )
-    yield (
-        f"took Warp {on_gpu_machine('warp', 8192, 'h100'):,.0f} ns"
-        f" and C {on_gpu_machine(None, 8192, 'h100'):,.0f} ns with 8,192"
-    )
-
-
 PHRASES: dict[str, Callable[[], Iterator[str]]] = {
     "docs/method/README.md": readme,
     "docs/method/accelerated.md": accelerated,

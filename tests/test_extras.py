@@ -1,10 +1,12 @@
 """The command that installs an extra: it names packages, since mjbench is on no index."""
 
 import importlib.metadata
+from pathlib import Path
 
 import pytest
 
 from mjbench import extras
+from mjbench.errors import MachineError
 
 REQUIREMENTS = [
     "numpy>=1.26",
@@ -30,6 +32,16 @@ def test_packages_of_an_extra_are_named(
 ) -> None:
     monkeypatch.setattr(importlib.metadata, "requires", lambda name: REQUIREMENTS)
     assert extras.install_command(extra) == f"python -m pip install {arguments}"
+
+
+def test_a_package_that_is_broken_is_refused_with_its_error(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "broken_renderer.py").write_text("from json import nothing")
+    monkeypatch.syspath_prepend(tmp_path)
+    says = r"--html needs broken_renderer, which cannot be imported \(ImportError: .*reinstall"
+    with pytest.raises(MachineError, match=says):
+        extras.require("--html", "report", ["broken_renderer"])
 
 
 def test_without_metadata_it_is_the_command_for_a_clone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -85,6 +85,7 @@ OTHER = {
     "metric": "load",
     "options": ["pool=kept"],
     "paths": ["rollout"],
+    "precision": 0.003,
     "returns": "sensors",
     "allow": "free",
     "only": ["solver"],
@@ -303,10 +304,15 @@ def test_any_text_is_names_or_refused(text: str) -> None:
         ({}, 0.005),
         ({"min_effect": 0.004}, 0.002),
         ({"min_effect": 0.1}, 0.005),
-        ({"precision": 0.02}, 0.02),
+        ({"precision": 0.001}, 0.001),
     ],
 )
 def test_a_precision_follows_from_the_smallest_effect(
     given: dict[str, float], precision: float
 ) -> None:
     assert VersionsOptions(**given).plan.precision == precision
+
+
+def test_a_precision_that_would_change_nothing_is_refused() -> None:
+    with pytest.raises(InputError, match=r"--precision 2% changes nothing above 0.5%, half of"):
+        _ = VersionsOptions(precision=0.02).plan

@@ -3,10 +3,14 @@ r"""In which releases of MuJoCo speed changed, and what accounts for it.
     python -m benchmarks.history measure [RELEASE]… [--since VERSION] [--model MODEL]…
     python -m benchmarks.history explain [RELEASE]… [--since VERSION] [--model MODEL]…
     python -m benchmarks.history page
+    python -m benchmarks.history append
+    python -m benchmarks.history verify
 
 `measure` times steps and operations in releases against one fixed release, two minutes each.
 `explain` counts instructions by function, from each release to the next; it needs valgrind, but no
 quiet machine. `page` draws docs/history/ and writes docs/history.md from what both stored.
+`append` adds new releases to benchmarks/releases.bundle, the git history that asv walks, and
+`verify` builds that again and compares every hash; its exit code is 1 if one differs.
 """
 
 import sys
@@ -16,20 +20,21 @@ from pathlib import Path
 
 import click
 
-from benchmarks.history import files, known_causes, measurements, page, plots, ratio_section
+from benchmarks.history import bundle, files, known_causes, measurements, page, plots, ratio_section
 from benchmarks.history.release_ratios import REFERENCE, RatioRecord
 from benchmarks.history.tasks import Selection
+from benchmarks.operations import registry
 from benchmarks.studies import tally_command
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.shared import as_one, takes
 from mjbench.commands.shared_options import RunFileOptions, results_option
 from mjbench.counts.records import ExplainRecord
 from mjbench.counts.show import explanations
-from mjbench.errors import InputError
-from mjbench.paired.operations import registry
-from mjbench.releases import bundle, installs, release_names
+from mjbench.errors import InputError, MachineError
+from mjbench.releases import installs, package_index, release_names
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.simulation.models import resolve, shipped
+from mjbench.status import ExitCode
 
 RESULTS = Path("results/history")
 PAGE, PLOTS = files.ROOT / "docs/history.md", files.ROOT / "docs/history"
@@ -125,6 +130,40 @@ def write_page() -> None:
     plots.draw(measured, PLOTS)
     lines = page.document(page.sections(measured), PLOTS.name)
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+_BUNDLE = click.argument(
+    "file", metavar="[FILE]", type=click.Path(path_type=Path), default=bundle.default_path
+)
+
+
+@history.command()
+@_BUNDLE
+def append(file: Path) -> None:
+    """Append to the git history the releases on the package index that it lacks."""
+    if appended := bundle.update(file, package_index.releases()):
+        click.echo(f"appended {', '.join(r.tag for r in appended)} to {file}")
+    else:
+        click.echo(f"nothing to append: {file} ends with {bundle.read(file)[-1].tag}")
+
+
+@history.command()
+@_BUNDLE
+def verify(file: Path) -> None:
+    """Build the git history again and compare every hash."""
+    indexed, index_problem = None, ""
+    try:
+        indexed = package_index.releases()
+    except MachineError as error:
+        index_problem = str(error)
+    problems = bundle.verify(file, indexed)
+    for problem in problems:
+        click.echo(problem)
+    if index_problem:
+        click.echo(f"Upload times were not checked: {index_problem}", err=True)
+    if problems:
+        sys.exit(ExitCode.FINDING)
+    click.echo(f"{file}: {len(bundle.read(file))} releases, every hash is as expected")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,8 @@ def count_rest(
     done = {(r.old, r.new, r.series) for r in earlier if isinstance(r, ExplainRecord)}
     missing = _releases_to_count(selection, done)
     operations = [
-        OperationRequest(operation.name, operation.source) for operation in selection.operations
+        OperationRequest(each.name, each.source, each.prepare, each.repeats)
+        for each in selection.operations
     ]
     before: Sequence[ModelCount] = ()
     with InstructionCounter() as counter:

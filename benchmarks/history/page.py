@@ -16,7 +16,7 @@ from benchmarks.history.speed_history import SpeedHistory, listed_changes
 from benchmarks.history.speed_series import NO_CHANGE_PAIRS, MeasuredRelease, SpeedSeries
 from mjbench.formats import count_of
 from mjbench.host.machine import Machine
-from mjbench.results import charts, markdown
+from mjbench.results import markdown
 from mjbench.results.content import Conclusion, Section
 from mjbench.simulation import models
 
@@ -45,7 +45,7 @@ def document(sections: Iterable[Section], folder: str) -> Iterator[str]:
             yield markdown.escaped(text)
         for figure in section.figures:
             yield ""
-            yield f"![{markdown.escaped(figure.title)}]({folder}/{charts.file_name(figure.title)})"
+            yield f"![{markdown.escaped(figure.title)}]({folder}/{plots.file_name(figure.title)})"
         if not section.figures:
             yield from markdown.tables(section)
         for note in section.notes:

@@ -4,6 +4,7 @@ Each plot is a Vega-Lite specification (see `charts`).
 """
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -43,9 +44,14 @@ def draw(history: SpeedHistory, folder: Path) -> None:
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for series, svg in zip(history.models, svgs, strict=True):
-        file = folder / charts.file_name(series.name)
+        file = folder / file_name(series.name)
         with writing(file):
             file.write_text(svg, encoding="utf-8")
+
+
+def file_name(model: str) -> str:
+    """Return the name of a model's plot; that of a file may hold any characters."""
+    return re.sub(r"[^\w.-]+", "-", model) + ".svg"
 
 
 def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:

@@ -51,7 +51,10 @@ def _change_points(heading: str, noun: str, listed: Sequence[Listed], least: flo
 
 
 def _instruction_ratio(counts: ExplainRecord | None) -> float | None:
-    return None if counts is None else counts.instruction_ratio
+    if counts is None:
+        return None
+    old, new = counts.instructions_per_step.old, counts.instructions_per_step.new
+    return new / old if old and new else None
 
 
 def _accounts(listed: Listed) -> Iterator[str]:

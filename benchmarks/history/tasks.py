@@ -12,7 +12,6 @@ import statistics
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -23,9 +22,9 @@ from benchmarks.history.release_ratios import (
     RatioRecord,
     StepRatioRecord,
 )
+from benchmarks.operations import Operation
 from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.paired import cores
-from mjbench.paired.operations import Operation
 from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.target_pair import StepPair
@@ -201,7 +200,6 @@ class OperationTask(ReleaseTask):
     def __init__(self, releases: Releases, operation: Operation):
         super().__init__(releases)
         self.operation = operation
-        self._file = operation.source.path if operation.source else Path()
         self._drift: float | None = None
 
     @property
@@ -209,7 +207,8 @@ class OperationTask(ReleaseTask):
         return self.operation.name
 
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
-        prepare = functools.partial(self.operation.prepared, self._file)
+        operation = self.operation
+        prepare = functools.partial(operation.prepare, operation.source, operation.repeats)
         allowed = cores.usable(pair.core)
         ready = {
             i: pair.processes[i].call(Worker.prepare_operation, prepare, allowed)

@@ -64,7 +64,7 @@ class CheckupTrial:
 
     @property
     def row(self) -> str:
-        """The row of a table."""
+        """What is printed of it: name, seconds, first advice and its gain, best and its gain."""
         if self.detail:
             return f"| `{self.name}` | – | {_cell(self.detail)} | – | – | – |"
         seconds = "–" if self.seconds is None else f"{self.seconds:.0f}"
@@ -230,10 +230,6 @@ class CheckupTally:
             f"(MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a load of up to"
             f" {load:.1f} at the beginning of a check-up. Gains are those of the longer commands.)"
         )
-        yield ""
-        yield "| target | s | first advice | its gain | best of the longer commands | its gain |"
-        yield "|---|---:|---|---:|---|---:|"
-        yield from (each.row for each in self.trials)
 
 
 def _kind_lines(kind: TargetKind, trials: Sequence[CheckupTrial]) -> Iterator[str]:

@@ -91,7 +91,7 @@ def conditions() -> str:
 def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
     """Compare all variants on one model file."""
     from mjbench.commands.compare.driver import ModelChildren
-    from mjbench.commands.compare.results import ModelComparison
+    from mjbench.commands.compare.results import ModelResults
     from mjbench.host.files import temporary_folder
     from mjbench.verification.path_verification import ModelFiles
 
@@ -100,7 +100,7 @@ def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
         children = ModelChildren(source, plan(limit_s), ModelFiles.in_folder(folder))
         children.verify()
     measurements = children.measurements(children.agreeing, is_over=True)
-    return foreign_tally.judge(files, file, ModelComparison(children.model_record(), measurements))
+    return foreign_tally.judge(files, file, ModelResults(children.model_record(), measurements))
 
 
 def tally_of(

@@ -15,7 +15,7 @@ from mjbench.host.machine import Machine
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.commands.compare.results import ModelComparison
+    from mjbench.commands.compare.results import ModelResults
     from mjbench.verification.records import ModelRecord
 
 
@@ -156,7 +156,7 @@ class ForeignTally:
     packages: tuple[PackageTally, ...]
 
 
-def judge(files: PackageFiles, file: str, records: "ModelComparison") -> FileResult:
+def judge(files: PackageFiles, file: str, records: "ModelResults") -> FileResult:
     """Return how a file ended, from the records of its comparison."""
     model = records.model
     statuses = {_variant(m.path, m.options): m.status for m in records.measurements}

@@ -30,6 +30,7 @@ PAGES = ("README.md", *sorted(str(p.relative_to(ROOT)) for p in ROOT.glob("docs/
 # Commands that cannot run here, by a pattern that they contain, and why.
 ELSEWHERE = {
     "HOST": "needs the address of a host",
+    "^pip install": "changes the environment of whoever runs this",
     "ray start": "starts a cluster that stays",
     "--address auto": "needs a cluster",
     "path/to/your/app": "needs an app",

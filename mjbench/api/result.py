@@ -11,7 +11,7 @@ from mjbench.api.interrupts import one_interrupt
 from mjbench.commands.show import kinds, reports, rows
 from mjbench.commands.show.reports import NamedRun
 from mjbench.commands.show.rows import Cell
-from mjbench.errors import REFUSALS, InputError, MachineError, one_line
+from mjbench.errors import REFUSALS, MachineError, one_line
 from mjbench.host import child, platforms
 from mjbench.host.machine import Machine
 from mjbench.measuring.timing import Progress
@@ -171,14 +171,12 @@ def _check_any(items: Sequence[Item]) -> None:
     """Refuse items of which none was measured; the first record of an item says how it ended.
 
     Raises:
-      InputError: the first model's cause is its input, or nothing was to be measured.
+      InputError: the first model's cause is its input.
       MachineError: it is something else.
     """
     records: list[Any] = [item.records[0] for item in items]
     if any(record.status == Status.OK for record in records):
         return
-    if not records:
-        raise InputError("name a model")
     first, failure = records[0], items[0].failure
     kind = REFUSALS.get(first.status, MachineError)
     if failure is not None:

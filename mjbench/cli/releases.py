@@ -1,41 +1,21 @@
 """`mjbench releases`: which releases of MuJoCo there are, and installs of them."""
 
-import sys
-from pathlib import Path
-
 import click
 
 from mjbench.api import interrupts
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import FILE, Text, takes
+from mjbench.cli.shared import Text, takes
 from mjbench.commands.shared_options import JsonOptions
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError
 from mjbench.limits import DAYS
 from mjbench.options import count
-from mjbench.status import ExitCode
-
-
-def _bundle() -> Path:
-    from mjbench.releases import bundle
-
-    return bundle.default_path()
-
-
-HISTORY = click.option(
-    "--history",
-    metavar="FILE",
-    type=FILE,
-    default=_bundle,
-    help="Git bundle with one commit per release."
-    "  [default: benchmarks/releases.bundle of the checkout]",
-)
 
 
 @cli.group(invoke_without_command=True, subcommand_metavar="[COMMAND] [ARGS]…")
 @click.pass_context
 def releases(ctx: click.Context) -> None:
-    """List MuJoCo releases, install them side by side, and keep the git history that asv uses.
+    """List MuJoCo releases, and install them side by side.
 
     Without a subcommand, list the releases.
     """
@@ -44,57 +24,19 @@ def releases(ctx: click.Context) -> None:
 
 
 @releases.command("list", short_help="list the releases there are")
-@HISTORY
 @takes(JsonOptions)
-def list_releases(history: Path, options: JsonOptions) -> None:
-    """List releases: on the package index, in the git history, installed here."""
+def list_releases(options: JsonOptions) -> None:
+    """List releases: on the package index, in the cache folder, installed here."""
     from mjbench.commands.show.available import releases_table
     from mjbench.releases import catalogue
     from mjbench.results.json_form import ResultsDocument
 
-    with RunContext(options, [history]) as run:
-        known = catalogue.list_releases(history)
+    with RunContext(options) as run:
+        known = catalogue.list_releases()
         run.table(releases_table(known.releases))
         if known.problem:
             click.echo(f"The list lacks the package index: {known.problem}", err=True)
         run.write_json(ResultsDocument(results=known.releases))
-
-
-@releases.command("update", short_help="append new releases to the git history")
-@HISTORY
-def update_releases(history: Path) -> None:
-    """Append to the git history the releases on the package index that it lacks."""
-    from mjbench.releases import bundle, package_index
-
-    appended = bundle.update(history, package_index.releases())
-    if appended:
-        click.echo(f"appended {', '.join(r.tag for r in appended)} to {history}")
-    else:
-        click.echo(f"nothing to append: {history} ends with {bundle.read(history)[-1].tag}")
-
-
-@releases.command("verify", short_help="check the git history")
-@HISTORY
-def verify_releases(history: Path) -> None:
-    """Build the git history again and compare every hash.
-
-    Exit code: 1 if one differs.
-    """
-    from mjbench.releases import bundle, package_index
-
-    indexed, index_problem = None, ""
-    try:
-        indexed = package_index.releases()
-    except MachineError as error:
-        index_problem = str(error)
-    problems = bundle.verify(history, indexed)
-    for problem in problems:
-        click.echo(problem)
-    if index_problem:
-        click.echo(f"Upload times were not checked: {index_problem}", err=True)
-    if problems:
-        sys.exit(ExitCode.FINDING)
-    click.echo(f"{history}: {len(bundle.read(history))} releases, every hash is as expected")
 
 
 @releases.command("install", short_help="install releases in the cache")

@@ -42,8 +42,8 @@ def show(files: tuple[Path, ...], options: ShowOptions) -> None:
 
     RUN is a file, or -1 for the newest in --results, -2 for the one before it, and so on.
 
-    Two RUNs of one kind and one machine are put side by side, the older as the baseline. They were
-    measured at different times: of `compare`, only what certainly differs by more than 5 % is
+    Two RUNs of one kind, model and machine are put side by side, the older as the baseline. They
+    were measured at different times: of `compare`, only what certainly differs by more than 5 % is
     slower or faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
 
     Other RUNs are shown one after the other. Those of several machines start with one table, a
@@ -80,8 +80,11 @@ def show(files: tuple[Path, ...], options: ShowOptions) -> None:
         elif options.across:
             raise InputError("--across compares two RUNs of one kind")
         else:
+            if of_two := side_by_side.of_two_machines(named_runs):
+                report = report_line if run.files else run.out.print
+                report(of_two)
             _show_each(run, named_runs, options.code)
-            code = _exit_code(stored, options) if options.findings else ExitCode.OK
+            code = _exit_code(stored, options, bool(of_two)) if options.findings else ExitCode.OK
         _name_files(run)
     run.exit_with(code)
 
@@ -157,15 +160,20 @@ def _show_each(run: RunContext, named_runs: "Sequence[NamedRun]", code: bool) ->
         run.write(flag, functools.partial(text_of, stored[0]))
 
 
-def _exit_code(stored: "Sequence[Run]", options: ShowOptions) -> int:
+def _exit_code(
+    stored: "Sequence[Run]", options: ShowOptions, are_of_two_machines: bool = False
+) -> int:
     """Return the exit code that the verdicts of runs stand for, the worst one."""
     from mjbench.commands.versions import family
     from mjbench.paired.records import VerdictRecord
 
     judged = [run for run in stored if run.of_type(VerdictRecord)]
+    if not judged and are_of_two_machines:
+        return ExitCode.ENVIRONMENT
     if not judged:
         raise InputError(
-            "--fail-on is about verdicts of `versions` and `ab`, or two runs of `compare`"
+            "--fail-on is about verdicts of `versions` and `ab`, or two runs of `compare` of one"
+            " model"
         )
 
     def code(run: "Run") -> int:

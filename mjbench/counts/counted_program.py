@@ -23,7 +23,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.errors import Failure, MjbenchError, failure_of
-from mjbench.paired import operations
+from mjbench.paired.operations import Prepare
 from mjbench.releases import install_check
 from mjbench.simulation import models, reference_run, state_drift, workload, workload_sampling
 from mjbench.simulation.models import ModelSource
@@ -69,10 +69,12 @@ class ModelRequest:
 
 @dataclass(frozen=True)
 class OperationRequest:
-    """An operation around the step; `source` is None where it builds its own model."""
+    """An operation around the step, which `prepare` makes ready to be done `repeats` times."""
 
     operation: str
-    source: ModelSource | None
+    source: ModelSource
+    prepare: Prepare
+    repeats: int
 
 
 # What is counted between the markers of one turn.
@@ -99,15 +101,9 @@ class CountedWork:
     starts: Starts | None = None
 
 
-@dataclass(frozen=True)
-class CountedOperation:
-    """An operation that was done between two markers."""
-
-    repeats: int
-
-
-# What became of a task: the work whose instructions Callgrind wrote out, or why there is none.
-CountAnswer = CountedWork | CountedOperation | Failure
+# What became of a task: the work whose instructions Callgrind wrote out, None for an operation, or
+# why there is none.
+CountAnswer = CountedWork | Failure | None
 
 
 def can_switch_instrumentation() -> bool:
@@ -158,7 +154,8 @@ def main(descriptor: int) -> None:
 def _answer(task: TaskRequest, instrumentation: Instrumentation) -> CountAnswer:
     try:
         if isinstance(task, OperationRequest):
-            return _operate_between_markers(task, instrumentation)
+            _operate_between_markers(task, instrumentation)
+            return None
         return _step_between_markers(task, instrumentation)
     except MjbenchError as error:
         instrumentation.start()
@@ -185,16 +182,12 @@ def _step_between_markers(request: ModelRequest, instrumentation: Instrumentatio
     )
 
 
-def _operate_between_markers(
-    request: OperationRequest, instrumentation: Instrumentation
-) -> CountedOperation:
-    operation = operations.registry()[request.operation]
-    run = operation.prepared(request.source.path if request.source else Path()).run
+def _operate_between_markers(request: OperationRequest, instrumentation: Instrumentation) -> None:
+    run = request.prepare(request.source, request.repeats).run
     gc.disable()  # when it would run depends on what ran before
     for _ in range(WARM_UPS):
         run()
     _run_between_markers(run, instrumentation)
-    return CountedOperation(operation.repeats)
 
 
 def _run_between_markers(run: Callable[[], object], instrumentation: Instrumentation) -> None:

@@ -23,7 +23,6 @@ from mjbench.counts import callgrind, counted_program
 from mjbench.counts.callgrind import CallgrindProfile
 from mjbench.counts.counted_program import (
     CountAnswer,
-    CountedOperation,
     CountedWork,
     ModelRequest,
     OperationRequest,
@@ -246,7 +245,7 @@ def _task_count(
     dumps: Sequence[Path],
 ) -> ModelCount:
     empty = ModelCount(
-        model=task.source.name if task.source else "",
+        model=task.source.name,
         operation=task.operation if isinstance(task, OperationRequest) else "",
         release=release.version,
         build=release.key,
@@ -254,8 +253,9 @@ def _task_count(
     if isinstance(answer, Failure):
         return replace(empty, status=answer.status, detail=answer.detail)
     profile, repeated = (callgrind.parse(child.text(dump)) for dump in dumps)
-    if isinstance(answer, CountedOperation):
-        return _operation_count(empty, answer.repeats, profile, repeated)
+    if isinstance(task, OperationRequest):
+        return _operation_count(empty, task.repeats, profile, repeated)
+    assert answer is not None, "it is that of a model"
     return _model_count(empty, answer, profile, repeated)
 
 

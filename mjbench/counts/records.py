@@ -123,9 +123,3 @@ class ExplainRecord:
     def series(self) -> str:
         """Which rows are of the same thing, in other releases; its name for people."""
         return self.operation or self.model
-
-    @property
-    def instruction_ratio(self) -> float | None:
-        """New over old instructions of a step; None where one was not counted."""
-        old, new = self.instructions_per_step.old, self.instructions_per_step.new
-        return new / old if old and new else None

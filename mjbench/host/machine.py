@@ -17,6 +17,7 @@ import platform
 import subprocess
 import sys
 import threading
+import time
 import uuid
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -62,6 +63,8 @@ _SPINNER = (
     "<geom size='.1' contype='0' conaffinity='0'/></body></worldbody></mujoco>"
 )
 _CALIBRATION_STEPS = 5000
+# Of the reference loop, which takes about 0.3 ms: the least of so many counts.
+_REFERENCE_ITERATIONS, _REFERENCE_LOOPS = 20_000, 20
 # Share of the available memory that work may take.
 MEMORY_SHARE = 0.6
 
@@ -236,6 +239,7 @@ class Machine:
       flags: environment variables that change speed or results, by name.
       label: the user's name for this machine, from MJBENCH_MACHINE.
       host: see `host_hash`.
+      reference_ns: the least time of a short loop of Python when the run began; None if unknown.
     """
 
     cpu: str
@@ -253,6 +257,7 @@ class Machine:
     flags: dict[str, str] = field(default_factory=dict)
     label: str = ""
     host: str = ""
+    reference_ns: PositiveFloat | None = None
 
 
 def describe() -> Machine:
@@ -277,7 +282,18 @@ def describe() -> Machine:
         flags={name: os.environ[name] for name in _FLAGS if name in os.environ},
         label=_label(),
         host=host_hash(),
+        reference_ns=_reference_ns(),
     )
+
+
+def _reference_ns() -> float:
+    def loop_ns() -> int:
+        begin_ns = time.perf_counter_ns()
+        for _ in range(_REFERENCE_ITERATIONS):
+            pass
+        return time.perf_counter_ns() - begin_ns
+
+    return float(min(loop_ns() for _ in range(_REFERENCE_LOOPS)))
 
 
 class Calibration:

@@ -8,7 +8,6 @@ import copy
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -43,26 +42,6 @@ class PreparedOperation:
 Prepare = Callable[[ModelSource, int], PreparedOperation]
 
 
-@dataclass(frozen=True)
-class Operation:
-    """Something that programs do with a model; a block does it `repeats` times."""
-
-    name: str
-    title: str
-    model: str
-    repeats: int
-    prepare: Prepare
-
-    @property
-    def source(self) -> ModelSource | None:
-        """The model; None where it builds its own."""
-        return models.resolve(self.model) if self.model else None
-
-    def prepared(self, file: Path) -> PreparedOperation:
-        """Return a block of it; `file` is of the model, and not read where there is none."""
-        return self.prepare(ModelSource(self.model, file), self.repeats)
-
-
 def load(source: ModelSource, repeats: int) -> PreparedOperation:
     file, load = str(source.path), mujoco.MjModel.from_xml_path
     models.load(source)  # says in one line what is wrong with it
@@ -76,7 +55,7 @@ def load(source: ModelSource, repeats: int) -> PreparedOperation:
     return PreparedOperation(run, lambda: _sizes(load(file)))
 
 
-def _edit_spec(source: ModelSource, repeats: int) -> PreparedOperation:
+def edit_spec(source: ModelSource, repeats: int) -> PreparedOperation:
     reason = compat.spec_unavailable()
     if reason:
         raise UnavailableError(reason)
@@ -98,7 +77,7 @@ def _edit_spec(source: ModelSource, repeats: int) -> PreparedOperation:
     return PreparedOperation(run, lambda: _sizes(build()))
 
 
-def _create_data(source: ModelSource, repeats: int) -> PreparedOperation:
+def create_data(source: ModelSource, repeats: int) -> PreparedOperation:
     model, create = models.load(source), mujoco.MjData
 
     def run() -> None:
@@ -108,7 +87,7 @@ def _create_data(source: ModelSource, repeats: int) -> PreparedOperation:
     return PreparedOperation(run, lambda: _state(create(model)))
 
 
-def _copy_data(source: ModelSource, repeats: int) -> PreparedOperation:
+def copy_data(source: ModelSource, repeats: int) -> PreparedOperation:
     data = _stepped_data(models.load(source))
     duplicate = copy.copy
 
@@ -210,30 +189,7 @@ def _sizes(model: mujoco.MjModel) -> np.ndarray:
     return np.concatenate([sizes, model.body_mass, model.geom_pos.ravel()])
 
 
-_ALL = (
-    Operation("load cartpole", "MjModel.from_xml_path", "cartpole", 1, load),
-    Operation("load pile", "MjModel.from_xml_path", "pile", 1, load),
-    Operation("spec", "MjSpec: add 500 geoms and compile", "", 500, _edit_spec),
-    Operation("data cartpole", "MjData(model)", "cartpole", 2, _create_data),
-    Operation("data pile", "MjData(model)", "pile", 1, _create_data),
-    Operation("copy pile", "copy.copy(data)", "pile", 1, _copy_data),
-    Operation("reset cartpole", "mj_resetData", "cartpole", 100, reset),
-    Operation("reset pile", "mj_resetData", "pile", 40, reset),
-    Operation("rays humanoid", "mj_ray", "humanoid", 500, cast_rays),
-    Operation("rays pile", "mj_ray", "pile", 300, cast_rays),
-    Operation("rollout cartpole", "rollout, 64 × 5 steps", "cartpole", 64, call_rollout),
-    Operation("rollout humanoid", "rollout, 8 × 5 steps", "humanoid", 8, call_rollout),
-    Operation("batch cartpole", "Batch.rollout, 64 × 5 steps", "cartpole", 64, call_batch),
-    Operation("batch humanoid", "Batch.rollout, 8 × 5 steps", "humanoid", 8, call_batch),
-)
-
-
 def prepare_of(metric: Metric) -> Prepare:
     """Return the function that prepares the operation of a metric, on any model."""
     prepare: Prepare = globals()[METRICS[metric].operation]
     return prepare
-
-
-def registry() -> Mapping[str, Operation]:
-    """Return all operations of the history by name, in the order they are shown."""
-    return {operation.name: operation for operation in _ALL}

@@ -23,6 +23,7 @@ from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, memory_layout, race_blocks
 from mjbench.paired.launches import StopRule, Targets, UnableError
 from mjbench.paired.race_record import (
+    FINAL_LAUNCHES,
     MAX_LAUNCHES,
     MIN_FINAL_LAUNCHES,
     RaceLaunch,
@@ -37,8 +38,6 @@ from mjbench.verification.path_verification import ModelFiles
 from mjbench.verification.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.verification.records import ModelRecord
 
-# Launches after the race at most.
-FINAL_LAUNCHES = 8
 # A launch of a few paths takes at least this share of the time of one of all: it starts a process.
 _SHARE_OF_START = 0.25
 # Rounds of a launch: even numbers, because every second one runs in the opposite order. Long blocks

@@ -35,8 +35,8 @@ CONFIDENCE = 0.95
 _LOG_MARGIN, _LOG_AS_GOOD = float(np.log1p(MARGIN)), float(np.log1p(AS_GOOD))
 # Launches of a race at least, because fewer decide nothing, and at most.
 MIN_LAUNCHES, MAX_LAUNCHES = 3, 100
-# Launches after a race; fewer give no figures of their own.
-MIN_FINAL_LAUNCHES = 4
+# Launches after a race; fewer give no figures of their own; and at most.
+MIN_FINAL_LAUNCHES, FINAL_LAUNCHES = 4, 8
 
 
 class Loop(StrEnum):

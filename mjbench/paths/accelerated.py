@@ -63,7 +63,7 @@ Advance = Callable[[Mapping[str, np.ndarray], np.ndarray, int], StepOutcome]
 class Compiled(Prepared):
     """A workload's run, compiled for its batch size and number of controls.
 
-    Whoever measures MJX or Warp warms up, times and checks it by this.
+    MJX and Warp are warmed up, timed and checked by this.
 
     Attributes:
       advance: the same program as `run`, called with any states, controls and number of steps.

@@ -1,13 +1,12 @@
-"""Which releases of MuJoCo there are: on the package index, in the history, installed here."""
+"""Which releases of MuJoCo there are: on the package index, in the cache, installed here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from packaging.version import Version
 
 from mjbench.errors import InputError, MachineError
-from mjbench.releases import bundle, install_check, package_index
+from mjbench.releases import install_check, installs, package_index
 from mjbench.releases.release import version_key
 from mjbench.releases.release_names import ReleaseSpec
 
@@ -19,17 +18,15 @@ class ReleaseRow:
     Attributes:
       version: such as `3.5.0`.
       uploaded: when its first file was uploaded (ISO 8601, UTC); None when unknown.
-      tag: its tag in the history, such as `v3.5.0`.
-      in_history: whether the history that asv walks has it.
       in_index: whether the package index has it; None when the index did not answer.
+      in_cache: whether the cache folder has an install of it.
       installed: whether it is the release of this environment.
     """
 
     version: str
     uploaded: str | None
-    tag: str
-    in_history: bool
     in_index: bool | None
+    in_cache: bool
     installed: bool
 
 
@@ -41,28 +38,24 @@ class Catalogue:
     problem: str
 
 
-def list_releases(history: Path) -> Catalogue:
-    """Return every release on the index, in the history, or, at the end, only installed here."""
-    recorded = {r.version: r for r in (bundle.read(history) if history.exists() else ())}
-    indexed, problem = {}, ""
+def list_releases() -> Catalogue:
+    """Return every release on the index, then those that are only in the cache or installed."""
+    uploads: dict[str, str | None] = {}
+    problem = ""
     try:
-        indexed = {r.version: r for r in package_index.releases()}
+        uploads |= {r.version: r.uploaded.isoformat() for r in package_index.releases()}
     except MachineError as error:
         problem = str(error)
-    installed = install_check.installed_version()
-    known = sorted(
-        {**recorded, **indexed}.values(), key=lambda r: (r.uploaded, version_key(r.version))
-    )
-    uploads: dict[str, str | None] = {r.version: r.uploaded.isoformat() for r in known}
-    if installed:
-        uploads.setdefault(installed, None)
+    indexed, installed = set(uploads), install_check.installed_version()
+    cached = {name.partition("-")[0] for name in installs.install_names()}
+    others = cached | ({installed} if installed else set())
+    uploads |= dict.fromkeys(sorted(others - indexed, key=version_key))
     rows = [
         ReleaseRow(
             version=version,
             uploaded=uploaded,
-            tag=f"v{version}",
-            in_history=version in recorded,
             in_index=None if problem else version in indexed,
+            in_cache=version in cached,
             installed=version == installed,
         )
         for version, uploaded in uploads.items()
@@ -83,7 +76,7 @@ class ReleaseRange:
         return [f"only releases that are installed here take part: {problem}"] if problem else []
 
 
-def releases_between(baseline: ReleaseSpec, candidate: ReleaseSpec, history: Path) -> ReleaseRange:
+def releases_between(baseline: ReleaseSpec, candidate: ReleaseSpec) -> ReleaseRange:
     """Return the releases from one to another; InputError if the candidate is not newer."""
     old, new = (Version(release.version) for release in (baseline, candidate))
     if old > new or baseline.key == candidate.key:
@@ -91,8 +84,13 @@ def releases_between(baseline: ReleaseSpec, candidate: ReleaseSpec, history: Pat
             f"MuJoCo {candidate.version} does not come after {baseline.version}:"
             " name the older release first"
         )
-    known = list_releases(history)
-    published = (row.version for row in known.releases if row.uploaded is not None)
+    known = list_releases()
+    # without the index, those that were installed from it
+    published = (
+        row.version
+        for row in known.releases
+        if row.uploaded is not None or (known.problem and row.version.replace(".", "").isdigit())
+    )
     low, high = version_key(baseline.version), version_key(candidate.version)
     between = sorted((v for v in published if low < version_key(v) < high), key=version_key)
     specs = [baseline, *(ReleaseSpec(version, version) for version in between), candidate]

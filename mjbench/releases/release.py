@@ -1,8 +1,8 @@
 """A release of MuJoCo, the order of versions, and releases whose steps execute the same.
 
 Only the standard library is imported: benchmarks/stored.py uses this module in every process that
-asv starts inside the environment of an old release. What a user may name as a release is parsed
-in installs.py, by `packaging`.
+asv starts inside the environment of an old release. `release_names.parse_release` parses
+what a user may name as a release.
 """
 
 import re

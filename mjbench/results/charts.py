@@ -4,8 +4,6 @@ The colours are told apart with any colour vision (after Okabe and Ito, 2008), o
 a dark one.
 """
 
-import hashlib
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,10 +26,6 @@ _ROW_HEIGHT = 22
 _MOST_TEXT = 300
 # Pixels of a label, at most, and of a letter of a wide font.
 _LABEL_WIDTH, _LETTER_WIDTH = 300, 7
-
-# Names that Windows keeps for devices.
-_PORTS = {f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)}
-_DEVICES = {"CON", "PRN", "AUX", "NUL", *_PORTS}
 
 
 def values(table: DataTable) -> list[dict[str, Cell]]:
@@ -202,12 +196,3 @@ _CONFIG: Spec = {
     "legend": {"labelColor": _TEXT, "titleColor": _TEXT, "labelFontSize": 12, "columnPadding": 20},
     "title": {"color": _TEXT, "anchor": "start"},
 }
-
-
-def file_name(model: str) -> str:
-    """Return the name of a model's plot; a name of one's own may hold any characters."""
-    name = re.sub(r"[^\w.-]+", "-", model)[:80]
-    if name != model or name.upper() in _DEVICES:
-        digest = hashlib.blake2b(model.encode(errors="replace"), digest_size=4)
-        name = f"{name}-{digest.hexdigest()}"
-    return f"{name}.svg"

@@ -1,9 +1,11 @@
 """Which runs were measured on the same machine, and a short name of each machine.
 
-Runs are of one machine where processor, architecture, usable cores, virtualisation and the user's
-label (MJBENCH_MACHINE) are the same; without a label, the host must be the same.
+Runs are of one machine where processor, architecture, usable cores, memory, kind of system,
+virtualisation and the user's label (MJBENCH_MACHINE) are the same; without a label, the host must
+be the same.
 """
 
+import math
 import re
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -17,6 +19,9 @@ _NOT_THE_MODEL = re.compile(
     r"\((?:R|TM)\)|\bCPU\b|@.*$|\b\d+-Core\b|\bProcessor\b|\bwith Radeon.*$", re.IGNORECASE
 )
 
+# A reference loop varies by less from one run to another on a quiet machine.
+LEAST_CHANGE = 1.1
+
 
 @dataclass(frozen=True)
 class MachineIdentity:
@@ -26,6 +31,8 @@ class MachineIdentity:
     cpu: str
     architecture: str
     usable_cores: int
+    memory_gib: int
+    system: str
     hypervisor: bool
     label: str
     host: str
@@ -42,6 +49,8 @@ def identify(machines: Sequence[Machine]) -> list[MachineIdentity]:
             machine.cpu,
             machine.architecture,
             machine.usable_cores,
+            round(machine.memory_bytes / 2**30),  # kernels reserve a little more or less
+            machine.system.partition("-")[0],  # without the version
             machine.hypervisor,
             machine.label,
             "" if machine.label else machine.host,
@@ -50,6 +59,19 @@ def identify(machines: Sequence[Machine]) -> list[MachineIdentity]:
     ]
     names = _names(list(dict.fromkeys(unnamed)))
     return [replace(identity, name=names[identity]) for identity in unnamed]
+
+
+def changed_speed(old: Machine, new: Machine) -> str:
+    """Return that the machine itself became faster or slower, in a sentence; else empty."""
+    if not old.reference_ns or not new.reference_ns or old.python != new.python:
+        return ""
+    ratio = new.reference_ns / old.reference_ns
+    if abs(math.log(ratio)) < math.log(LEAST_CHANGE):
+        return ""
+    return (
+        f"A reference loop takes {formats.factor(ratio)} times as long in NEW: the speed of the"
+        " machine changed"
+    )
 
 
 def _names(identities: Sequence[MachineIdentity]) -> dict[MachineIdentity, str]:
@@ -86,6 +108,8 @@ _DETAILS: tuple[Callable[[MachineIdentity], str], ...] = (
     lambda machine: short_cpu_name(machine.cpu),
     lambda machine: machine.cpu,
     lambda machine: formats.count_of(machine.usable_cores, "core"),
+    lambda machine: f"{machine.memory_gib} GiB",
     lambda machine: machine.architecture,
+    lambda machine: machine.system,
     lambda machine: "virtual" if machine.hypervisor else "not virtual",
 )

@@ -1,4 +1,4 @@
-"""The examples of docs/python.md and of the README run, with shorter limits."""
+"""The examples of docs/python.md run, with shorter limits."""
 
 import functools
 import re
@@ -20,8 +20,7 @@ def blocks(page: str) -> list[str]:
 
 
 BLOCKS = blocks("docs/python.md")
-OF_README = [block for block in blocks("README.md") if "mjbench.compare" in block]
-TESTS = [b for b in [*BLOCKS, *blocks("README.md")] if b.startswith("# test_")]
+TESTS = [block for block in BLOCKS if block.startswith("# test_")]
 
 
 def test_the_examples_of_a_program_run(
@@ -49,8 +48,6 @@ def test_the_examples_of_a_program_run(
     monkeypatch.setattr(mjbench, "profile", functools.partial(mjbench.profile, budget_s=0.1))
     monkeypatch.setattr(rendering, "BACKENDS", ())
     names: dict[str, Any] = {}
-    assert len(OF_README) == 1
-    exec(OF_README[0], {})
     for block in BLOCKS:
         if not block.startswith("# test_"):
             exec(block, names)

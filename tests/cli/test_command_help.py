@@ -115,6 +115,6 @@ def test_help_is_written_in_one_way(name: str) -> None:
     assert {before[-1] for before in re.findall(r"(\S+)  \[default: ", text)} <= {"."}
 
 
-@pytest.mark.parametrize("name", ["checkup", "compare", "doctor", "lint", "run", "releases verify"])
+@pytest.mark.parametrize("name", ["checkup", "compare", "doctor", "lint", "run"])
 def test_help_has_the_exit_codes_of_a_command_that_differ_from_the_general_ones(name: str) -> None:
     assert "Exit code: " in (COMMANDS[f"mjbench {name}"].help or "")

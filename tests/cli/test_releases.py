@@ -3,69 +3,34 @@
 import json
 import os
 import time
-from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 from commands import mjbench
 
-from mjbench.releases import bundle, package_index, pip
-from mjbench.releases.release import Release
+from mjbench.releases import package_index, pip
 
 # An index that refuses the connection at once, wherever the tests run.
 OFFLINE = {"PIP_CONFIG_FILE": os.devnull, "PIP_INDEX_URL": "http://127.0.0.1:9/simple"}
 
 
-@pytest.mark.parametrize("content", [b"", b"no bundle", b"# v2 git bundle\n"])
-def test_a_broken_bundle_is_reported_in_a_line(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "history.bundle"
-    path.write_bytes(content)
-    for command in ("list", "verify"):
-        done = mjbench("releases", command, "--history", str(path), env=OFFLINE)
-        assert done.returncode in (2, 3)
-        assert done.stderr.startswith("mjbench: ")
-        assert len(done.stderr.splitlines()) == 1
-
-
 def test_without_network_the_list_shows_what_is_known_here_and_says_so(tmp_path: Path) -> None:
     out = tmp_path / "out.json"
-    done = mjbench("releases", "list", "--json", str(out), env=OFFLINE)
+    marker = tmp_path / "3.5.0-cpython" / "installed-by-mjbench"
+    marker.parent.mkdir()
+    marker.write_text("")
+    here = OFFLINE | {"MJBENCH_CACHE": str(tmp_path)}
+    done = mjbench("releases", "list", "--json", str(out), env=here)
     assert done.returncode == 0
     assert len(done.stderr.splitlines()) == 1
     assert "package index" in done.stderr
     document = json.loads(out.read_text())
     assert document["schema"] == 1
     rows = {row["version"]: row for row in document["results"]}
-    keys = {"version", "uploaded", "tag", "in_history", "in_index", "installed"}
-    assert set(rows["2.3.7"]) == keys
-    assert rows["2.3.7"]["in_history"]
-    assert rows["2.3.7"]["in_index"] is None
+    assert rows["3.5.0"]["in_cache"]
+    assert rows["3.5.0"]["in_index"] is None
     assert [v for v, row in rows.items() if row["installed"]] == [metadata.version("mujoco")]
-
-
-def test_without_network_nothing_is_updated(tmp_path: Path) -> None:
-    path = tmp_path / "history.bundle"
-    bundle.write(path, [Release("3.0.0", datetime(2024, 1, 1, tzinfo=UTC))])
-    before = path.read_bytes()
-    done = mjbench("releases", "update", "--history", str(path), env=OFFLINE)
-    assert done.returncode == 3
-    assert len(done.stderr.splitlines()) == 1
-    assert path.read_bytes() == before
-
-
-def test_without_network_the_hashes_are_verified() -> None:
-    done = mjbench("releases", "verify", env=OFFLINE)
-    assert done.returncode == 0
-    assert "every hash" in done.stdout
-    assert "Upload times were not checked" in done.stderr
-
-
-def test_without_git_the_history_cannot_be_read_and_a_line_says_so() -> None:
-    done = mjbench("releases", "verify", env=OFFLINE | {"PATH": os.devnull})
-    assert done.returncode == 3
-    assert "git is not installed" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
 
 
 def test_installs_are_listed_and_removed_by_version(tmp_path: Path) -> None:

@@ -166,7 +166,7 @@ def test_an_exception_is_shown_as_python_shows_it(tmp_path, capfd):
     ("arguments", "message"),
     [
         ([], "give a program"),
-        (["missing.py"], "no such file"),
+        (["missing.py"], "no such file: missing.py"),
         (["--sample-rate", "0", "x.py"], "--sample-rate"),
     ],
 )

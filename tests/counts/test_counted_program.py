@@ -11,7 +11,6 @@ import pytest
 from mjbench.counts import counted_program
 from mjbench.counts.counted_program import (
     CountAnswer,
-    CountedOperation,
     CountedWork,
     Instrumentation,
     ModelRequest,
@@ -131,24 +130,20 @@ def test_a_broken_model_leaves_the_numbers_of_later_dumps_as_they_are(
 def test_an_operation_is_repeated_as_often_as_it_is_timed(
     tmp_path: Path, marked: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    operation = operations.registry()["reset cartpole"]
     monkeypatch.setattr(mujoco, "mj_resetData", lambda model, data: marked.append("reset"))
-    request = OperationRequest(operation.name, models.resolve(operation.model))
-    assert run(request) == [CountedOperation(operation.repeats)]
-    block = ["reset"] * operation.repeats
+    request = OperationRequest("reset", models.resolve("cartpole"), operations.reset, 3)
+    assert run(request) == [None]
+    block = ["reset"] * 3
     expected = block * counted_program.WARM_UPS + [*block, "marker"] * counted_program.MARKERS
     assert marked == expected
-
-
-def test_an_operation_without_a_model_builds_its_own(tmp_path: Path, marked: list[str]) -> None:
-    assert run(OperationRequest("spec", None)) == [CountedOperation(500)]
 
 
 def test_an_operation_that_a_release_cannot_do_is_unavailable(
     tmp_path: Path, marked: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(operations.compat, "spec_unavailable", lambda: "it has no MjSpec")
-    assert run(OperationRequest("spec", None)) == [Failure(Status.UNAVAILABLE, "it has no MjSpec")]
+    request = OperationRequest("spec", ModelSource("", Path()), operations.edit_spec, 1)
+    assert run(request) == [Failure(Status.UNAVAILABLE, "it has no MjSpec")]
     assert len(marked) == counted_program.MARKERS
 
 

@@ -18,6 +18,7 @@ from mjbench.counts import instructions
 from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.host import child
+from mjbench.paired import operations
 from mjbench.releases import release_names
 from mjbench.simulation import models
 from mjbench.status import Status
@@ -25,8 +26,8 @@ from mjbench.status import Status
 INSTALLED = release_names.parse_release(release_names.INSTALLED)
 MODELS = ("cartpole", "cube_table")
 OPERATIONS = (
-    OperationRequest("load cartpole", models.resolve("cartpole")),
-    OperationRequest("copy pile", models.resolve("pile")),
+    OperationRequest("load cartpole", models.resolve("cartpole"), operations.load, 1),
+    OperationRequest("copy pile", models.resolve("pile"), operations.copy_data, 1),
 )
 # Steps from keyframe 0, as the counted program does; a marker follows each number of steps.
 PROGRAM = """

@@ -11,7 +11,6 @@ from mjbench.errors import MachineError
 from mjbench.paired import race_record
 from mjbench.paired.launches import Targets, UnableError
 from mjbench.paired.race import (
-    FINAL_LAUNCHES,
     LONG_NS,
     LONG_ROUNDS,
     ROUNDS,
@@ -20,6 +19,7 @@ from mjbench.paired.race import (
     time_rounds,
 )
 from mjbench.paired.race_record import (
+    FINAL_LAUNCHES,
     MIN_FINAL_LAUNCHES,
     Loop,
     RaceLaunch,

@@ -1,12 +1,13 @@
 """Which runs are of the same machine, and what machines are called."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from set_files import MACHINE as EPYC
 
 from mjbench.host.machine import Machine
-from mjbench.results.machine_identity import identify, short_cpu_name
+from mjbench.results.machine_identity import changed_speed, identify, short_cpu_name
 
 XEON = replace(EPYC, cpu="Intel(R) Xeon(R) Platinum 8370C CPU @ 2.80GHz")
 
@@ -19,13 +20,22 @@ def names(*machines: Machine) -> list[str]:
 
 
 def test_what_is_not_of_the_machine_does_not_tell_machines_apart() -> None:
-    later = replace(EPYC, load_1min=3.0, python="3.12.0", versions={}, system="Linux 7", cores=8)
-    assert len(set(identify([EPYC, later]))) == 1
+    earlier = replace(EPYC, system="Linux-6.1-x86_64", memory_bytes=EPYC.memory_bytes - 2**24)
+    newer = replace(EPYC, system="Linux-7.0-x86_64", python="3.12.0", versions={})
+    later = replace(newer, load_1min=3.0, cores=8, reference_ns=9.0)
+    assert len(set(identify([earlier, later]))) == 1
 
 
 @pytest.mark.parametrize(
     "change",
-    [{"cpu": XEON.cpu}, {"architecture": "aarch64"}, {"usable_cores": 2}, {"hypervisor": False}],
+    [
+        {"cpu": XEON.cpu},
+        {"architecture": "aarch64"},
+        {"usable_cores": 2},
+        {"hypervisor": False},
+        {"memory_bytes": 2**35},
+        {"system": "macOS-15.1-arm64"},
+    ],
 )
 @pytest.mark.parametrize("known", [{}, {"label": "lab"}, {"host": "a1"}])
 def test_another_kind_is_another_machine(
@@ -53,6 +63,22 @@ def test_a_run_without_a_label_is_of_another_machine_than_one_with() -> None:
 def test_without_labels_the_host_decides() -> None:
     hosts = [replace(EPYC, host=host) for host in ("b2", "a1", "b2")]
     assert names(*hosts) == ["AMD EPYC 7763 A", "AMD EPYC 7763 B", "AMD EPYC 7763 A"]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"reference_ns": 1300.0}, "takes 1.30 times as long in NEW"),
+        ({"reference_ns": 700.0}, "takes 0.70 times as long in NEW"),
+        ({"reference_ns": 1050.0}, ""),
+        ({"reference_ns": 1300.0, "python": "3.14.0"}, ""),
+        ({"reference_ns": None}, ""),
+    ],
+)
+def test_a_machine_whose_own_speed_changed_is_said_to(change: dict[str, Any], says: str) -> None:
+    machine = replace(EPYC, reference_ns=1000.0)
+    sentence = changed_speed(machine, replace(machine, **change))
+    assert says in sentence and bool(sentence) == bool(says)
 
 
 # names

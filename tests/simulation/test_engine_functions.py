@@ -1,5 +1,6 @@
 """MuJoCo's functions are replaced while a block runs, and are back afterwards."""
 
+import example_environments as examples
 import mujoco
 import pytest
 
@@ -62,3 +63,37 @@ def test_blocks_that_do_not_nest_each_see_their_own_calls():
     assert seen == {"a": 2, "b": 2}
     assert mujoco.mj_step is original
     assert data.time == pytest.approx(3 * model.opt.timestep)
+
+
+def test_names_bound_by_an_import_are_found():
+    assert {"mj_step", "mj_step1", "mj_forward"} <= set(engine_functions.names())
+    held = [b for b in engine_functions.bindings() if b.module is examples]
+    assert [(b.attribute, b.function) for b in held] == [
+        ("mj_rnePostConstraint", "mj_rnePostConstraint")
+    ]
+
+
+def test_calls_by_names_bound_elsewhere_reach_the_replacement():
+    calls = []
+
+    def noting(name):
+        def wrap(function):
+            def call(*arguments, **keywords):
+                calls.append(name)
+                return function(*arguments, **keywords)
+
+            return call
+
+        return wrap
+
+    names = ["mj_step", "mj_rnePostConstraint", "mj_not_in_this_release"]
+    original = mujoco.mj_step, examples.mj_rnePostConstraint
+    environment = examples.make()
+    environment.reset(seed=0)
+    wrappers = {name: noting(name) for name in names}
+    with engine_functions.replaced(wrappers, engine_functions.bindings()):
+        environment.step([0.0])
+    assert calls == ["mj_step", "mj_rnePostConstraint"]
+    environment.step([0.0])
+    assert calls == ["mj_step", "mj_rnePostConstraint"]
+    assert (mujoco.mj_step, examples.mj_rnePostConstraint) == original

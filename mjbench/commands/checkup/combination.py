@@ -44,6 +44,8 @@ def combined(race: RaceRecord | None, tuned: TuneRecord | None) -> Combination:
         variant = race.variants[race.advised(race.standings[Loop.OPEN])]
     recommended = free(tuned)
     settings = recommended.settings if recommended else ()
+    if variant.path != paths.BASE:  # states that are stored do not hold what sleeps
+        settings = [each for each in settings if each.knob != "sleep"]
     pays = race is not None and race.timer_gain is not None
     turns_off = pays or any(each.loop.is_clock_off for each in settings)
     has_timer = not turns_off or _OF_PROCESSES in variant.options

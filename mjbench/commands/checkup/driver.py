@@ -24,7 +24,7 @@ from mjbench.commands.profile import measure as profile
 from mjbench.commands.run import launch
 from mjbench.commands.run import measure as run_measure
 from mjbench.commands.run.options import PROGRAM_S
-from mjbench.commands.tune.c_search import LEAST_LAUNCHES, SearchPlan
+from mjbench.commands.tune.c_search import SearchPlan
 from mjbench.commands.tune.driver import tune
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import Failure, InputError, MjbenchError, describe_unforeseen
@@ -239,7 +239,7 @@ def _model_items(source: ModelSource, parts: _Parts) -> Items:
             "racing ways of stepping",
             lambda part: _compared(part, pool, source, parts),
         )
-        settings_s = parts.left_s() - plan.times.together - _STARTING_S - _last_look_s(parts)
+        settings_s = parts.left_s() - plan.times.together - _STARTING_S
         if not plan.is_quick and settings_s > _LEAST_TUNING_S:
             yield parts.measured(
                 CheckupPart.SETTINGS,
@@ -264,18 +264,6 @@ def _compared(
     parts.observer.show(None)
     (model,) = (each for each in records if isinstance(each, ModelRecord))
     return replace(part, status=model.status, detail=model.detail), records
-
-
-def _last_look_s(parts: _Parts) -> float:
-    """Return about how long the last launches of a search take, which it makes in any case.
-
-    Those of a large model, which takes long to load, are long: as long as those of its race.
-    """
-    race = parts.of_type(RaceRecord)
-    if race is None or not race.launches:
-        return 0.0
-    raced_s = next(each.seconds for each in parts.parts if each.part == CheckupPart.PATHS)
-    return LEAST_LAUNCHES * raced_s / (len(race.launches) + 1)
 
 
 def _tuned(

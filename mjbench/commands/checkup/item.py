@@ -63,6 +63,8 @@ class CheckupItem:
       settings: that it advises.
       gain: None for a wrong result, and where the gain was not measured.
       is_certain: whether the gain is more than none, and no other way is better.
+      counted: why it is known by count, and not certainly by time; empty where it is.
+      is_halving: whether it halves the work or more by count, without a larger error that is known.
       is_bound: whether it is at most that: what comes instead takes time, too.
       change_detail: what else is given up, or may change in runs other than those seen, in a few
         words; empty for nothing.
@@ -79,6 +81,8 @@ class CheckupItem:
     gain: Interval | None = None
     unit: GainUnit | None = None
     is_certain: bool = True
+    counted: str = ""
+    is_halving: bool = False
     is_bound: bool = False
     change: ResultChange
     change_detail: str = ""
@@ -105,12 +109,14 @@ class CheckupItem:
         at_most = "≤ " if self.is_bound else ""
         if self.unit == GainUnit.LOOP_SHARE:
             return f"{at_most}{formats.whole_percent(self.gain.estimate)}"
+        if self.counted:
+            return f"about {formats.plain(self.gain.estimate, 2)} ×"
         return f"{at_most}{formats.factor(self.gain.estimate)} ×"
 
     @property
     def sentence(self) -> str:
         """What to do, with the gain first: `1.93 × as fast (1.82–2.05) with Batch.step`."""
-        interval = f" ({self.ends_text})" if self.ends_text else ""
+        interval = f" ({self.ends_text or self.counted})" if self.ends_text or self.counted else ""
         if self.unit == GainUnit.LOOP_SHARE:
             return f"{self.gain_text} of the loop's time{interval}: {self.action}"
         verb = "to" if self.action.startswith("step ") else "with"

@@ -66,12 +66,16 @@ def items(run: Run) -> list[CheckupItem]:
 
 
 def importance(item: CheckupItem) -> int:
-    """Return 0 for a wrong result, 1 for what keeps results, 2 for the rest, 3 without a gain."""
+    """Return 0 for a wrong result, 1 for what keeps results, 2 for the rest, 3 without a gain.
+
+    What halves the work without a larger error is as important as what keeps results.
+    """
     if item.change == ResultChange.CORRECTED:
         return 0
     if item.gain is None:
         return 3
-    return 1 if item.group == GainGroup.LOOP or item.change.keeps else 2
+    is_important = item.group == GainGroup.LOOP or item.change.keeps or item.is_halving
+    return 1 if is_important else 2
 
 
 def short_name(target: str) -> str:
@@ -220,6 +224,18 @@ def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
             change_detail=_in_other_runs(each.settings) if each.effect == Effect.FREE else "",
             error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
             slow_effects=tuning.slow_lines(each.settings),
+            is_halving=each.is_allowed
+            and any(knobs.halves(one, record.stages or {}) for one in each.settings),
+        )
+    for known in tuning.counted(record):
+        yield _of_faster(
+            (known.setting,),
+            Interval(1 / known.factor, None, None),
+            target,
+            counted=known.reason,
+            change=ResultChange.ERROR,
+            slow_effects=tuning.slow_lines([known.setting]),
+            is_halving=True,
         )
     for attempt in tuning.faster_alone(record):
         accuracy, loses = attempt.accuracy, attempt.settings[0].loses

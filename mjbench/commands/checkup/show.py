@@ -16,6 +16,7 @@ from mjbench.commands.compare import advice
 from mjbench.commands.compare.results import ModelResults, derive_all
 from mjbench.commands.env import show as environment
 from mjbench.commands.env.result import EnvironmentRecord
+from mjbench.commands.profile import model_costs
 from mjbench.commands.profile import show as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
 from mjbench.commands.run import show as program
@@ -157,8 +158,9 @@ def _failure(part: CheckedPart) -> str:
 
 
 def _best_alone(listed_items: Sequence[CheckupItem]) -> float:
-    """Return how many times the plain loop the best way of stepping alone is; 1 without any."""
-    return max((each.times for each in listed_items if each.unit == GainUnit.PLAIN_LOOP), default=1)
+    """Return how many times as fast the best way of stepping alone is, or what halves the work."""
+    named = [each for each in listed_items if each.unit == GainUnit.PLAIN_LOOP or each.is_halving]
+    return max((each.times for each in named), default=1)
 
 
 def _combined(run: Run, least: float = 1.0) -> str:
@@ -198,8 +200,8 @@ def _is_certain(run: Run) -> bool:
 
 
 def _is_decided(record: TuneRecord) -> bool:
-    is_open = record.untried or record.untried_combinations or record.withdrawn
-    return not (is_open or any(map(_may_gain, record.attempts)))
+    is_open = record.untried or record.untried_combinations or record.no_second_look
+    return not (is_open or record.withdrawn or any(map(_may_gain, record.attempts)))
 
 
 def _may_gain(attempt: Attempt) -> bool:
@@ -245,9 +247,11 @@ def _why_no_setting(record: TuneRecord) -> str:
 
 
 def _stages(steps: ProfiledSteps) -> str:
+    """Return the longest stages, and what costs most in the first."""
     largest = sorted(steps.stages.items(), key=lambda stage: -stage[1])[:_MOST_STAGES]
     named = [f"{name} {formats.whole_percent(share)}" for name, share in largest if share]
-    return ", ".join(named)
+    cost = model_costs.main_cost(steps.stages, steps.costs)
+    return ", ".join(named) + (f"; {cost}" if cost is not None else "")
 
 
 # -- the list --------------------------------------------------------------------------------------

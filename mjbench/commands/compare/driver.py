@@ -19,7 +19,7 @@ from mjbench.commands.compare import accelerated_measurement
 from mjbench.commands.compare import show as report
 from mjbench.commands.compare.accelerated_measurement import AcceleratedRequest
 from mjbench.commands.compare.options import RL_HOLD, CompareOptions
-from mjbench.commands.compare.results import ModelComparison, comparisons, derive_all
+from mjbench.commands.compare.results import ModelResults, derive_all
 from mjbench.commands.shared_options import check_holds
 from mjbench.errors import Failure, InputError, failure_of
 from mjbench.host import isolate, machine
@@ -105,7 +105,7 @@ def measurement(
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Items:
         count = len(sources) * len(plans)
-        remaining = budget.divided(count - len(comparisons(earlier)), observer.begin)
+        remaining = budget.divided(count - len(derive_all(earlier)), observer.begin)
         with WorkerPool(plans[0].limit_s) as pool:
             for position, source in enumerate(sources):
                 shares = [(position * len(plans) + i) / count for i in range(len(plans) + 1)]
@@ -138,7 +138,7 @@ def measure_model(
       shares: of all work that is done before each plan, and after the last.
       time_shares: of the time of the command; None where plans have their own.
     """
-    of_sizes, stored = list[Record](), comparisons(earlier)
+    of_sizes, stored = list[Record](), derive_all(earlier)
     for plan, of_work in zip(plans, itertools.pairwise(shares), strict=True):
         size, is_interrupted = (source.name, plan.nbatch), False
         known = next((each for each in stored if each.model.size == size), None)
@@ -162,7 +162,7 @@ def measure_model(
 def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
     """Return the records of models that are not measured again: all ended, none by a failure."""
     done: list[Record] = []
-    for known in comparisons(records):
+    for known in derive_all(records):
         raced = [m for m in known.measurements if m.status == Status.OK and not m.samples_s]
         if raced and known.race is None:  # the last line of the file was cut short
             continue
@@ -218,14 +218,14 @@ class ComparedModel:
                 self._children.ended = None
             raise
 
-    def known(self) -> ModelComparison:
+    def known(self) -> ModelResults:
         """Return what is known now: all there is once `run` has ended."""
         timed: list[int] = []
         if self._race is not None:
             positions = {i for launch in self._race.launches for i in launch.variants}
             timed = [self._plan.variants.index(self._race.variants[i]) for i in positions]
         measurements = self._children.measurements(timed, self._is_complete)
-        return ModelComparison(self._children.model_record(), measurements, self._race)
+        return ModelResults(self._children.model_record(), measurements, self._race)
 
     def _run_race(self, verified_s: float) -> None:
         agreeing = self._children.agreeing

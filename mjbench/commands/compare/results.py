@@ -152,13 +152,21 @@ class ModelResults:
     """The records of one model at one size, and what follows from them.
 
     Attributes:
-      results: one a variant.
-      race: of the paths that run C; None where there was none.
+      measurements: one a variant.
+      race: of the paths that run C and agree; None before it, and where there was none.
     """
 
     model: ModelRecord
-    results: tuple[PathResult, ...]
+    measurements: Sequence[VariantRecord]
     race: RaceRecord | None = None
+
+    @property
+    def records(self) -> list[ModelRecord | VariantRecord | RaceRecord]:
+        return [self.model, *self.measurements, *([self.race] if self.race else [])]
+
+    @functools.cached_property
+    def results(self) -> tuple[PathResult, ...]:
+        return tuple(_result(self, each) for each in self.measurements)
 
     @property
     def statuses(self) -> list[Status]:
@@ -226,38 +234,14 @@ class ModelResults:
         return self.model.total_steps or self.model.block_steps
 
 
-def derive(
-    model: ModelRecord, measurements: Sequence[VariantRecord], race: RaceRecord | None
-) -> ModelResults:
-    untimed = ModelResults(model, (), race)
-    return replace(untimed, results=tuple(_result(untimed, each) for each in measurements))
-
-
-@dataclass(frozen=True)
-class ModelComparison:
-    """The records of one model at one size.
-
-    Attributes:
-      race: of the paths that run C and agree; None before it, and where there was none.
-    """
-
-    model: ModelRecord
-    measurements: tuple[VariantRecord, ...]
-    race: RaceRecord | None = None
-
-    @property
-    def records(self) -> list[ModelRecord | VariantRecord | RaceRecord]:
-        return [self.model, *self.measurements, *([self.race] if self.race else [])]
-
-
-def comparisons(records: Sequence[Record]) -> list[ModelComparison]:
-    """Return the records of a run by model and size, in the order they were measured."""
+def derive_all(records: Sequence[Record]) -> list[ModelResults]:
+    """Return the results of a run by model and size, in the order they were measured."""
     by_size = defaultdict[tuple[str, int | None], list[Record]](list)
     for record in records:
         if isinstance(record, ModelRecord | VariantRecord | RaceRecord):
             by_size[record.model, record.nbatch_asked].append(record)
     return [
-        ModelComparison(
+        ModelResults(
             model,
             tuple(record for record in same if isinstance(record, VariantRecord)),
             next((record for record in same if isinstance(record, RaceRecord)), None),
@@ -266,11 +250,6 @@ def comparisons(records: Sequence[Record]) -> list[ModelComparison]:
         for model in same
         if isinstance(model, ModelRecord)
     ]
-
-
-def derive_all(records: Sequence[Record]) -> list[ModelResults]:
-    """Return the results of a run's records, model by model, in the order they were measured."""
-    return [derive(each.model, each.measurements, each.race) for each in comparisons(records)]
 
 
 def path_results(records: Sequence[Record]) -> list[PathResult]:

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from mjbench import paths
-from mjbench.commands.env import adapters, construction, engine, physics_comparison, timer
+from mjbench.commands.env import adapters, construction, physics_comparison, timer
 from mjbench.commands.env.adapters import EnvironmentAdapter
 from mjbench.commands.env.passes import EnvironmentPasses, Pass, in_random_order, time_rounds
 from mjbench.commands.env.physics_comparison import PhysicsAlone, PhysicsComparison
 from mjbench.commands.env.recording import EngineWatch, Recording, StepTrace
-from mjbench.commands.env.repetition import FieldDifference, physics_differences
+from mjbench.commands.env.repetition import FieldDifference, left_by_reset, physics_differences
 from mjbench.commands.env.result import (
     EnvironmentFacts,
     EnvironmentRecord,
@@ -33,7 +33,7 @@ from mjbench.host import machine
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.paths.base import nthread
-from mjbench.simulation import reference_run
+from mjbench.simulation import engine_functions, reference_run
 from mjbench.status import Status
 from mjbench.verification.path_verification import AgreementReport
 from mjbench.verification.plan import Variant
@@ -103,7 +103,10 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     physics = _physics_alone(recording, unrepeated, seed, request.most_threads)
     record = EnvironmentRecord(
         environment=request.source.name,
-        facts=_facts(adapter, recording, times, seed, unrepeated),
+        facts=replace(
+            _facts(adapter, recording, times, seed, unrepeated),
+            left_by_reset=left_by_reset(recording, recording_again),
+        ),
         check=_check(recording, physics),
         changes=recording.changes,
         timer_cost=timer.measure_cost(),
@@ -281,7 +284,7 @@ class _Turns:
     ):
         self._passes, self._comparison = passes, comparison
         self._variants, self._progress = request.variants, progress
-        self._elsewhere = engine.bindings()
+        self._elsewhere = engine_functions.bindings()
         self._random = random.Random(request.plan.seed)
         self._rng = np.random.default_rng([request.plan.seed, 6])
         cores = min(machine.usable_cores(), request.most_threads)

@@ -23,12 +23,12 @@ def measurement(names: Sequence[str], options: EnvironmentOptions) -> Measuremen
         raise InputError("give --nbatch or --skip vectors, not both")
     sources = [resolve(name, Path.cwd()) for name in names]
     cores = machine.usable_cores()
-    counts = [] if options.skip else options.nbatch or _doubled(cores)
+    counts = options.nbatch or sorted({cores, *(2**i for i in range(cores.bit_length()))})
     plan = EnvironmentPlan(
         options.nstep,
         options.seed,
         tuple(options.threads or sorted({1, cores})),
-        tuple(counts),
+        tuple([] if options.skip else counts),
         options.budget.each_s,
         options.time_limit_s,
         must_end=options.budget_s is not None,
@@ -46,7 +46,3 @@ def measurement(names: Sequence[str], options: EnvironmentOptions) -> Measuremen
     items = functools.partial(in_turn, sources, measure, options.budget, attribute="environment")
     arguments = {"environments": list(names), "plan": plan, "budget_s": options.budget_s}
     return Measurement("env", arguments, [], items, finished)
-
-
-def _doubled(most: int) -> list[int]:
-    return sorted({most, *(2**i for i in range(most.bit_length()) if 2**i <= most)})

@@ -15,7 +15,6 @@ import numpy as np
 from mjbench.commands.env import callees
 from mjbench.commands.env.adapters import EnvironmentAdapter
 from mjbench.commands.env.construction import as_input_error
-from mjbench.commands.env.engine import Binding
 from mjbench.commands.env.recording import EngineWatch
 from mjbench.commands.env.repetition import Fingerprint
 from mjbench.commands.env.timer import (
@@ -28,6 +27,7 @@ from mjbench.commands.env.timer import (
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Contender
+from mjbench.simulation.engine_functions import Binding
 
 _T = TypeVar("_T")
 # The fewest and most rounds; a 95 % interval needs six.

@@ -20,8 +20,7 @@ import mujoco
 import numpy as np
 
 from mjbench.bounds import NonNegativeInt
-from mjbench.commands.env import engine
-from mjbench.simulation import agreement, compat
+from mjbench.simulation import agreement, compat, engine_functions
 from mjbench.simulation.agreement import Difference, StateReader
 from mjbench.simulation.engine_functions import STEPPING, EngineFunction
 from mjbench.simulation.model_guard import ModelGuard
@@ -141,9 +140,9 @@ class EngineWatch:
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        names = engine.function_names()
+        names = engine_functions.names()
         wrappers = {name: functools.partial(self._watched, name) for name in names}
-        with engine.replaced(wrappers, engine.bindings()):
+        with engine_functions.replaced(wrappers, engine_functions.bindings()):
             yield
 
     def begin_episode(self) -> None:

@@ -25,6 +25,8 @@ _NAMED_ENTRIES = 3
 # An odd factor of 64 bits with no pattern (2^64 over the golden ratio), to mix bits with.
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 _HALF = np.uint64(32)
+# What a reset draws.
+_DRAWN = ("time", "qpos", "qvel")
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,26 @@ def physics_differences(first: Recording, again: Recording) -> list[FieldDiffere
     columns = compat.state_columns(first.model)
     differences = (_difference(field, differs[columns[field]], True) for field in columns)
     return [difference for difference in differences if difference]
+
+
+def left_by_reset(first: Recording, again: Recording) -> list[str]:
+    """Return the fields that a reset leaves as they were, as the same seed tells.
+
+    Positions, velocities and time are what a reset draws; what is written before a step is its own.
+    """
+    if first.model is None:
+        return []
+    columns = compat.state_columns(first.model)
+    left: dict[str, None] = {}
+    for a, b in zip(first.steps, again.steps, strict=True):
+        if a is None or b is None or a.follows or b.follows or len(a.start) != len(b.start):
+            continue
+        own = {*_DRAWN, *a.entered, *b.entered, "ctrl"}
+        for field, column in columns.items():
+            same = np.array_equal(a.start[column].view(np.uint64), b.start[column].view(np.uint64))
+            if field not in own and not same:
+                left[field] = None
+    return list(left)
 
 
 def _difference(field: str, differs: np.ndarray, is_physics: bool) -> FieldDifference | None:

@@ -53,6 +53,7 @@ class EnvironmentFacts:
       entered: fields of the state, other than ctrl, that it writes before a step of the engine.
       model: facts about its model.
       unrepeated: what was not the same in another pass; empty where all was.
+      left_by_reset: fields of MjData that its reset leaves as they were.
       dm_control_release: how that which dm_control was built for differs from the installed one;
         None where it does not, or dm_control was not used.
     """
@@ -71,6 +72,7 @@ class EnvironmentFacts:
     entered: Sequence[str]
     model: ModelFacts | None
     unrepeated: Sequence[FieldDifference] = ()
+    left_by_reset: Sequence[str] = ()
     dm_control_release: ReleaseMismatch | None = None
 
 

@@ -105,7 +105,13 @@ def unrepeated_lines(record: EnvironmentRecord) -> list[str]:
     physics = "; its physics is the same."
     if _has_other_physics(record.facts):
         physics = ", so its physics is not compared."
-    return [f"With the same seed and actions, {listed(fields)} {differ} in another pass{physics}"]
+    lines = [f"With the same seed and actions, {listed(fields)} {differ} in another pass{physics}"]
+    if left := record.facts.left_by_reset:
+        lines.append(
+            f"Its reset leaves {listed(left)} as {'it was' if len(left) == 1 else 'they were'}:"
+            " mujoco.mj_resetData(model, data) at its beginning restores all fields."
+        )
+    return lines
 
 
 def _has_other_physics(facts: EnvironmentFacts) -> bool:

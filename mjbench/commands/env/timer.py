@@ -16,11 +16,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from mjbench.bounds import NonNegativeFloat
-from mjbench.commands.env import engine
 from mjbench.commands.env.callees import Callee
-from mjbench.commands.env.engine import Binding
 from mjbench.commands.env.layers import Layer
-from mjbench.simulation.engine_functions import STEPPING, EngineFunction
+from mjbench.simulation import engine_functions
+from mjbench.simulation.engine_functions import STEPPING, Binding, EngineFunction
 
 ClockNs = Callable[[], int]
 # Calls of a block when the timer's own cost is measured, and blocks; the fastest counts.
@@ -192,8 +191,8 @@ def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[No
         layer = Layer.PHYSICS if name in STEPPING else Layer.ENGINE
         return lambda function: timer.timed(function, layer, name)
 
-    wrappers = {name: wrapper(name) for name in engine.function_names()}
-    with engine.replaced(wrappers, elsewhere):
+    wrappers = {name: wrapper(name) for name in engine_functions.names()}
+    with engine_functions.replaced(wrappers, elsewhere):
         yield
 
 

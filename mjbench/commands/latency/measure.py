@@ -154,6 +154,14 @@ class LatencyRow:
     histogram: CompressedText = ""
     starts: Starts | None = None
 
+    @property
+    def one_in_seen(self) -> int:
+        """The rarest misses that so many ticks show with 95 % probability, one tick in this many.
+
+        Misses of one tick in n leave 3 n ticks without any with a probability of 5 %.
+        """
+        return max(1, (self.ntick or 0) // 3)
+
     def __post_init__(self) -> None:
         check_measured(self, "pace", "ntick", "deadline_s", "missed", "max_ns", "work")
 

@@ -81,8 +81,7 @@ def _missed(row: LatencyRow) -> Conclusion:
 
 
 def _resolution(rows: Sequence[LatencyRow]) -> str:
-    """Return how rare the misses are that so many ticks show with 95 % probability."""
-    rarest = (f"1 in {max(1, (row.ntick or 0) // 3):,} ({row.pace})" for row in rows)
+    rarest = (f"1 in {row.one_in_seen:,} ({row.pace})" for row in rows)
     return f"Misses rarer than {', '.join(rarest)} may not show: --nstep measures more ticks"
 
 

@@ -1,7 +1,7 @@
 """The rules of `mjbench lint`: those about what runs in each step or episode, and all of them.
 
-A new rule is a function with its explanation, here or in a module `lint_…` with its like, and a
-line of `RULES`.
+A new rule is a function with its explanation, here or in another module of this package, and
+a line of `RULES`.
 """
 
 import ast

@@ -54,11 +54,11 @@ class LoopStarts:
         sample = workload_sampling.draw(model, request)
         self.starts: Starts = sample.starts
         self.observation: Observation = sample.observation
-        self._states = sample.workload.initial_state
+        self.states = sample.workload.initial_state
         columns = compat.state_columns(model)
         if "ctrl" in columns:
-            self._states[:, columns["ctrl"]] = sample.workload.control[:, 0]
+            self.states[:, columns["ctrl"]] = sample.workload.control[:, 0]
 
     def in_turn(self, repeats: int = 1) -> StartsInTurn:
         """Return what restores the states, from the first on, each `repeats` times in a row."""
-        return StartsInTurn(self._model, self._states, repeats)
+        return StartsInTurn(self._model, self.states, repeats)

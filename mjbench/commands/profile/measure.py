@@ -18,9 +18,10 @@ import mujoco
 import numpy as np
 
 from mjbench.bounds import Nanoseconds, NonNegativeInt, Share, Timestep, check_measured
-from mjbench.commands.profile import habits, rendering, step_parts
+from mjbench.commands.profile import habits, model_costs, rendering, step_parts
 from mjbench.commands.profile.habits import Habit, compile_loop
 from mjbench.commands.profile.loop_starts import LoopStarts
+from mjbench.commands.profile.model_costs import MOST_COSTS, Cost
 from mjbench.commands.profile.options import ProfileOptions
 from mjbench.commands.profile.rendering import FrameTime
 from mjbench.commands.profile.step_parts import SensorCost
@@ -43,8 +44,6 @@ BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS = 0.004, 15, 200
 # parts. Frames have what is left, except for the seconds in which a process starts.
 BUDGET_S = ProfileOptions.EACH_S
 STEP_SHARE, LOOP_SHARE, PART_SHARE, START_S = 0.4, 0.5, 0.125, 1.0
-# Seconds for the sensors of a stage, where only stages are asked for.
-BRIEF_S = 0.05
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
 FRAMES_PER_S = 60
 
@@ -62,6 +61,7 @@ FRAMES_PER_S = 60
     "run_nstep",
     "sensors",
     "is_python_resolved",
+    "costs",
 )
 @dataclass(frozen=True)
 class ProfiledSteps:
@@ -74,6 +74,7 @@ class ProfiledSteps:
         None in releases that install none.
       stages: share of a step by stage; they sum up to 1.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
+      costs: what collisions of geoms, and static geoms, cost of a step, the largest first.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from.
       run_nstep: steps from each start, which hold its controls.
@@ -90,6 +91,7 @@ class ProfiledSteps:
     run_nstep: NonNegativeInt | None = None
     sensors: Sequence[SensorCost] = ()
     is_python_resolved: bool = True
+    costs: Sequence[Cost] = ()
 
     @property
     def python_ns(self) -> float:
@@ -201,28 +203,29 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     nrun = max(1, int(BLOCK_S / (starts.nstep * reference_run.step_s(model))))
     block = Block(nrun, starts.nstep, starts.in_turn)
     timers = timer_shares(model, block)
-    part_s = PART_SHARE * budget_s
-    step_s = step_parts.step_s(model, block.new_start(), part_s)
-    sensors_s = part_s / len(step_parts.SensorStage)
-    sensors = step_parts.sensor_costs(model, block.new_start(), step_s, sensors_s)
-    parts = step_parts.parts(model, block.new_start(), step_s, sensors, part_s)
+    stages = step_parts.stages(model, timers, block.new_start, PART_SHARE * budget_s)
     clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
     of_loop, of_one_call, *of_others = _step_ns(
         model, block, LOOP_SHARE * budget_s, [habits.BARE, habits.ONE_CALL, *clock_off]
     )
     loop_ns, engine_ns = statistics.median(of_loop), statistics.median(of_one_call)
     least_ratio = stats.speedup(of_loop, of_one_call).low
+    of_collision = model_costs.collision_costs(
+        model, starts.states, stages.shares, stages.step_s, PART_SHARE * budget_s
+    )
+    of_static = model_costs.static_costs(model, stages.shares)
     return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
         engine_ns=engine_ns,
         speedup_without_timer=stats.speedup(of_loop, of_others[0]) if of_others else None,
         work=observation.work,
-        stages=step_parts.with_parts(timers, parts),
+        stages=stages.shares,
         warnings=observation.other_warnings(),
         starts=starts.starts,
         run_nstep=block.nstep,
-        sensors=sensors,
+        sensors=stages.sensors,
+        costs=sorted([*of_collision, *of_static], key=lambda cost: -cost.share)[:MOST_COSTS],
         is_python_resolved=least_ratio is not None and least_ratio > 1,
     )
 
@@ -238,16 +241,6 @@ def _step_ns(
     rounds = timing.rounds(contenders, budget_s, LEAST_ROUNDS, MOST_ROUNDS)
     nstep = block.nrun * block.nstep
     return [[1e9 * each / nstep for each in seconds] for seconds in zip(*rounds, strict=True)]
-
-
-def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
-    """Return the share of a step by stage: from the engine's timers, with only sensors apart."""
-    shares = timer_shares(model, block)
-    if not model.nsensor:
-        return shares
-    step_s = step_parts.step_s(model, block.new_start())
-    sensors = step_parts.sensor_costs(model, block.new_start(), step_s, BRIEF_S)
-    return step_parts.with_parts(shares, step_parts.of_sensors(sensors))
 
 
 def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
@@ -272,7 +265,8 @@ def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
     step = int(mujoco.mjtTimer.mjTIMER_STEP)
     fastest = sorted(blocks[1:], key=lambda block: float(block[step]))  # the first touches memory
     timer_s = np.sum(fastest[: -(-len(fastest) // 3)], axis=0)  # by mjtTimer
-    timers = {name: compat.timer(name) for name in step_parts.TIMERS}
+    names = (*step_parts.TIMERS.values(), step_parts.WHOLE_STEP)
+    timers = {name: compat.timer(name) for name in names}
     return step_parts.stage_shares(
         {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}
     )

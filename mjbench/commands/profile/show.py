@@ -3,9 +3,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench import formats
+from mjbench.commands.profile import model_costs, step_parts
 from mjbench.commands.profile.measure import FRAMES_PER_S, ProfiledSteps, ProfileRow
 from mjbench.commands.profile.rendering import FrameTime
-from mjbench.commands.profile.step_parts import OTHER
+from mjbench.commands.profile.step_parts import Stage
 from mjbench.formats import duration, plain
 from mjbench.results import charts, content
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
@@ -57,11 +58,12 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         f" Python {duration(steps.python_ns)}"
     )
     yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
-    stages = {stage: share for stage, share in steps.stages.items() if stage != OTHER}
-    if any(stages.values()):
-        longest = max(stages, key=lambda stage: stages[stage])
-        share = formats.short_percent(stages[longest])
-        yield Conclusion(f"{model}: the longest stage is {longest}, {share} of the engine's time")
+    stage, share = step_parts.longest(steps.stages)
+    if share > 0:
+        of_engine = f"{formats.short_percent(share)} of the engine's time"
+        cost = model_costs.main_cost(steps.stages, steps.costs)
+        most = f"; most of it is {cost}" if cost is not None else ""
+        yield Conclusion(f"{model}: the longest stage is {stage}, {of_engine}{most}")
     gain = steps.speedup_without_timer
     if gain is not None and gain.is_above(1.0) and gain.estimate >= 1 + engine_clock.MIN_GAIN:
         yield Conclusion(
@@ -104,7 +106,7 @@ def _sensors(steps: ProfiledSteps) -> DataTable:
 
 
 def _other_line(steps: ProfiledSteps) -> Iterator[str]:
-    share = steps.stages.get(OTHER, 0.0)
+    share = steps.stages.get(Stage.OTHER, 0.0)
     if share >= _NOTABLE_OTHER:
         yield (
             f"Other ({formats.short_percent(share)}) is what neither the engine's timers nor calls"

@@ -1,6 +1,6 @@
-"""Parts of a step: stages by the engine's own timers, and what has none, such as sensors.
+"""Stages of a step: by the engine's own timers, and what has none, such as sensors.
 
-A part without a timer is called again and again on states after `mj_forward`. It computes the same
+A stage without a timer is called again and again on states after `mj_forward`. It computes the same
 each time: what sensors share, MuJoCo computes once and flags as done, so these flags are cleared
 before each call.
 """
@@ -16,38 +16,57 @@ import mujoco
 import numpy as np
 
 from mjbench.bounds import NonNegativeInt, Share
+from mjbench.commands.profile.evaluations import Evaluations
 from mjbench.measuring import timing
 from mjbench.simulation import compat
 
 # Seconds for the parts of one kind; rounds, and seconds of a block.
 BUDGET_S = 0.5
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S = 7, 200, 0.0005
-# The name of all sensors together, among stages.
-SENSORS = "sensors"
-# RK4 evaluates the dynamics so often in a step.
-_EVALUATIONS_OF_RK4 = 4
 
 # A function of the engine, or what brings an MjData to a start state.
 Function = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
-# Stages by MuJoCo's timers (mjtTimer); what they leave of a step is `other`.
-STAGES: Mapping[str, str] = {
-    "kinematics": "POS_KINEMATICS",
-    "inertia": "POS_INERTIA",
-    "broad-phase collision": "COL_BROAD",
-    "narrow-phase collision": "COL_NARROW",
-    "collision": "POS_COLLISION",
-    "constraint making": "POS_MAKE",
-    "constraint projection": "POS_PROJECT",
-    "velocity": "VELOCITY",
-    "actuation": "ACTUATION",
-    "constraint solver": "CONSTRAINT",
-    "integration": "ADVANCE",
+
+class Stage(enum.StrEnum):
+    """A stage of a step, as every command names it."""
+
+    KINEMATICS = "kinematics"
+    TENDONS = "tendons"
+    INERTIA = "inertia"
+    BROAD_PHASE = "broad-phase collision"
+    NARROW_PHASE = "narrow-phase collision"
+    COLLISION = "collision"
+    CONSTRAINT_MAKING = "constraint making"
+    CONSTRAINT_PROJECTION = "constraint projection"
+    VELOCITY = "velocity"
+    PASSIVE = "passive forces with plugins"
+    ACTUATION = "actuation"
+    ACCELERATION = "smooth acceleration"
+    SOLVER = "constraint solver"
+    SENSORS = "sensors"
+    ENERGY = "energy"
+    INTEGRATION = "integration"
+    CHECKS = "checks of the state"
+    OTHER = "other"
+    """What neither timers nor calls of the engine's functions explain."""
+
+
+# The timer of MuJoCo (mjtTimer) of each stage that has one; other stages are timed by calls.
+TIMERS: Mapping[Stage, str] = {
+    Stage.KINEMATICS: "POS_KINEMATICS",
+    Stage.INERTIA: "POS_INERTIA",
+    Stage.BROAD_PHASE: "COL_BROAD",
+    Stage.NARROW_PHASE: "COL_NARROW",
+    Stage.COLLISION: "POS_COLLISION",
+    Stage.CONSTRAINT_MAKING: "POS_MAKE",
+    Stage.CONSTRAINT_PROJECTION: "POS_PROJECT",
+    Stage.VELOCITY: "VELOCITY",
+    Stage.ACTUATION: "ACTUATION",
+    Stage.SOLVER: "CONSTRAINT",
+    Stage.INTEGRATION: "ADVANCE",
 }
-# What the timers leave of a step.
-OTHER = "other"
-# The timers that `stage_shares` reads.
-TIMERS = (*STAGES.values(), "STEP")
+WHOLE_STEP = "STEP"  # the timer of all of a step
 
 
 class SensorStage(enum.StrEnum):
@@ -83,10 +102,10 @@ class SensorCost:
 
 @dataclass(frozen=True)
 class StepPart:
-    """A part of a step that is timed apart; its time is a part of that of the stage `within`."""
+    """A stage that is timed by calls; the timer of `within` includes it."""
 
-    name: str
-    within: str
+    stage: Stage
+    within: Stage
     share: float
 
 
@@ -102,9 +121,50 @@ def with_parts(stages: Mapping[str, float], parts: Sequence[StepPart]) -> dict[s
         total = sum(part.share for part in inside)
         scale = min(1.0, share / total) if total > 0 else 0.0
         for part in inside:
-            apart[part.name] = apart.get(part.name, 0.0) + scale * part.share
+            apart[part.stage] = apart.get(part.stage, 0.0) + scale * part.share
         apart[stage] = max(0.0, share - scale * total)
     return apart
+
+
+@dataclass(frozen=True)
+class StepStages:
+    """Where the time of a step goes.
+
+    Attributes:
+      shares: of a step, by stage; they sum to 1.
+      sensors: by type, the largest first.
+    """
+
+    step_s: float
+    shares: Mapping[str, float]
+    sensors: Sequence[SensorCost]
+
+
+def stages(
+    model: mujoco.MjModel,
+    timer_shares: Mapping[str, float],
+    new_start: Callable[[], Function],
+    budget_s: float = BUDGET_S,
+) -> StepStages:
+    """Return all stages of a step: those of the timers, and those that calls time.
+
+    Args:
+      timer_shares: as `stage_shares` returns them.
+      budget_s: for each of a step, its sensors and its other parts.
+    """
+    (step_s,) = medians(model, new_start(), [(lambda: None, mujoco.mj_step)], budget_s)
+    sensors = sensor_costs(model, new_start(), step_s, budget_s / len(SensorStage))
+    timed = parts(model, new_start(), step_s, sensors, budget_s)
+    return StepStages(step_s, with_parts(timer_shares, timed), sensors)
+
+
+def longest(shares: Mapping[str, float]) -> tuple[str, float]:
+    """Return the stage that takes most of a step, and its share; collision is one stage here."""
+    of_collision = (Stage.BROAD_PHASE, Stage.NARROW_PHASE, Stage.COLLISION)
+    whole = {stage: share for stage, share in shares.items() if stage not in of_collision}
+    whole.pop(Stage.OTHER, None)
+    whole[Stage.COLLISION] = sum(shares.get(stage, 0.0) for stage in of_collision)
+    return max(whole.items(), key=lambda item: item[1])
 
 
 def parts(
@@ -114,44 +174,34 @@ def parts(
     sensors: Sequence[SensorCost],
     budget_s: float = BUDGET_S,
 ) -> list[StepPart]:
-    """Return what a step does beside the engine's stages, and tendons."""
+    """Return the stages that no timer of the engine is about."""
     functions = list(_functions(model))
     with _needed_sensors(model) as need_only:
         need_none = need_only(np.zeros(model.nsensor, dtype=bool))
         nothing = need_none, mujoco.mj_sensorVel  # what a call costs by itself
         calls = [(need_none, function) for _, _, _, function in functions]
         of_call_s, *of_parts_s = medians(model, start, [nothing, *calls], budget_s)
-    timed = of_sensors(sensors)
-    for (name, within, count, _), part_s in zip(functions, of_parts_s, strict=True):
+    total = sum(each.share for each in sensors)
+    timed = [StepPart(Stage.SENSORS, Stage.OTHER, total)] if sensors else []
+    for (stage, within, count, _), part_s in zip(functions, of_parts_s, strict=True):
         share = count * max(0.0, part_s - of_call_s) / step_s
-        timed.append(StepPart(name, within, share))
+        timed.append(StepPart(stage, within, share))
     return timed
 
 
-def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:
-    total = sum(each.share for each in sensors)
-    return [StepPart(SENSORS, OTHER, total)] if sensors else []
-
-
-def step_s(model: mujoco.MjModel, start: Function, budget_s: float = BUDGET_S) -> float:
-    (seconds,) = medians(model, start, [(lambda: None, mujoco.mj_step)], budget_s)
-    return seconds
-
-
-def _functions(model: mujoco.MjModel) -> Iterator[tuple[str, str, int, Function]]:
-    """Yield the name of a part, the stage it is in, how often a step calls it, and its function."""
-    is_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    evaluations = _EVALUATIONS_OF_RK4 if is_rk4 else 1
-    yield "smooth acceleration", OTHER, evaluations, mujoco.mj_fwdAcceleration
+def _functions(model: mujoco.MjModel) -> Iterator[tuple[Stage, Stage, int, Function]]:
+    """Yield a stage, that whose timer includes it, how often a step calls it, and its function."""
+    count = Evaluations.of(model).of_step
+    yield Stage.ACCELERATION, Stage.OTHER, count, mujoco.mj_fwdAcceleration
     for name in ("Pos", "Vel", "Acc"):
-        yield "checks of the state", OTHER, 1, getattr(mujoco, f"mj_check{name}")
+        yield Stage.CHECKS, Stage.OTHER, 1, getattr(mujoco, f"mj_check{name}")
     if compat.flag_enabled(model, "energy"):
         for name in ("Pos", "Vel"):
-            yield "energy", OTHER, 1, getattr(mujoco, f"mj_energy{name}")
+            yield Stage.ENERGY, Stage.OTHER, 1, getattr(mujoco, f"mj_energy{name}")
     if model.ntendon:
-        yield "tendons", "kinematics", evaluations, mujoco.mj_tendon
+        yield Stage.TENDONS, Stage.KINEMATICS, count, mujoco.mj_tendon
     if model.nplugin:
-        yield "passive forces with plugins", "velocity", evaluations, mujoco.mj_passive
+        yield Stage.PASSIVE, Stage.VELOCITY, count, mujoco.mj_passive
 
 
 @contextlib.contextmanager
@@ -258,10 +308,10 @@ def stage_shares(timer_s: Mapping[str, float]) -> dict[str, float]:
       timer_s: seconds by timer, without the `mjTIMER_` of its name; a timer that a release does not
         have may be missing.
     """
-    stages = {stage: timer_s.get(timer, 0.0) for stage, timer in STAGES.items()}
+    seconds = {stage: timer_s.get(timer, 0.0) for stage, timer in TIMERS.items()}
     # The timer of collision includes its two phases: leave what they do not explain.
-    phases = stages["broad-phase collision"] + stages["narrow-phase collision"]
-    stages["collision"] = max(0.0, stages["collision"] - phases)
-    total = max(timer_s.get("STEP", 0.0), sum(stages.values()), 1e-30)  # never 0, as it divides
-    stages[OTHER] = total - sum(stages.values())
-    return {stage: value / total for stage, value in stages.items()}
+    phases = seconds[Stage.BROAD_PHASE] + seconds[Stage.NARROW_PHASE]
+    seconds[Stage.COLLISION] = max(0.0, seconds[Stage.COLLISION] - phases)
+    total = max(timer_s.get(WHOLE_STEP, 0.0), sum(seconds.values()), 1e-30)  # as it divides
+    seconds[Stage.OTHER] = total - sum(seconds.values())
+    return {stage: value / total for stage, value in seconds.items()}

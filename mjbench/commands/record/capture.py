@@ -12,7 +12,6 @@ import copy
 import dataclasses
 import os
 import shutil
-import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -231,7 +230,9 @@ class _Block:
         models = self.recorder.models()
         counts = [(each.name, each.nstep) for each in models]
         others = tuple(OtherModel(*c) for c in (*counts, *self.recorder.other_nstep.items()))
-        unseen = tuple(_modules_with_own_functions())
+        # bound by `from mujoco import mj_step`
+        held = [b for b in engine_functions.bindings() if b.function in engine_functions.STEPPING]
+        unseen = tuple(sorted({binding.module.__name__ for binding in held}))
         windows = models[0].windows() if models else []
         segments = [segment for window in windows for segment in window.segments()]
         if not segments:  # no step was seen, or each diverged or raised
@@ -271,21 +272,6 @@ def _header(recorded: ModelRecorder, windows: Sequence[RecordedWindow]) -> Captu
         timestep_s=recorded.timestep_s,
         steps=recorded.nstep,
         changed_inputs=tuple(sorted(changed)),
-    )
-
-
-def _modules_with_own_functions() -> list[str]:
-    """Return the modules that bound a stepping function, by `from mujoco import mj_step`."""
-    functions = [engine_functions.original(name) for name in engine_functions.STEPPING]
-    return sorted(
-        name
-        for name, module in list(sys.modules.items())
-        if name.split(".")[0] != "mujoco"
-        and any(
-            value is function
-            for value in list(getattr(module, "__dict__", {}).values())
-            for function in functions
-        )
     )
 
 

@@ -45,6 +45,8 @@ class Activity(enum.StrEnum):
     COPYING = "creating and copying MjData"
     """`MjData(model)`, copies of one, and states that are read or set as a whole."""
     COMPILING = "compiling by JAX"
+    KERNELS = "compiling Warp kernels"
+    """Once for each machine: Warp stores what it compiles in its cache."""
     DISPATCH = "calling compiled functions of JAX"
     """JAX starts what a function computes; on a processor, it may compute it meanwhile."""
     DEVICE_WAIT = "waiting for JAX"
@@ -105,6 +107,8 @@ _POOL, _WORKER = "multiprocessing/pool.py", "worker"
 PROCESS_MODULE = "multiprocessing/process.py"
 _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_base))\.py$")
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
+_WARP_FILE = re.compile(r"-packages/warp/_src/(context|build)\.py$")
+_WARP_COMPILES = ("_compile", "build_cuda", "build_cpu")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
 _CLOCK_OF_JAX, _CALL_CLOCK = "jax_functions.py", "call_clock.py"
@@ -167,6 +171,8 @@ def _by_caller(stack: Sequence[Frame], has_thread_pool: bool) -> Activity | None
     called = list(_called_by_own(stack))
     if any(map(imports, called)):
         return Activity.IMPORT
+    if any(f.function in _WARP_COMPILES and _WARP_FILE.search(f.file) for f in called):
+        return Activity.KERNELS
     if any(_DRAWING_FILE.search(frame.file) for frame in called):
         return Activity.RENDERING
     for frame in called:

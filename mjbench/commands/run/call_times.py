@@ -16,7 +16,7 @@ from mjbench.commands.run import activities
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.hook import call_clock, file_owners
 from mjbench.commands.run.py_spy import Frame
-from mjbench.commands.run.source_loops import SourceLoop, outermost_loop
+from mjbench.commands.run.source_loops import SourceLoop, program_loop
 from mjbench.commands.run.step_times import Header, read_engine
 
 # What callees do, but for functions of the engine: those are physics.
@@ -41,6 +41,20 @@ _Runner = tuple[int, SourceLoop | None]
 
 
 @dataclass(frozen=True)
+class CallThreads:
+    """On what a call steps many simulations: as many threads, each with a chunk of them at a time.
+
+    Attributes:
+      chunk_size: 0 where the program gives none.
+      has_sensors: whether the call returns sensor data.
+    """
+
+    count: NonNegativeInt
+    chunk_size: NonNegativeInt
+    has_sensors: bool
+
+
+@dataclass(frozen=True)
 class CallTime:
     """The calls of one function from one line of the user's code, on one thread.
 
@@ -60,6 +74,7 @@ class CallTime:
       clock_s: seconds that timing them took the program.
       frame: of a renderer, height and width in pixels; None of other calls.
       backend: of a renderer, `MUJOCO_GL`; "" if that was not set.
+      threads: of a call that steps many simulations; None of other calls.
       lines: file and number of the user's lines that led to the first call, innermost first.
     """
 
@@ -77,6 +92,7 @@ class CallTime:
     clock_s: NonNegativeFloat = 0.0
     frame: tuple[NonNegativeInt, NonNegativeInt] | None = None
     backend: str = ""
+    threads: CallThreads | None = None
     lines: Sequence[tuple[str, NonNegativeInt]] = ()
 
     @property
@@ -110,19 +126,41 @@ class CallTime:
 
 
 @dataclass(frozen=True)
+class ArgumentChange:
+    """How an argument differs from what a function of JAX was compiled for.
+
+    Attributes:
+      argument: its name, such as `d.ctrl`.
+      kind: a name of `argument_types`, such as WEAK_TYPE.
+      before: its type, such as `float32[2]`, or its value.
+      now: likewise.
+    """
+
+    argument: str
+    kind: str
+    before: str
+    now: str
+
+
+@dataclass(frozen=True)
 class Incident:
     """What only a run shows: a warning of the engine such as BADQACC, or a name of `call_clock`.
 
-    `count` says how often it was seen; of IN_TURN, how many simulations there are.
+    Attributes:
+      count: how often it was seen; of IN_TURN, how many simulations there are.
+      seconds: that it took.
+      changes: of RECOMPILED, how the arguments of the first differ; empty if they do not.
     """
 
     name: str
     place: Place
     count: int
+    seconds: float = 0.0
+    changes: Sequence[ArgumentChange] = ()
 
     @property
     def is_wrong(self) -> bool:
-        return self.name != call_clock.IN_TURN
+        return self.name not in (call_clock.IN_TURN, call_clock.RECOMPILED)
 
 
 @dataclass(frozen=True)
@@ -198,9 +236,12 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
         elif callee == call_clock.IN_TURN:
             simulations = round(slot.all_steps / max(1, slot.calls))
             incidents.append(Incident(callee, places[0], simulations))
+        elif callee == call_clock.RECOMPILED:
+            changes = [ArgumentChange(*change) for change in site.get("detail", ())]
+            incidents.append(Incident(callee, places[0], slot.calls, 1e-9 * slot.ns, changes))
         else:
-            detail = site.get("detail")  # of a renderer
-            height, width, backend = detail or (0, 0, "")
+            detail, is_renderer = site.get("detail"), callee == "Renderer"
+            height, width, backend = detail if detail and is_renderer else (0, 0, "")
             call = CallTime(
                 callee=callee,
                 pid=int(file.stem),
@@ -213,8 +254,11 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
                 last_ns=slot.last_ns,
                 steps=slot.steps,
                 all_steps=slot.all_steps,
-                frame=(int(height), int(width)) if detail else None,
+                frame=(int(height), int(width)) if detail and is_renderer else None,
                 backend=str(backend),
+                threads=None
+                if is_renderer or not detail
+                else CallThreads(int(detail[0]), int(detail[1]), bool(detail[2])),
                 lines=[place.position for place in places],
             )
             timed.append((call, slot))
@@ -237,11 +281,11 @@ def _places(stack: Sequence[tuple[str, int, str]]) -> list[Place]:
 
 def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
     """Return the outermost loop on a stack; those of JAX trace and compile, and run nothing."""
-    for file, line, _ in reversed(stack):
-        loop = None if file_owners.package_of(file) == "jax" else outermost_loop(file, line)
-        if loop is not None:
-            return replace(loop, file=activities.shown_path(loop.file))
-    return None
+    lines = [(file, n) for file, n, _ in reversed(stack) if file_owners.package_of(file) != "jax"]
+    running = program_loop(lines)
+    if running is None:
+        return None
+    return replace(running[0], file=activities.shown_path(running[0].file))
 
 
 def _estimated(timed: Sequence[tuple[CallTime, _Slot]], header: Header | None) -> list[CallTime]:

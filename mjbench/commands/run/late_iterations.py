@@ -32,17 +32,17 @@ def pace(time: LoopTime, steps: Sequence[StepTimes], queued_s: float | None) -> 
     factor, iteration = of_process.real_time_factor, of_process.iteration
     if factor is None or not _SLOWEST <= factor <= _FASTEST:
         return ""
-    kept = f"keeps real time ({plain(factor, 2)} ×; it sleeps {whole_percent(sleep)} of the time)"
+    rate = f"keeps real time ({plain(factor, 2)} ×; it sleeps {whole_percent(sleep)} of the time)"
     longest_ns = max(iteration.max_ns, 1e9 * of_process.longest_collection_s)
     if not iteration.late and longest_ns <= iteration.late_ns:
-        return f"{kept}, and none of {iteration.count:,} timed iterations was late"
+        return f"{rate}, and none of {iteration.count:,} timed iterations was late"
     cause = (
         _by_collection(of_process, iteration, longest_ns)
         or _by_call(time.calls, iteration)
         or _by_others(queued_s, iteration)
     )
     return (
-        f"{kept}, but {iteration.late:,} of {iteration.count:,} timed iterations were late (over"
+        f"{rate}, but {iteration.late:,} of {iteration.count:,} timed iterations were late (over"
         f" {duration(iteration.late_ns)}), the longest {duration(longest_ns)}: {cause}"
     )
 

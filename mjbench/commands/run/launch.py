@@ -117,7 +117,7 @@ def check(program: Program) -> None:
         if len(program.arguments) == 1:
             raise InputError("-m needs the name of a module")
     elif not os.path.exists(first):  # noqa: PTH110 - False for a name that no file can have
-        raise InputError(f"{shown(first)}: no such file")
+        raise InputError(f"no such file: {shown(first)}")
     elif first.endswith(NOTEBOOK_SUFFIX):
         raise InputError(f"{shown(first)}: {save_as_python(first)}")
     py_spy.program()

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from mjbench.commands.run import launch, physics_cost, sampled_loops
+from mjbench.commands.run import launch, physics_cost, sampled_loops, single_calls
 from mjbench.commands.run.activities import Activity
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import file_owners
@@ -70,8 +70,8 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
     findings = listing.findings_of(files)
     asked = listing.pairs(times, findings, incidents)
     measured = remedy_pairs.measure(observation.models, asked)
-    physics = None
-    if times and times[0].is_half_physics:
+    physics, single = None, single_calls.single_calls(calls, machine.usable_cores())
+    if times[0].is_half_physics if times else single:
         most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
         stages = next((each.stages for each in most if each.stages), {})
         physics = physics_cost.measure(observation.models, stages)
@@ -103,6 +103,7 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
             observation.threads, observation.pid, times, observation.wall_s, calls
         ),
         physics=physics,
+        single_calls=single,
         queued_s=observation.queued_s,
         untimed_processes=len(stepping.intersection(observation.untimed_pids)),
     )

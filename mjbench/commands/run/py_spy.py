@@ -187,9 +187,10 @@ def read(file: Path) -> list[ThreadSamples]:
         stored = msgspec.json.decode(file.read_bytes(), type=_File)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the profiler's samples: {error}") from error
-    # what has no line stands for a process or a thread
+    # what has no line stands for a process or a thread, and a name that py-spy read while it
+    # changed may hold a null byte
     frames = [
-        Frame(frame.name, frame.file or "", frame.line) if frame.line else None
+        Frame(frame.name, (frame.file or "").replace("\0", ""), frame.line) if frame.line else None
         for frame in stored.shared.frames
     ]
     return [_thread_samples(profile, frames) for profile in stored.profiles]

@@ -12,6 +12,7 @@ from mjbench.commands.run.loop_time import LineTime, LoopTime
 from mjbench.commands.run.physics_cost import PhysicsCost
 from mjbench.commands.run.remedies.remedy import Remedy
 from mjbench.commands.run.sampling import ProcessorUse
+from mjbench.commands.run.single_calls import SingleCall
 from mjbench.commands.run.step_times import StepTimes
 from mjbench.status import Status
 
@@ -56,6 +57,8 @@ class ProgramRow:
         whose waits look alike.
       outside_loops: lines that take time outside the loops, such as imports and set-up, with all
         that they call; shares are of `wall_s`.
+      single_calls: that step many times and that no loop runs, such as one long rollout; the
+        longest first.
       queued_s: for which its main thread could run, and had no core; None where that is not known.
       untimed_processes: that step, and whose steps were not timed, since the disk is full.
     """
@@ -80,6 +83,7 @@ class ProgramRow:
     gil_waits: Sequence[GilWait] = ()
     outside_loops: Sequence[LineTime] = ()
     untimed_processes: NonNegativeInt = 0
+    single_calls: Sequence[SingleCall] = ()
     queued_s: NonNegativeFloat | None = None
 
     @property

@@ -3,13 +3,21 @@
 import itertools
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
-from mjbench.commands.run import activities, loop_time
+from mjbench.commands.run import activities
 from mjbench.commands.run.activities import WAITING, Activity, Place, is_own
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import file_owners
+from mjbench.commands.run.hook.call_clock import COMPILE, DISPATCH, PROCESS_START
+from mjbench.commands.run.loop_parts import (
+    Part,
+    Sample,
+    equal_samples,
+    loop_seconds,
+    parts_of,
+    shown_places,
+)
 from mjbench.commands.run.loop_time import (
     FEW_SAMPLES,
     LEAST_REPEATS,
@@ -18,48 +26,15 @@ from mjbench.commands.run.loop_time import (
     large,
     shares_of,
 )
-from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
-from mjbench.commands.run.source_loops import SourceLoop, outermost_loop
+from mjbench.commands.run.py_spy import Frame, ThreadSamples
+from mjbench.commands.run.source_loops import SourceLoop, program_loop
 
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
 # Share of a line's samples that may show a step that it does not make; of a few, one sample may.
 _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
-# Average gaps between timed calls that may lie beyond the first and the last by chance: more do in
-# 4 % of the cases, if the gaps are exponentially distributed. Times that samples must see calls.
-_MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
-
-
-@dataclass(frozen=True)
-class _Sample:
-    """A stack of a loop; `inner` are its frames from the line of the loop on."""
-
-    thread: ThreadSamples
-    stack: Sequence[Frame]
-    inner: Sequence[Frame]
-    activity: Activity
-
-    @property
-    def seconds(self) -> float:
-        return self.thread.interval_s
-
-    @cached_property
-    def python(self) -> Frame:
-        return next(frame for frame in reversed(self.stack) if not activities.is_step_clock(frame))
-
-    @cached_property
-    def own_places(self) -> Sequence[Place]:
-        return _shown_places(self.inner)
-
-    @property
-    def own_frame(self) -> Frame:
-        """The innermost line of the user's code; that of the loop where none is."""
-        own = (frame for frame in reversed(self.inner) if is_own(frame))
-        return next(own, self.inner[0])
-
-
-# A stack of a loop, before what it does is known: of which thread, its frames, and the inner ones.
-_Stack = tuple[ThreadSamples, Sequence[Frame], Sequence[Frame]]
+# Calls that show a loop, of which there may be no samples, beside those that step.
+_SHOWN = (COMPILE, DISPATCH, PROCESS_START)
 
 
 def loop_times(
@@ -77,29 +52,25 @@ def loop_times(
       collections_s: seconds of garbage collections by process, which samples of Python alone do
         not show.
     """
-    by_loop: dict[SourceLoop, list[_Stack]] = defaultdict(list)
+    of_pools = {
+        each.thread.pid for each in threads if any(map(activities.is_of_thread_pool, each.stacks))
+    }
+    by_loop: dict[SourceLoop, list[Sample]] = defaultdict(list)
     for thread in threads:
         for stack in thread.stacks:
             if (running := _outermost_loop(stack)) is not None:
                 loop, inner = running
-                by_loop[loop].append((thread, stack, inner))
-    of_pools = {
-        each.thread.pid for each in threads if any(map(activities.is_of_thread_pool, each.stacks))
-    }
-    samples = {loop: _samples(of_loop, of_pools) for loop, of_loop in by_loop.items()}
-    loading = _loading_lines(calls)
-    sampled = [
-        _loop_time(loop, of_loop, main_pid, loading, _lines_of_jax(calls, loop))
-        for loop, of_loop in samples.items()
-    ]
-    timed = {call.place.position for call in calls}
-    stretches = {loop: _stretch(of_loop, timed) for loop, of_loop in samples.items()}
-    times = [
-        loop_time.with_collections(
-            time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids)
-        )
-        for time in loop_time.with_calls(sampled, calls, main_pid, stretches)
-    ]
+                activity = activities.activity(stack, thread.thread.pid in of_pools)
+                by_loop[loop].append(Sample(thread, stack, inner, activity))
+    calls_by_loop: dict[SourceLoop, list[CallTime]] = defaultdict(list)
+    for call in calls:
+        if call.loop is not None:
+            calls_by_loop[call.loop].append(call)
+    times = []
+    for loop in dict.fromkeys([*by_loop, *calls_by_loop]):
+        samples, timed = by_loop[loop], calls_by_loop[loop]
+        if samples or any(call.is_step or call.callee in _SHOWN for call in timed):
+            times.append(_loop_time(loop, samples, timed, main_pid, collections_s or {}))
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )
@@ -125,7 +96,7 @@ def outside_loops(
         if not thread.thread.pid == main_pid == thread.thread.tid:
             continue
         for stack in thread.stacks:
-            places = _shown_places(stack)
+            places = shown_places(stack)
             if not loops:  # what the module calls is the program itself
                 on_loops.update(places[:-1][:1])
             running = _outermost_loop(stack)
@@ -186,16 +157,14 @@ def _waits_for_ends(time: LoopTime) -> bool:
 def _outermost_loop(stack: Sequence[Frame]) -> tuple[SourceLoop, Sequence[Frame]] | None:
     """Return the outermost loop that a stack runs, and the frames from its line on.
 
-    Loops of Python's standard library are not meant: they start threads and processes. Nor are
-    those of mjbench, or of the process that forked this one, which stand on its stack.
+    Those of the process that forked this one, which stand on its stack, are not meant.
     """
-    for i in range(_own_begin(stack), len(stack)):
-        frame = stack[i]
-        if not file_owners.is_of_program(frame.file):
-            continue
-        if (loop := outermost_loop(frame.file, frame.line)) is not None:
-            return replace(loop, file=activities.shown_path(loop.file)), stack[i:]
-    return None
+    own = stack[_own_begin(stack) :]
+    running = program_loop([(frame.file, frame.line) for frame in own])
+    if running is None:
+        return None
+    loop, i = running
+    return replace(loop, file=activities.shown_path(loop.file)), own[i:]
 
 
 def _own_begin(stack: Sequence[Frame]) -> int:
@@ -209,32 +178,6 @@ def _own_begin(stack: Sequence[Frame]) -> int:
     return begins[-1] if begins else 0
 
 
-def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> float | None:
-    """Return the time of a loop over the time from its first timed call to its last, by samples.
-
-    Only the order of samples counts: how long each stands for is uncertain in a short program. It
-    is 1 where those before the first call and after the last may be there by chance, and None where
-    samples saw too few calls.
-    """
-    by_thread: dict[Thread, list[tuple[float, bool]]] = defaultdict(list)
-    for sample in samples:
-        is_timed = any(each.position in timed for each in sample.own_places)
-        by_thread[sample.thread.thread].append((sample.seconds, is_timed))
-    beyond_s = between_s = 0.0
-    for of_thread in by_thread.values():
-        hits = [i for i, (_, is_timed) in enumerate(of_thread) if is_timed]
-        runs = sum(before + 1 < i for before, i in itertools.pairwise(hits)) + len(hits[:1])
-        total_s = sum(seconds for seconds, _ in of_thread)
-        within_s = sum(seconds for seconds, _ in of_thread[hits[0] : hits[-1] + 1]) if hits else 0.0
-        is_always = len(hits) == len(of_thread)
-        if runs < _LEAST_RUNS and not is_always:
-            return None
-        between_s += within_s
-        if total_s - within_s > _MOST_CHANCE_GAPS / runs * total_s:
-            beyond_s += total_s - within_s
-    return 1 + beyond_s / between_s
-
-
 def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
     counts: dict[tuple[str, int], float] = defaultdict(float)
     for call in calls:
@@ -243,111 +186,98 @@ def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
     return {line for line, count in counts.items() if count >= LEAST_REPEATS}
 
 
-def _lines_of_jax(calls: Sequence[CallTime], loop: SourceLoop) -> set[tuple[str, int]]:
-    """Return the lines of timed calls in a loop that calls JAX: what JAX does there is timed."""
-    of_loop = [call for call in calls if call.loop == loop and call.activity != Activity.PHYSICS]
-    calls_jax = any(call.activity == Activity.DISPATCH for call in of_loop)
-    return {call.place.position for call in of_loop if calls_jax}
-
-
-def _samples(stacks: Sequence[_Stack], of_pools: Collection[int]) -> list[_Sample]:
-    """Return the samples of a loop, each with its activity."""
-    return [
-        _Sample(thread, stack, inner, activities.activity(stack, thread.thread.pid in of_pools))
-        for thread, stack, inner in stacks
-    ]
-
-
-def _parts(samples: Iterable[_Sample]) -> Iterator[tuple[Activity, float]]:
-    return ((sample.activity, sample.seconds) for sample in samples)
-
-
 def _loop_time(
     loop: SourceLoop,
-    samples: Sequence[_Sample],
+    samples: Sequence[Sample],
+    calls: Sequence[CallTime],
     main_pid: int,
-    loading: Collection[tuple[str, int]],
-    of_jax: Collection[tuple[str, int]],
+    collections_s: Mapping[int, float],
 ) -> LoopTime:
-    total_s = sum(sample.seconds for sample in samples)
-    in_python = [sample for sample in samples if sample.activity == Activity.PYTHON]
-    packages = [(file_owners.package_of(each.python.file), each.seconds) for each in in_python]
     threads = {sample.thread.thread for sample in samples}
+    pids = sorted({each.pid for each in threads or calls})
+    is_main = any(each.pid == main_pid == each.tid for each in threads)
     own_frames = {frame for sample in samples for frame in sample.inner if is_own(frame)}
+    own_files = {activities.shown_path(frame.file) for frame in own_frames}
+    seconds = loop_seconds(samples, calls)
+    collected_s = sum(collections_s.get(pid, 0.0) for pid in pids)
+    parts = parts_of(samples, calls, seconds, collected_s)
+    in_python = (part for part in parts if part.activity == Activity.PYTHON)
     return LoopTime(
         loop=loop,
-        own_files=sorted({activities.shown_path(frame.file) for frame in own_frames}),
-        threads=sorted(thread.name for thread in threads),
-        pids=sorted({thread.pid for thread in threads}),
-        in_main=any(thread.pid == main_pid == thread.tid for thread in threads),
-        samples=round(total_s**2 / sum(sample.seconds**2 for sample in samples)),
-        seconds=total_s,
-        activities=shares_of(_parts(samples)),
-        packages=shares_of(packages, total_s),
-        lines=_own_lines(samples, total_s),
-        inner_functions=_inner_functions(samples, total_s, of_jax),
-        building=_building_line(samples, total_s, loading),
+        own_files=sorted(own_files | {call.place.file for call in calls}),
+        threads=sorted(thread.name for thread in threads) or ["MainThread"],
+        pids=pids,
+        in_main=is_main if samples else main_pid in pids,
+        samples=equal_samples(samples),
+        seconds=seconds,
+        activities=shares_of(_times(parts), seconds),
+        packages=shares_of(((part.package, part.seconds) for part in in_python), seconds),
+        lines=_own_lines(parts, seconds),
+        inner_functions=_inner_functions(parts, seconds),
+        calls=calls,
+        building=_building_line(samples, parts, calls, seconds),
     )
 
 
-def _own_lines(samples: Sequence[_Sample], total_s: float) -> list[LineTime]:
-    by_line: dict[tuple[str, int], list[_Sample]] = defaultdict(list)
-    for sample in samples:
-        by_line[activities.place_of(sample.own_frame).position].append(sample)
+def _times(parts: Iterable[Part]) -> Iterator[tuple[Activity, float]]:
+    return ((part.activity, part.seconds) for part in parts)
+
+
+def _own_lines(parts: Sequence[Part], total_s: float) -> list[LineTime]:
+    by_line: dict[tuple[str, int], list[tuple[Place, Part]]] = defaultdict(list)
+    for part in parts:
+        if part.place is not None:
+            by_line[part.place.position].append((part.place, part))
     times = []
     for of_line in by_line.values():
-        frames = [sample.own_frame for sample in of_line]
-        named = (frame for frame in reversed(frames) if not frame.function.startswith("<"))
-        place = activities.place_of(next(named, frames[0]))
-        beside = (sample for sample in of_line if sample.activity != Activity.PHYSICS)
-        packages = Counter(map(_called_package, beside)).most_common(1)
+        places = [place for place, _ in reversed(of_line)]
+        named = (place for place in places if not place.function.startswith("<"))
+        beside = (part.sample for _, part in of_line if part.activity != Activity.PHYSICS)
+        packages = Counter(map(_called_package, filter(None, beside))).most_common(1)
         package = packages[0][0] if packages else ""
-        times.append(LineTime.of(place, _parts(of_line), total_s, package))
+        of_parts = _times(part for _, part in of_line)
+        times.append(LineTime.of(next(named, places[-1]), of_parts, total_s, package))
     return large(times)
 
 
 def _building_line(
-    samples: Sequence[_Sample], total_s: float, loading: Collection[tuple[str, int]]
+    samples: Sequence[Sample], parts: Sequence[Part], calls: Sequence[CallTime], total_s: float
 ) -> LineTime | None:
     """Return the outermost line under which models are built or loaded, and nothing steps.
 
     What waits for other processes may let them step.
 
-    Where there are several, it is that with most of their time, and has the time of all.
+    Where there are several, it is that with most of their time, and has the time of all, with the
+    timed calls that load models.
     """
-    seconds: dict[Place, list[float]] = defaultdict(list)
-    steps_s: dict[Place, float] = defaultdict(float)
+    loading, seconds = _loading_lines(calls), defaultdict[Place, list[float]](list)
+    steps_s = defaultdict[Place, float](float)
     for sample in samples:
         is_slow_call = activities.is_slow_call(sample.stack[-1])
         for place in sample.own_places:
             seconds[place].append(sample.seconds)
             if sample.activity in (Activity.PHYSICS, *WAITING) and not is_slow_call:
                 steps_s[place] += sample.seconds
-    # a torn stack may show a step under another line
-    without_steps = {
-        place for place, parts in seconds.items() if steps_s[place] < _most_torn_s(parts)
-    }
-    by_outermost: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
-    built_s: dict[Place, float] = defaultdict(float)
+
+    def outermost(sample: Sample) -> Place | None:
+        # a torn stack may show a step under another line
+        places = (each for each in sample.own_places if steps_s[each] < _most_torn_s(seconds[each]))
+        return next(places, None)
+
+    whole_s, built_s = defaultdict[Place, float](float), defaultdict[Place, float](float)
     for sample in samples:
-        outermost = next((each for each in sample.own_places if each in without_steps), None)
-        if outermost is None:
-            continue
-        loads = [each.position in loading for each in sample.own_places]
-        activity = Activity.LOADING if loads[-1] else sample.activity
-        by_outermost[outermost].append((activity, sample.seconds))
-        if sample.activity == Activity.BUILDING or any(loads):
-            built_s[outermost] += sample.seconds
+        if (line := outermost(sample)) is not None:
+            whole_s[line] += sample.seconds
+            is_loading = any(each.position in loading for each in sample.own_places)
+            if sample.activity == Activity.BUILDING or is_loading:
+                built_s[line] += sample.seconds
     if not built_s:
         return None
-    place = max(built_s, key=lambda each: built_s[each])
-    of_places = [
-        part
-        for each, own_built_s in built_s.items()
-        if each == place or 2 * own_built_s >= sum(part_s for _, part_s in by_outermost[each])
-        for part in by_outermost[each]
-    ]
-    return LineTime.of(place, of_places, total_s)
+    most = max(built_s, key=lambda each: built_s[each])
+    lines = {each for each, of_line_s in built_s.items() if 2 * of_line_s >= whole_s[each]} | {most}
+    built = [part for part in parts if part.sample and outermost(part.sample) in lines]
+    loaded = [part for part in parts if part.activity == Activity.LOADING]
+    return LineTime.of(most, _times([*built, *loaded]), total_s)
 
 
 def _most_torn_s(seconds: Sequence[float]) -> float:
@@ -356,32 +286,22 @@ def _most_torn_s(seconds: Sequence[float]) -> float:
     return max(one_s, _MOST_TORN_SHARE * sum(seconds))
 
 
-def _shown_places(stack: Sequence[Frame]) -> list[Place]:
-    own = [frame for frame in stack if is_own(frame)]
-    return list(dict.fromkeys(map(activities.place_of, own)))
-
-
-def _called_package(sample: _Sample) -> str:
+def _called_package(sample: Sample) -> str:
     own = sample.own_frame
     called = list(itertools.takewhile(lambda frame: frame != own, reversed(sample.inner)))
     packages = (file_owners.package_of(each.file) for each in called[::-1])
     return next(filter(None, packages), "")
 
 
-def _inner_functions(
-    samples: Sequence[_Sample], total_s: float, of_jax: Collection[tuple[str, int]]
-) -> list[LineTime]:
-    functions: dict[tuple[str, str], list[_Sample]] = defaultdict(list)
-    for sample in samples:
-        own_line = activities.place_of(sample.own_frame).position
-        if sample.activity == Activity.POLICY and own_line in of_jax:
-            continue
-        frame = sample.python
-        if sample.activity != Activity.PHYSICS and file_owners.package_of(frame.file):
-            functions[frame.file, frame.function].append(sample)
+def _inner_functions(parts: Sequence[Part], total_s: float) -> list[LineTime]:
+    functions: dict[tuple[str, str], list[tuple[int, Part]]] = defaultdict(list)
+    for part in parts:
+        if part.sample is not None and part.package and part.sample.activity != Activity.PHYSICS:
+            frame = part.sample.python
+            functions[frame.file, frame.function].append((frame.line, part))
     times = []
     for (file, function), of_function in functions.items():
-        ((line, _),) = Counter(sample.python.line for sample in of_function).most_common(1)
+        ((line, _),) = Counter(line for line, _ in of_function).most_common(1)
         place = Place(activities.shown_path(file), line, function, f"{function}()")
-        times.append(LineTime.of(place, _parts(of_function), total_s))
+        times.append(LineTime.of(place, _times(part for _, part in of_function), total_s))
     return large(times)

@@ -11,7 +11,6 @@ from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.costly_places import CostlyPlaces
 from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
 from mjbench.commands.run.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
-from mjbench.commands.run.physics_cost import CostKind
 from mjbench.commands.run.remedies import listing
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
@@ -165,6 +164,10 @@ def beside_remedies(row: ProgramRow) -> str | None:
 
 
 def _no_loop(row: ProgramRow) -> str:
+    of_step = _of_step(row)
+    if row.single_calls and row.single_calls[0].seconds >= _LEAST_LOOPS * row.wall_s:
+        sentence = row.single_calls[0].sentence(row.wall_s)
+        return f"{sentence}. {of_step[:1].upper()}{of_step[1:]}" if of_step else sentence
     but, outside = "", _outside(row)
     if row.steps and not outside:
         but = ", although it steps; run it for longer"
@@ -217,21 +220,30 @@ def _outside(row: ProgramRow) -> str:
     loops take next to nothing.
     """
     loops = sum(report.time.seconds for report in row.loops if report.time.in_main) / row.wall_s
-    lines = [line for line in row.outside_loops if line.main_activity != Activity.IMPORT]
+    apart = (Activity.IMPORT, Activity.KERNELS)
+    lines = [line for line in row.outside_loops if line.main_activity not in apart]
+    kernels = sum(line.activities.get(Activity.KERNELS, 0.0) for line in row.outside_loops)
     imports = [line for line in row.outside_loops if line.main_activity == Activity.IMPORT]
     import_share = sum(line.share for line in imports)
     largest = max((line.share for line in lines), default=0.0)
-    is_short = loops < _LEAST_LOOPS and import_share + largest > loops
+    is_short = loops < _LEAST_LOOPS and import_share + kernels + largest > loops
     if not is_short:
         lines = [line for line in lines if line.main_activity != Activity.COMPILING]
         largest = max((line.share for line in lines), default=0.0)
-    if not is_short and (largest < _LEAST_LOOPS or largest < loops):
+    has_kernels = kernels >= _LEAST_LOOPS and (is_short or kernels > loops)
+    if not is_short and not has_kernels and (largest < _LEAST_LOOPS or largest < loops):
         return ""
     parts = [
         f"{line.place} takes {plain(line.share * row.wall_s, 2)} s ({line.place.text})"
         for line in lines[:2]
         if line.share >= LEAST_GAIN
     ]
+    if has_kernels:
+        parts.insert(
+            0 if kernels > largest else len(parts),
+            f"compiling Warp kernels: {plain(kernels * row.wall_s, 2)} s, once per machine: they"
+            " are kept in Warp's cache",
+        )
     if imports and (is_short or import_share > largest):
         places = ", ".join(str(line.place) for line in imports[:3])
         parts.append(f"imports take {plain(import_share * row.wall_s, 2)} s ({places})")
@@ -240,18 +252,25 @@ def _outside(row: ProgramRow) -> str:
 
 def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
     physics = time.activities[Activity.PHYSICS]
-    text = f"physics takes {whole_percent(physics)} of the loop in {where(time)}"
-    if row.physics is not None:
-        stage, share = row.physics.main_stage
-        text += f"; of a step, {whole_percent(share)} is {stage}"
-        cost = row.physics.main_cost
-        if cost is not None:
-            plural = "" if cost.kind == CostKind.PAIR else f" ({cost.count:,})"
-            text += f", most of it {cost.name}{plural}: {whole_percent(cost.share)}"
+    of_step = f"; {each}" if (each := _of_step(row)) else ""
     return (
-        f"{text}. `mjbench tune` tries settings of the model, `mjbench compare` other ways of"
+        f"physics takes {whole_percent(physics)} of the loop in {where(time)}{of_step}."
+        " `mjbench tune` tries settings of the model, `mjbench compare` other ways of"
         " stepping it"
     )
+
+
+def _of_step(row: ProgramRow) -> str:
+    """Return which stage takes most of a step, and how often the dynamics are evaluated."""
+    if row.physics is None:
+        return ""
+    stage, share = row.physics.main_stage
+    text = f"of a step, {whole_percent(share)} is {stage}"
+    if (cost := row.physics.main_cost) is not None:
+        text += f", most of it {cost}"
+    if row.physics.evaluations is not None and (often := row.physics.evaluations.sentence):
+        text += f". {often}"
+    return text
 
 
 def _without_remedy(time: LoopTime, costly: CostlyPlaces) -> str:

@@ -2,11 +2,12 @@
 
 import ast
 import tokenize
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 from mjbench.bounds import NonNegativeInt
+from mjbench.commands.run.hook import file_owners
 
 _LOOPS = (
     ast.For,
@@ -44,6 +45,27 @@ class SourceLoop:
 def outermost_loop(file: str, line: int) -> SourceLoop | None:
     holding = [loop for loop in _loops(file) if loop.first <= line <= loop.last]
     return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
+
+
+def program_loop(lines: Sequence[tuple[str, int]]) -> tuple[SourceLoop, int] | None:
+    """Return the outermost loop that a stack runs, and the number of its line on the stack.
+
+    A loop of a package is named by the user's line that calls it, if there is one. Loops of
+    Python's standard library are not meant: they start threads and processes. Nor are mjbench's.
+
+    Args:
+      lines: file and number, the outermost first.
+    """
+    caller: tuple[SourceLoop, int] | None = None
+    for i, (file, line) in enumerate(lines):
+        if not file_owners.is_of_program(file):
+            continue
+        is_own, loop = file_owners.is_own(file), outermost_loop(file, line)
+        if loop is not None:
+            return (loop, i) if is_own or caller is None else caller
+        if is_own:
+            caller = SourceLoop(file, line, line), i
+    return None
 
 
 def loop_within_step(

@@ -13,6 +13,8 @@ from mjbench.status import Status
 _LEAST_STAGE = 0.03
 # Observing should cost no more; beyond it, the report says how to make it cost less.
 MAX_COST = 0.03
+# Of a program that ends sooner, what starting costs says nothing of the rest.
+LEAST_WALL_S = 1.0
 
 
 def steps_section(row: ProgramRow) -> Iterator[Section]:
@@ -29,7 +31,9 @@ def steps_section(row: ProgramRow) -> Iterator[Section]:
     facts = [*of_steps, *filter(None, [gil_wait(row)])]
     tables = filled(_physics_table(row), *durations)
     heading = "steps" if facts or tables else "observation"  # JAX takes steps that nobody counts
-    yield Section(f"{row.program}: {heading}", facts=facts, tables=tables, notes=[_cost_line(row)])
+    notes = [_cost_line(row)] if row.wall_s >= LEAST_WALL_S else []
+    if facts or tables or notes:
+        yield Section(f"{row.program}: {heading}", facts=facts, tables=tables, notes=notes)
 
 
 def _physics_table(row: ProgramRow) -> DataTable:

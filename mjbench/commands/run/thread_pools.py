@@ -1,7 +1,7 @@
 """Threads that libraries such as BLAS start in each of several processes: more than cores can run.
 
-They fight for the cores, and whoever waits for one spins. Linux says how long each thread ran, and
-which libraries a process has mapped.
+They compete for the cores, and a thread that waits for one spins. Linux says how long each thread
+ran, and which libraries a process has mapped.
 """
 
 import contextlib

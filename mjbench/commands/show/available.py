@@ -99,8 +99,7 @@ def releases_table(rows: Sequence[ReleaseRow]) -> DataTable:
             Column("on the index"),
             lambda row: "not asked" if row.in_index is None else yes_no(row.in_index),
         ),
-        (Column("in the history", leaves=1), lambda row: yes_no(row.in_history)),
-        (Column("here"), lambda row: "installed" if row.installed else ""),
+        (Column("here"), lambda row: "installed" if row.installed else "cached" * row.in_cache),
     )
 
 

@@ -1,8 +1,10 @@
 """How measurements of `compare` differ from earlier ones, row by row."""
 
+import math
+import statistics
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mjbench import formats
@@ -15,6 +17,7 @@ from mjbench.measuring import stats
 from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.outcomes import Verdict
 from mjbench.paths.accelerated import CPU
+from mjbench.results import machine_identity
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.results.runs import Run
 from mjbench.simulation.accelerated_judgement import Precision
@@ -28,6 +31,9 @@ _COMPILER_FLAGS = ("XLA_FLAGS", "JAX_DEFAULT_MATMUL_PRECISION", "NVIDIA_TF32_OVE
 
 # Less is what a machine does from one run to another, as far as anyone can tell from two runs.
 MIN_EFFECT = 0.05
+
+# From so many rows on, one factor for all is no chance.
+_LEAST_COMMON = 3
 
 # Model, path, options and simulations.
 _Key = tuple[str, str, str, int | None]
@@ -44,6 +50,7 @@ class RunDifference:
       verdict: what the interval of the ratio says beside `MIN_EFFECT`; `inconclusive` with
         cautions, None without an interval: paths that left a race early have too few launches.
       cautions: what to know before the ratio: what disturbed either.
+      is_of_one_engine: whether both ran the same version of MuJoCo.
     """
 
     model: str
@@ -55,6 +62,7 @@ class RunDifference:
     ratio: Interval | None = None
     verdict: Verdict | None = None
     cautions: Sequence[str] = ()
+    is_of_one_engine: bool = False
 
 
 def differences(old: Run, new: Run, across: bool) -> list[RunDifference]:
@@ -63,7 +71,32 @@ def differences(old: Run, new: Run, across: bool) -> list[RunDifference]:
     `across`: compare also what differs in identity (see `identity`).
     """
     olds, news = _timed(old), _timed(new)
-    return [_difference(olds[key], news[key], across) for key in news if key in olds]
+    rows = [_difference(olds[key], news[key], across) for key in news if key in olds]
+    changed_speed = machine_identity.changed_speed(old.header.machine, new.header.machine)
+    if not changed_speed:
+        return rows
+    return [
+        replace(
+            row,
+            verdict=row.verdict and Verdict.INCONCLUSIVE,
+            cautions=[*row.cautions, changed_speed],
+        )
+        for row in rows
+    ]
+
+
+def _of_common_factor(rows: Sequence[RunDifference]) -> Iterator[Conclusion]:
+    """Yield that all rows of one MuJoCo moved by one factor, as they do on a slower machine."""
+    logs = [math.log(row.ratio.estimate) for row in rows if row.ratio is not None]
+    if len(logs) < _LEAST_COMMON or not all(row.is_of_one_engine for row in rows):
+        return
+    common, within = statistics.median(logs), math.log1p(MIN_EFFECT)
+    if abs(common) > within and all(abs(each - common) < within for each in logs):
+        yield Conclusion(
+            f"All {len(logs)} rows take {formats.factor(math.exp(common))} times as long, and"
+            " MuJoCo is the same: that is probably the machine",
+            Tone.UNSURE,
+        )
 
 
 def identity(record: VariantRecord, machine: Machine) -> dict[str, object]:
@@ -121,6 +154,8 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
         ratio,
         Verdict.INCONCLUSIVE if ratio is not None and cautions else _verdict(ratio),
         cautions=cautions,
+        is_of_one_engine=before.machine.versions.get("mujoco")
+        == after.machine.versions.get("mujoco"),
     )
 
 
@@ -152,11 +187,9 @@ def _timed(run: Run) -> dict[_Key, _Timed]:
 
 def differences_section(rows: Sequence[RunDifference]) -> Section:
     """Return what the differences come to."""
-    cautions = [f"{row.model}: {caution}" for row in rows for caution in row.cautions]
-    warned = [Conclusion(caution, Tone.CAUTION) for caution in dict.fromkeys(cautions)]
     return Section(
         "NEW beside OLD",
-        [*warned, _conclusion(rows)],
+        [*_cautions(rows), _conclusion(rows), *_of_common_factor(rows)],
         tables=[_table(rows)],
         notes=[
             "The two were measured at different times; to find smaller differences, alternate both:"
@@ -165,6 +198,16 @@ def differences_section(rows: Sequence[RunDifference]) -> Section:
             * any(row.ratio is not None and row.verdict is None for row in rows),
         ],
     )
+
+
+def _cautions(rows: Sequence[RunDifference]) -> Iterator[Conclusion]:
+    """Yield what to know before the ratios, once where it holds for all rows."""
+    of_all = [each for each in rows[0].cautions if all(each in row.cautions for row in rows)]
+    of_some = [
+        f"{row.model}: {each}" for row in rows for each in row.cautions if each not in of_all
+    ]
+    for caution in dict.fromkeys([*of_all, *of_some]):
+        yield Conclusion(caution, Tone.CAUTION)
 
 
 def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
@@ -189,11 +232,19 @@ def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
         ratio, row = max(slower, key=lambda each: each[0])
         path = str(Variant(row.path, row.options))
         parts += f"; the slowest is {row.model}, {path}, by {formats.short_percent(ratio - 1)}"
+    if reason := _common_reason(rows):
+        parts += f"; {reason}"
     return Conclusion(f"Of {count_of(len(rows), 'row')}: {parts}", tone)
 
 
+def _common_reason(rows: Sequence[RunDifference]) -> str:
+    """Return why no row can be compared, if it is the same for all; else empty."""
+    reasons = {row.detail for row in rows}
+    return reasons.pop() if len(reasons) == 1 else ""
+
+
 def _table(rows: Sequence[RunDifference]) -> DataTable:
-    digits = formats.decimals(3)
+    digits, is_said = formats.decimals(3), bool(_common_reason(rows))
     return DataTable.of(
         "Differences",
         rows,
@@ -204,5 +255,5 @@ def _table(rows: Sequence[RunDifference]) -> DataTable:
         (Column("new / old", digits), lambda row: row.ratio.estimate if row.ratio else None),
         (Column("95 %", formats.ends_in(digits)), lambda row: row.ratio),
         (Column("verdict"), lambda row: row.verdict.value if row.verdict else None),
-        (Column("detail"), lambda row: row.detail),
+        (Column("detail"), lambda row: "" if is_said else row.detail),
     )

@@ -12,11 +12,12 @@ from mjbench.commands.show import kinds, rows, run_differences
 from mjbench.commands.show.reports import NamedRun
 from mjbench.commands.show.rows import Cell
 from mjbench.commands.show.run_differences import RunDifference
+from mjbench.commands.show.stored_runs import subjects
 from mjbench.errors import InputError
 from mjbench.host import disturbance
 from mjbench.host.disturbance import Disturbance
 from mjbench.results.content import Column, Conclusion, DataTable, Section, Tone
-from mjbench.results.machine_identity import identify
+from mjbench.results.machine_identity import MachineIdentity, changed_speed, identify
 from mjbench.results.runs import Run
 
 # Columns that say what a row is about, beside the options of a path.
@@ -51,13 +52,36 @@ Differences = Sequence[RunDifference] | Sequence[FigureDifference]
 def pair_of(named_runs: Sequence[NamedRun], across: bool) -> Sequence[NamedRun]:
     """Return two runs to compare, the older first; none where they are not.
 
-    They are of one kind, and of one machine unless `across`.
+    They are of one kind, and, unless `across`, of one machine and about one thing, such as a
+    model.
     """
-    machines = set(identify([named.run.header.machine for named in named_runs]))
-    are_of_one_kind = len({kinds.kind_of(named.run) for named in named_runs}) == 1
-    if len(named_runs) != 2 or not are_of_one_kind or not (across or len(machines) == 1):
+    if not _are_two_of_one_kind(named_runs):
         return []
-    return sorted(named_runs, key=lambda named: named.run.header.began)
+    old, new = sorted(named_runs, key=lambda named: named.run.header.began)
+    are_of_one_machine = len(set(_machines(named_runs))) == 1
+    are_about_one = not {*subjects(old.run)}.isdisjoint(subjects(new.run))
+    return [old, new] if across or (are_of_one_machine and are_about_one) else []
+
+
+def of_two_machines(named_runs: Sequence[NamedRun]) -> str:
+    """Return that two runs without verdicts of their own are of two machines; else empty."""
+    machines = _machines(named_runs)
+    is_of_verdicts = bool(named_runs) and kinds.kind_of(named_runs[0].run) is kinds.VERDICT
+    if not _are_two_of_one_kind(named_runs) or is_of_verdicts or len(set(machines)) == 1:
+        return ""
+    return (
+        f"Measured on two machines ({' / '.join(each.name for each in machines)}): no verdict about"
+        " the code. `mjbench ab` and `mjbench versions` measure both sides on one machine; --across"
+        " compares these runs"
+    )
+
+
+def _are_two_of_one_kind(named_runs: Sequence[NamedRun]) -> bool:
+    return len(named_runs) == 2 and len({kinds.kind_of(named.run) for named in named_runs}) == 1
+
+
+def _machines(named_runs: Sequence[NamedRun]) -> Sequence[MachineIdentity]:
+    return identify([named.run.header.machine for named in named_runs])
 
 
 def differences(old: Run, new: Run, across: bool) -> Differences:
@@ -116,6 +140,8 @@ def _section(pair: Sequence[NamedRun], figures: Sequence[FigureDifference]) -> S
         for side, named in zip(("OLD", "NEW"), pair, strict=True)
         for each in named.run.of_type(Disturbance)
     ]
+    if speed := changed_speed(*(named.run.header.machine for named in pair)):
+        cautions.append(Conclusion(speed, Tone.CAUTION))
     table = DataTable.of(
         "Differences",
         figures,

@@ -8,6 +8,7 @@ from mjbench.commands.show.reports import NamedRun
 from mjbench.host.disturbance import Disturbance
 from mjbench.results.content import Column, DataTable
 from mjbench.results.machine_identity import identify
+from mjbench.results.runs import Run
 
 # What a record says that it is about.
 _SUBJECTS = ("model", "environment", "program", "target")
@@ -34,12 +35,17 @@ class StoredRun:
     is_disturbed: bool
 
 
+def subjects(run: Run) -> list[str]:
+    """Return what a run is about."""
+    names = (getattr(record, subject, "") for record in run.records for subject in _SUBJECTS)
+    return list(dict.fromkeys(filter(None, names)))
+
+
 def stored_runs(numbers: Sequence[int], named_runs: Sequence[NamedRun]) -> list[StoredRun]:
     machines = identify([named.run.header.machine for named in named_runs])
     rows = []
     for number, named, machine in zip(numbers, named_runs, machines, strict=True):
         header, records = named.run.header, named.run.records
-        names = (getattr(record, subject, "") for record in records for subject in _SUBJECTS)
         disturbances = len(named.run.of_type(Disturbance))
         rows.append(
             StoredRun(
@@ -47,7 +53,7 @@ def stored_runs(numbers: Sequence[int], named_runs: Sequence[NamedRun]) -> list[
                 str(named.file),
                 header.began,
                 header.typed_command,
-                list(dict.fromkeys(filter(None, names))),
+                subjects(named.run),
                 machine.name,
                 len(records) - disturbances,
                 bool(disturbances),

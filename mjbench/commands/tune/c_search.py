@@ -1,14 +1,15 @@
 """Search settings that make a model faster in C: each alone, the best together, a second look.
 
-1. Every setting is timed alone, the likely gains first, in two fresh processes. Those that seem
-   faster are run from a few starts, to see whether they change anything, and timed again in further
-   processes, which give the figures.
-2. Those that are certainly faster are run from all starts. The reference, which says by how much
-   they err, is run only where some of them change the motion.
-3. The best of them are run together, from all starts.
-4. The front, on which no settings are both faster and more accurate than others, is measured again
+1. Every setting is timed alone, those first that save most by count, in a fresh process; those that
+   seem faster again, and run from a few starts. The reference, which says by how much settings err,
+   is run only where some of them change the motion. Then they are run from all starts, and timed in
+   further processes, which give the figures.
+2. The best of those that are certainly faster are run together.
+3. The front, on which no settings are both faster and more accurate than others, is measured again
    from starts and with controls that the search has not seen. What that does not confirm is
    withdrawn.
+
+A part has a share of the time that is left, and what does not fit is not begun.
 """
 
 import math
@@ -19,7 +20,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mjbench.commands.tune import knobs, pareto_front, setting_names
-from mjbench.commands.tune.measurements import CMeasurements, summary, with_accuracy, with_figures
+from mjbench.commands.tune.measurements import CMeasurements, summary, with_figures
 from mjbench.commands.tune.pareto_front import change_of, effect_of, error_of, is_allowed
 from mjbench.commands.tune.reference import HOLD, REFERENCE_S, CurrentSettings, TrialPlan
 from mjbench.commands.tune.result import (
@@ -45,14 +46,14 @@ LEAST_GAIN = 0.01
 MOST_LOSS = 0.05
 # An error of more than this share of the motion is no simulation of the model any more.
 MOST_ERROR = 0.5
-# Shares of the budget: computing of the survey, and of the reference; and when screening ends, the
-# figures of each setting, their errors, and combinations.
+# Shares of the budget: computing of the survey, and of the reference.
 SURVEY_SHARE, REFERENCE_SHARE = 0.04, 0.1
-SCREEN_END, FIGURES_END, ERRORS_END, TOGETHER_END = 0.3, 0.5, 0.65, 0.75
-# A part that begins late takes at most this share of the budget.
-LEAST_PART = 0.1
-# Launches that choose settings; that give figures, at least and at most; of the second look, too.
-SCREENS, LEAST_LAUNCHES, MOST_LAUNCHES, MOST_FINAL_LAUNCHES = 2, 4, 8, 16
+# Shares of the time that is left: each launch of screening, errors, figures, combinations, a
+# reference at most; and the second look and its runs.
+SCREEN_PART, ERRORS_PART, FIGURES_PART, TOGETHER_PART = 0.25, 0.35, 0.4, 0.5
+REFERENCE_PART, SECOND_LOOK_PART, AGAIN_PART = 0.5, 0.3, 0.5
+# Launches that give figures, at least and at most; those of the second look at most.
+LEAST_LAUNCHES, MOST_LAUNCHES, MOST_FINAL_LAUNCHES = 4, 8, 16
 # Seconds of timing of a setting in a launch, as a share of the budget, at least and at most.
 TIMED_SHARE, LEAST_TIMED_S, MOST_TIMED_S = 0.002, 0.03, 0.2
 # A launch of a few settings takes at least this share of the time of one of all: it starts a
@@ -60,8 +61,8 @@ TIMED_SHARE, LEAST_TIMED_S, MOST_TIMED_S = 0.002, 0.03, 0.2
 SHARE_OF_START = 0.25
 # Runs that show whether a setting changes anything.
 FEW_NRUN = 8
-# Settings that get figures of their own: of those that change no motion, and of the others.
-MOST_ALONE = 10
+# Settings that get figures of their own, and that are run from new starts, at most.
+MOST_ALONE, MOST_AGAIN = 16, 12
 
 
 # Called with how many parts of the search are done, what goes on, and a share of 0.
@@ -76,8 +77,8 @@ class SearchPlan:
 
     Attributes:
       seed: of starts and controls; the second look has the next one.
-      budget_s: seconds of the whole search, about; with less than a minute, some settings may have
-        no error, and nothing may be confirmed by a second look.
+      budget_s: seconds of the whole search, about; with less than a minute, there may be no time
+        for a second look.
       allow: the largest effect of settings that are recommended.
       knobs: names of those that are tried.
     """
@@ -99,8 +100,6 @@ class SearchPlan:
 class CSearch:
     """One search for settings of one model."""
 
-    _reference_s = 0.0
-
     def __init__(
         self,
         record: TuneRecord,
@@ -113,12 +112,16 @@ class CSearch:
         self._record = replace(record, seed=plan.seed, limits=plan.limits, allow=plan.allow)
         self._plan, self._advance, self._clock = plan, advance, clock
         self._begin_s, self._rng = clock(), random.Random(plan.seed)
+        # what the present runs, the reference, and the last launch of so many settings took, and
+        # what the second look has for itself
+        self._present_s = self._reference_s = self._launch_s = self._second_look_s = 0.0
+        self._nlaunched = 1
+        self._tolerated_error = 0.0  # in the search, without the second look
 
     def result(self) -> TuneRecord:
         try:
-            alone = self._judged(self._timed(self._screened(self._survey())))
-            together = self._together([each for each in alone if not each.gives_up])
-            self._look_again(together)
+            alone = self._alone(self._survey())
+            self._look_again([*alone, *self._together(alone)])
         except MjbenchError as error:
             self._set(status=failure_of(error).status, detail=self._detail_of(error))
         except KeyboardInterrupt:
@@ -131,148 +134,133 @@ class CSearch:
     # -- each setting alone -------------------------------------------------------------------
 
     def _survey(self) -> list[Settings]:
-        """Run the present settings; return what there is to try, the likely gains first."""
+        """Run the present settings; return what there is to try, most counted gain first."""
         plan = self._plan
         self._advance(0, "what there is to try", 0.0)
         computing_s = min(MAX_COMPUTING_S, SURVEY_SHARE * plan.budget_s)
         settings, meshes = self._measure.survey(plan.seed, computing_s)
         self._advance(0, "the present settings", 0.5)
-        present, stages, self._reference_s = self._measure.present(plan.trials(0))
-        self._set(meshes=meshes, present=present, stages=stages)
+        begin_s = self._clock()
+        present, stages, collision, self._reference_s = self._measure.present(plan.trials(0))
+        self._present_s = self._clock() - begin_s
+        self._second_look_s = min(2 * self._present_s, SECOND_LOOK_PART * self._left_s)
+        self._set(meshes=meshes, present=present, stages=stages, collision=collision)
         wanted = [each for each in settings if each.knob in plan.knobs]
-        return [(each,) for each in sorted(wanted, key=lambda s: -knobs.likely_gain(s, stages))]
+        return [(each,) for each in sorted(wanted, key=lambda s: knobs.order(s, stages))]
 
-    def _screened(self, settings: Sequence[Settings]) -> list[Attempt]:
-        """Time each setting; return those that may be faster, and change what they may."""
+    def _alone(self, settings: Sequence[Settings]) -> list[Attempt]:
+        """Return the settings that are certainly faster and do what they may."""
         self._advance(1, f"{len(settings)} settings", 0.0)
-        launched: dict[Settings, list[Attempt]] = {}
-        self._launch(settings, launched, 1, SCREENS, SCREEN_END, FIGURES_END)
-        timed = self._noted(map(summary, launched.values()))
-        promising = [
-            each
-            for each in timed
-            if each.time_ratio is not None and each.time_ratio <= 1 - LEAST_GAIN
-        ]
-        self._advance(1, f"what {len(promising)} settings change", 0.3)
-        seen = self._noted_run(promising, FIGURES_END, nrun=FEW_NRUN)
-        self._leave_untried(len(settings) - len(timed) + len(promising) - len(seen))
-        allowed = [each for each in seen if self._may_change_so_much(each)]
-        return [*_fastest(allowed, exact=True), *_fastest(allowed, exact=False)]
-
-    def _timed(self, promising: Sequence[Attempt]) -> list[Attempt]:
-        """Time settings in launches that did not choose them; return the certainly faster ones."""
-        self._advance(1, f"the time of {len(promising)} settings", 0.5)
-        settings = [each.settings for each in promising]
-        launched: dict[Settings, list[Attempt]] = {}
-        self._launch(settings, launched, LEAST_LAUNCHES, MOST_LAUNCHES, FIGURES_END)
-        timed = self._noted(with_figures(each, launched[each.settings]) for each in promising)
-        return [each for each in timed if each.ratio and saves_time(each.ratio)]
-
-    def _judged(self, faster: Sequence[Attempt]) -> list[Attempt]:
-        """Run settings from all starts; return those that do what they may."""
-        if any(self._needs_error(each) for each in faster):
-            self._advance(1, "the reference", 0.7)
+        first = self._noted(self._launch(settings, SCREEN_PART))
+        hopeful = [each.settings for each in first if _ratio(each) < 1 + MOST_LOSS]
+        again = self._launch(hopeful, SCREEN_PART, nrun=FEW_NRUN)
+        by_settings = {each.settings: each for each in first}
+        seen = self._noted(summary([by_settings[each.settings], each]) for each in again)
+        faster = [each for each in seen if _ratio(each) <= 1 - LEAST_GAIN]
+        allowed = [each for each in faster if self._may_change_so_much(each)]
+        allowed = sorted(allowed, key=pareto_front.time_ratio_of)[:MOST_ALONE]
+        if any(map(self._needs_error, allowed)):
+            self._advance(1, "the reference", 0.4)
             self._set(present=self._reference() or self._present)
-        self._advance(1, f"the error of {len(faster)} settings", 0.8)
-        judged = self._noted_run(faster, ERRORS_END, has_stages=True)
-        late = faster[len(judged) :]  # there was no time to run them from all starts
-        allowed = [each for each in late if self._may_be(each)]
-        self._leave_untried(len(late) - len(allowed))
-        return [*allowed, *(each for each in judged if self._may_be(each))]
+        self._tolerated_error = self._present.tolerated_error
+        self._advance(1, f"the error of {len(allowed)} settings", 0.6)
+        wanted = [each.settings for each in allowed]
+        judged = self._launch(wanted, ERRORS_PART, nrun=None, has_stages=True)
+        launched = {each.settings: [each] for each in judged}
+        self._leave_untried([*settings[len(first) :], *hopeful[len(again) :]])
+        self._leave_untried(wanted[len(judged) :])
+        self._advance(1, f"the time of {len(judged)} settings", 0.8)
+        self._repeat(launched, MOST_LAUNCHES, FIGURES_PART)
+        timed = self._noted(with_figures(each[0], each) for each in launched.values())
+        certain = [each for each in timed if each.ratio and saves_time(each.ratio)]
+        return [each for each in certain if self._may_be(each) and not each.gives_up]
 
     # -- together -----------------------------------------------------------------------------
 
     def _together(self, alone: Sequence[Attempt]) -> list[Attempt]:
-        """Return settings alone, and those of their combinations that do what they may."""
+        """Return those combinations that do what they may."""
         chosen = pareto_front.combinations(alone)
         self._advance(2, f"{len(chosen)} combinations", 0.0)
-        tried = [] if self._is_over else self._run(chosen, TOGETHER_END, timed_s=self._timed_s)
-        self._set(untried_combinations=len(chosen) - len(tried))
-        return [*alone, *self._noted(each for each in tried if self._may_be(each))]
+        tried = self._launch(chosen, TOGETHER_PART, nrun=None)
+        self._leave_untried(chosen[len(tried) :])
+        return self._noted(each for each in tried if self._may_be(each))
 
     # -- second look --------------------------------------------------------------------------
 
     def _look_again(self, attempts: Sequence[Attempt]) -> None:
-        """Measure the front again, from starts and with controls that the search has not seen.
-
-        Where settings are withdrawn, those that come next are measured, while there is time.
-        """
-        first_error = self._present.tolerated_error
-        if not (front := self._front(attempts, first_error)):
+        """Measure the best again, from starts and with controls that the search has not seen."""
+        if not (front := self._front(attempts)):
             return
-        if self._is_over:
-            for each in front:
-                self._withdraw(each.settings, "no time to run them from new starts")
+        self._second_look_s = 0.0
+        takes_s = self._present_s + (1 + LEAST_LAUNCHES) * self._expected_s(len(front))
+        if takes_s > self._left_s:
+            self._set(no_second_look=self._no_time(takes_s))
+            for each in self._front([each for each in attempts if each.ratio]):
+                self._recommend(each, each)
             return
-        error = self._present_again(any(self._needs_error(each) for each in attempts))
-        if self._record.no_reference:
-            for each in filter(self._needs_error, front):
-                reason = f"no reference from new starts: {self._record.no_reference}"
-                self._withdraw(each.settings, reason)
-            attempts = [each for each in attempts if not self._needs_error(each)]
-            front = self._front(attempts, first_error)
-        confirmed: dict[Settings, tuple[Attempt, Attempt]] = {}
-        while front:
-            self._advance(3, f"{len(front)} settings from new starts", 0.3)
-            again = self._run([each.settings for each in front], 1.0)
-            for late in front[len(again) :]:
-                self._withdraw(late.settings, "no time to run them from new starts")
-            for first, second in zip(front, again, strict=False):
-                if reason := self._why_not(first, second, first_error, error):
-                    self._withdraw(first.settings, reason)
-                else:
-                    confirmed[first.settings] = first, second
-            if self._is_over:
-                break
-            front = [
-                each
-                for each in self._front(attempts, first_error)
-                if each.settings not in confirmed
-            ]
-        self._advance(3, f"the time of {len(confirmed)} settings", 0.6)
-        launched: dict[Settings, list[Attempt]] = {}
+        self._advance(3, "present settings from new starts", 0.0)
+        error = self._present_again(any(map(self._needs_error, front)))
+        others = [each for each in attempts if each not in front]
+        looked = [*front, *sorted(others, key=pareto_front.time_ratio_of)][:MOST_AGAIN]
+        self._advance(3, f"{len(looked)} settings from new starts", 0.3)
+        again = self._launch([each.settings for each in looked], AGAIN_PART, nrun=None)
+        self._leave_untried([each.settings for each in front[len(again) :] if not each.ratio])
+        # what was timed alone stays where there was no time to run it again
+        confirmed = {each.settings: (each, each) for each in looked[len(again) :] if each.ratio}
+        for first, second in zip(looked, again, strict=False):
+            if reason := self._why_not(first, second, error):
+                if first in front:
+                    self._withdraw(first, reason)
+            else:
+                confirmed[first.settings] = first, second
+        has_time = self._expected_s(1) < self._left_s
+        timed = [each for each, _ in confirmed.values() if each.ratio or has_time]
+        final = [each.settings for each in self._front(timed)]
+        self._advance(3, f"the time of {len(final)} settings", 0.6)
+        launched = {each: [confirmed[each][1]] for each in final}
         try:
-            self._launch([*confirmed], launched, LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, 1.0)
-        finally:  # Ctrl-C, or a crash, leaves what has enough launches
-            for settings, looks in confirmed.items():
-                self._recommend(*looks, launched.get(settings, ()), first_error)
+            self._repeat(launched, MOST_FINAL_LAUNCHES, 1.0)
+        finally:  # Ctrl-C, or a crash, leaves what is known
+            for settings, rows in launched.items():
+                first, second = confirmed[settings]
+                if len(rows) > 1:
+                    self._recommend(first, with_figures(second, rows))
+                elif first.ratio:  # there was no time for more than one launch
+                    self._recommend(first, replace(second, ratio=first.ratio))
 
-    def _front(self, attempts: Sequence[Attempt], error: float) -> list[Attempt]:
-        withdrawn = {each.settings for each in self._record.withdrawn}
-        left = [each for each in attempts if each.settings not in withdrawn]
-        return pareto_front.pareto_front(left, self._plan.limits, error)
+    def _front(self, attempts: Sequence[Attempt]) -> list[Attempt]:
+        return pareto_front.pareto_front(attempts, self._plan.limits, self._tolerated_error)
 
     def _present_again(self, needs_error: bool) -> float:
-        """Run the present settings, and the reference, from new starts; return the error there."""
+        """Run the present settings from new starts, and the reference; return the error there."""
         first = self._present
-        self._advance(3, "present settings from new starts", 0.0)
-        present, _, _ = self._measure.present(self._plan.trials(1, first.ncontrol))
+        present, *_ = self._measure.present(self._plan.trials(1, first.ncontrol))
+        if needs_error:
+            present = self._reference(first.horizon_ncontrol) or present
         if first.error is None:
             self._set(present=present)
-        elif needs_error:
-            present = self._reference(first.horizon_ncontrol) or present
-            if present.error is not None:
-                self._set(present=replace(present, error=first.error.larger(present.error)))
-        return present.tolerated_error
+        elif present.error is not None:
+            self._set(present=replace(present, error=first.error.larger(present.error)))
+        return present.tolerated_error if present.error else self._tolerated_error
 
-    def _why_not(self, first: Attempt, second: Attempt, first_error: float, error: float) -> str:
+    def _why_not(self, first: Attempt, second: Attempt, error: float) -> str:
         """Return why new starts do not confirm what settings do; empty where they do.
 
         Args:
-          error: of the present settings, tolerated from new starts; `first_error` in the search.
+          error: of the present settings, tolerated from new starts.
         """
         if second.accuracy is None:
             return second.detail
         was, now, limits = effect_of(first), effect_of(second), self._plan.limits
         if now.rank > was.rank:
             return f"{was} in the search, {now} from new starts"
-        is_judged = is_allowed(first, limits, first_error)
-        if is_judged and is_allowed(second, limits, error):
-            return ""
+        is_judged = is_allowed(first, limits, self._tolerated_error)
         most_error = limits.allowed_error(error) if is_judged else MOST_ERROR
+        if is_judged and is_allowed(_with_error(second, first), limits, error):
+            return ""
         for name, share, most in (
             ("a change", change_of(second), limits.allowed_change),
-            ("an error", error_of(second), most_error),
+            ("an error", error_of(_with_error(second, first)), most_error),
         ):
             if share > most:
                 return (
@@ -281,15 +269,10 @@ class CSearch:
                 )
         return ""
 
-    def _recommend(
-        self, first: Attempt, second: Attempt, launched: Sequence[Attempt], first_error: float
-    ) -> None:
-        """Recommend settings that both looks confirm, or withdraw them, if launches are enough."""
-        if len(launched) < LEAST_LAUNCHES and all(each.status == Status.OK for each in launched):
-            return
-        again = with_figures(second, launched)
-        if again.ratio is None or not saves_time(again.ratio):
-            self._withdraw(first.settings, again.detail or "not certainly faster from new starts")
+    def _recommend(self, first: Attempt, second: Attempt) -> None:
+        """Recommend settings that both looks confirm, or withdraw them, if they are not faster."""
+        if second.ratio is None or not saves_time(second.ratio):
+            self._withdraw(first, second.detail or "not certainly faster from new starts")
             return
         assert first.accuracy is not None and second.accuracy is not None, "neither failed"
         accuracy = replace(
@@ -297,20 +280,21 @@ class CSearch:
             sensor_share=max(second.accuracy.sensor_share, first.accuracy.sensor_share),
             distance=second.accuracy.distance.larger(first.accuracy.distance),
         )
+        error = _with_error(second, first).error
         recommendation = Recommendation(
             first.settings,
-            again.ratio,
-            first.error.larger(second.error) if first.error and second.error else None,
-            again.launches,
+            second.ratio,
+            first.error.larger(error) if first.error and error else None,
+            second.launches,
             first.accuracy.effect,
             accuracy,
-            is_allowed(first, self._plan.limits, first_error),
+            is_allowed(first, self._plan.limits, self._tolerated_error),
         )
         front = [*self._record.front, recommendation]
         self._set(front=sorted(front, key=lambda each: (each.effect.rank, -each.ratio.estimate)))
 
-    def _withdraw(self, settings: Settings, reason: str) -> None:
-        self._set(withdrawn=[*self._record.withdrawn, Withdrawal(settings, reason)])
+    def _withdraw(self, attempt: Attempt, reason: str) -> None:
+        self._set(withdrawn=[*self._record.withdrawn, Withdrawal(attempt.settings, reason)])
 
     # -- what settings may do -----------------------------------------------------------------
 
@@ -340,15 +324,11 @@ class CSearch:
         return is_near and error_of(attempt) <= (limits.max_error or MOST_ERROR)
 
     def _reference(self, horizon_ncontrol: int | None = None) -> CurrentSettings | None:
-        """Run the reference; None where it fails or there is no time, which the record says."""
-        begin_s = self._clock()
-        left_s = self._end_s(1.0) - begin_s
-        if self._reference_s > left_s:
-            self._set(
-                no_reference=f"it takes about {plain(self._reference_s, 2)} s, and"
-                f" {plain(left_s, 2)} s were left"
-            )
+        """Run the reference; None where it fails or does not fit, which the record says."""
+        if self._reference_s > REFERENCE_PART * self._left_s:
+            self._set(no_reference=self._no_time(self._reference_s))
             return None
+        begin_s = self._clock()
         try:
             return self._measure.reference(horizon_ncontrol)
         except (InputError, MachineError) as error:
@@ -357,67 +337,60 @@ class CSearch:
         finally:  # on a busy machine it takes longer than its steps say
             self._reference_s = max(self._reference_s, self._clock() - begin_s)
 
-    # -- launches -----------------------------------------------------------------------------
+    # -- launches and time --------------------------------------------------------------------
 
     @property
-    def _timed_s(self) -> float:
-        return min(MOST_TIMED_S, max(LEAST_TIMED_S, TIMED_SHARE * self._plan.budget_s))
+    def _left_s(self) -> float:
+        """Seconds that are left to what comes before the second look, and then to that."""
+        end_s = self._begin_s + self._plan.budget_s - self._second_look_s
+        return end_s - self._clock()
 
-    def _request(
-        self, settings: Sequence[Settings], end_s: float, **what: Any
-    ) -> SettingLaunchRequest:
-        seed, stop_after_s = self._rng.randrange(2**31), end_s - self._clock()
-        return SettingLaunchRequest(settings, seed=seed, stop_after_s=stop_after_s, **what)
+    def _no_time(self, takes_s: float) -> str:
+        return f"it takes about {plain(takes_s, 2)} s, and {plain(self._left_s, 2)} s were left"
 
-    def _run(
-        self, settings: Sequence[Settings], end: float, nrun: int | None = None, **what: Any
-    ) -> list[Attempt]:
-        """Run settings from all starts, or some; return those that were begun in time."""
-        request = self._request(settings, self._end_s(end), nrun=nrun, **what)
-        return self._measure.launch(request) if settings else []
+    def _expected_s(self, nsetting: int) -> float:
+        """Return about how long a launch of some settings takes, that does no more than time."""
+        return max(nsetting / self._nlaunched, SHARE_OF_START) * self._launch_s
 
-    def _noted_run(self, attempts: Sequence[Attempt], end: float, **what: Any) -> list[Attempt]:
-        """Run settings; return what was begun in time with what it does, which the record has."""
-        seen = self._run([each.settings for each in attempts], end, **what)
-        return self._noted(with_accuracy(*pair) for pair in zip(attempts, seen, strict=False))
+    def _launch(self, settings: Sequence[Settings], part: float, **what: Any) -> list[Attempt]:
+        """Time settings in a fresh process; return what is begun in a part of the time left."""
+        begin_s, stop_after_s = self._clock(), part * self._left_s
+        if not settings or stop_after_s <= 0:
+            return []
+        timed_s = min(MOST_TIMED_S, max(LEAST_TIMED_S, TIMED_SHARE * self._plan.budget_s))
+        seed = self._rng.randrange(2**31)
+        attempts = self._measure.launch(
+            SettingLaunchRequest(settings, timed_s, seed=seed, stop_after_s=stop_after_s, **what)
+        )
+        if attempts and not what:
+            self._nlaunched, self._launch_s = len(attempts), self._clock() - begin_s
+        return attempts
 
-    def _launch(
-        self,
-        settings: Sequence[Settings],
-        launched: dict[Settings, list[Attempt]],
-        least: int,
-        most: int,
-        end: float,
-        cut: float = math.inf,
-    ) -> None:
-        """Time settings in fresh processes; add to the attempts of each that is begun.
-
-        Settings that fail leave. Each launch but the first, which has the likely gains first, has
-        an order of its own.
+    def _repeat(self, launched: dict[Settings, list[Attempt]], most: int, part: float) -> None:
+        """Time settings in further processes, in any order; settings that fail leave.
 
         Args:
-          least: launches that are begun in any case.
-          end: share of the budget; after the least, no launch is begun that would end later.
-          cut: share at which a launch begins no other setting; then settings leave that seem
-            slower.
+          launched: one attempt of each, to which others are added.
+          most: launches in all; beyond LEAST_LAUNCHES, none begins that would end after a part of
+            the time left.
         """
-        left, launch_s, end_s, cut_s = settings, 0.0, self._end_s(end), self._end_s(cut)
-        for number in range(most):
-            begin_s = self._clock()
-            if not left or (number >= least and begin_s + launch_s > end_s):
+        spare_s = (1 - part) * self._left_s
+        for number in range(1, most):
+            left = [each for each, rows in launched.items() if rows[-1].status == Status.OK]
+            keeps_s = spare_s if number >= LEAST_LAUNCHES else 0.0
+            if self._expected_s(len(left)) + keeps_s > self._left_s:
                 return
-            order = self._rng.sample(left, len(left)) if number else left
-            attempts = self._measure.launch(self._request(order, cut_s, timed_s=self._timed_s))
-            for attempt in attempts:
-                launched.setdefault(attempt.settings, []).append(attempt)
-            left = [
-                each.settings
-                for each in attempts
-                if each.status == Status.OK
-                and (cut_s == math.inf or _is_hopeful(launched[each.settings]))
-            ]
-            share = max(len(left) / len(order), SHARE_OF_START)
-            launch_s = share * (self._clock() - begin_s)
+            for attempt in self._launch(self._rng.sample(left, len(left)), 1.0):
+                launched[attempt.settings].append(attempt)
+
+    def _leave_untried(self, left: Sequence[Settings]) -> None:
+        record, alone = self._record, [each[0] for each in left if len(each) == 1]
+        halving = [each for each in alone if knobs.halves(each, record.stages or {})]
+        self._set(
+            untried=record.untried + len(alone),
+            untried_combinations=record.untried_combinations + len(left) - len(alone),
+            untried_halving=[*record.untried_halving, *halving],
+        )
 
     def _set(self, **changes: Any) -> None:
         self._record = replace(self._record, **changes)
@@ -430,24 +403,14 @@ class CSearch:
         self._set(attempts=[*others, *new])
         return new
 
-    def _leave_untried(self, count: int) -> None:
-        self._set(untried=self._record.untried + count)
 
-    @property
-    def _is_over(self) -> bool:
-        return self._clock() - self._begin_s >= self._plan.budget_s
-
-    def _end_s(self, share: float) -> float:
-        """Return when a part ends, by the clock: at a share of the budget, but not at once."""
-        of_plan_s = self._begin_s + share * self._plan.budget_s
-        return max(of_plan_s, self._clock() + LEAST_PART * self._plan.budget_s)
+def _ratio(attempt: Attempt) -> float:
+    """Return the time of settings over that of the present ones; infinity where they failed."""
+    return math.inf if attempt.time_ratio is None else attempt.time_ratio
 
 
-def _fastest(attempts: Sequence[Attempt], exact: bool) -> list[Attempt]:
-    of_kind = [each for each in attempts if (effect_of(each) != Effect.APPROXIMATE) == exact]
-    return sorted(of_kind, key=pareto_front.time_ratio_of)[:MOST_ALONE]
-
-
-def _is_hopeful(attempts: Sequence[Attempt]) -> bool:
-    ratio = summary(attempts).time_ratio
-    return ratio is not None and ratio < 1 + MOST_LOSS
+def _with_error(attempt: Attempt, first: Attempt) -> Attempt:
+    """Return an attempt with the error of the search, where there was no other reference."""
+    if attempt.error is not None or attempt.accuracy is None:
+        return attempt
+    return replace(attempt, accuracy=replace(attempt.accuracy, error=first.error))

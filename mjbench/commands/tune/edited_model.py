@@ -78,9 +78,14 @@ def _apply(source: ModelSource, spec: Any, edit: Edit) -> None:
         if not _is_excluded(spec, edit):
             exclude = spec.add_exclude()
             exclude.bodyname1, exclude.bodyname2 = edit.name, edit.value
-    elif edit.part == Part.COMPILER:
+    elif edit.part in (Part.COMPILER, Part.MESHES, Part.TENDON):
         try:
-            setattr(spec.compiler, edit.name, edit.value == "true")
+            if edit.part == Part.COMPILER:
+                setattr(spec.compiler, edit.name, edit.value == "true")
+            elif edit.part == Part.TENDON:
+                spec.delete(spec.tendon(edit.name))
+            for mesh in spec.meshes if edit.part == Part.MESHES else ():
+                setattr(mesh, edit.name, int(edit.value))
         except AttributeError:
             version = mujoco.mj_versionString()
             raise InputError(

@@ -12,6 +12,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from mjbench.commands.profile.evaluations import Evaluations
 from mjbench.commands.tune import model_features as features
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting, option
 from mjbench.commands.tune.usual_regime import ObservedModel, Usage
@@ -34,6 +35,12 @@ _FASTER_INTEGRATORS = {
     "implicit": _FAST,
     "RK4": (*_FAST, "implicit"),
 }
+# A timestep up to this one, MJCF's own, is no larger than usual.
+_USUAL_TIMESTEP_S = 0.002
+# Geoms of a model, of which more than this share are static, are mostly so.
+_MOST_STATIC = 0.5
+# A convex hull of more vertices has more than its shape needs; and how many to try.
+_MANY_VERTICES, _FEW_VERTICES = 500, 64
 # From so many degrees of freedom on, `jacobian="auto"` is sparse (mj_isSparse).
 _AUTO_SPARSE_NV = 60
 _TIMESTEP_FACTORS = (2, 4, 8)
@@ -66,10 +73,11 @@ def integrators(observed: ObservedModel) -> list[Setting]:
     present = keyword(observed.model, "integrator")
     faster = {each.lower(): others for each, others in _FASTER_INTEGRATORS.items()}
     others = keywords("integrator", faster.get(present, ()))(observed)
-    if present != "rk4":
+    evaluations = Evaluations.of(observed.model).of_step
+    if evaluations == 1:
         return others
-    evidence = "one evaluation of the dynamics a step, where RK4 makes four"
-    return [replace(each, evidence=evidence, saves=0.75) for each in others]
+    evidence = f"one evaluation of the dynamics a step, where RK4 makes {evaluations}"
+    return [replace(each, evidence=evidence, saves=1 - 1 / evaluations) for each in others]
 
 
 def jacobians(observed: ObservedModel) -> list[Setting]:
@@ -86,14 +94,24 @@ def timesteps(observed: ObservedModel) -> list[Setting]:
     """Return multiples of the timestep: powers of 2, so that grids of controls stay aligned."""
     timestep_s = float(observed.model.opt.timestep)
     return [
-        option("timestep", repr(factor * timestep_s), saves=1 - 1 / factor)
-        for factor in _TIMESTEP_FACTORS
+        option(
+            "timestep",
+            repr(each_s),
+            f"{1 / timestep_s:.0f} steps a simulated second" if each_s <= _USUAL_TIMESTEP_S else "",
+            saves=1 - timestep_s / each_s,
+        )
+        for each_s in (factor * timestep_s for factor in _TIMESTEP_FACTORS)
     ]
 
 
 def no_noslip(observed: ObservedModel) -> list[Setting]:
-    has_some = observed.model.opt.noslip_iterations > 0 and observed.max_constraints > 0
-    return [option("noslip_iterations", "0")] if has_some else []
+    count, median = int(observed.model.opt.noslip_iterations), observed.solver.median
+    if not count or not observed.max_constraints:
+        return []
+    evidence = f"up to {count} iterations a step against slip"
+    saves = min(count, median - 1) / median if median else 0.0  # the engine counts both as one
+    setting = option("noslip_iterations", "0", evidence, saves)
+    return [replace(setting, stages=("constraint solver",))]
 
 
 def fewer(name: str, choices: Iterable[int], applies: Condition) -> Values:
@@ -171,6 +189,19 @@ def disabled(name: str, applies: Condition = _always, loses: str = "") -> Values
     return lambda o: other(o) if compat.flag_enabled(o.model, name) else []
 
 
+def sleep(observed: ObservedModel) -> list[Setting]:
+    """Return sleep, where bodies may sleep, or where most geoms are static: it skips those."""
+    model, static = observed.model, features.static_share(observed.model)
+    if static < _MOST_STATIC:
+        return flag("sleep", lambda _: features.can_sleep(model))(observed)
+    count = round(static * model.ngeom)
+    evidence = f"{count} of {model.ngeom} geoms are static, and skipped with it"
+    return [
+        replace(each, evidence=evidence, saves=static, stages=("kinematics",))
+        for each in flag("sleep", lambda o: not compat.flag_enabled(o.model, "sleep"))(observed)
+    ]
+
+
 def has_islands(observed: ObservedModel) -> bool:
     """Return whether constraints may be solved island by island: PGS solves all together."""
     return observed.max_constraints > 0 and keyword(observed.model, "solver") != "pgs"
@@ -211,6 +242,26 @@ def no_visual_geoms(observed: ObservedModel) -> list[Setting]:
     loses = "geoms that are only drawn"
     evidence = f"{count} geom{' is' if count == 1 else 's are'} only drawn"
     return [Setting("visual_geoms", "discardvisual=true", edits, loses=loses, evidence=evidence)]
+
+
+def no_unused_tendons(observed: ObservedModel) -> list[Setting]:
+    """Return the model without the tendons that nothing uses."""
+    names, count = features.unused_tendons(observed.model), observed.model.ntendon
+    if not names or not observed.is_mjcf:
+        return []
+    edits = tuple(Edit(Part.TENDON, name, "") for name in names)
+    evidence = f"nothing uses {len(names)} of {count_of(count, 'tendon')}"
+    label = f"without {count_of(len(names), 'unused tendon')}"
+    return [Setting("tendons", label, edits, evidence=evidence)]
+
+
+def smaller_hulls(observed: ObservedModel) -> list[Setting]:
+    count = features.hull_vertices(observed.model)
+    if count <= _MANY_VERTICES or not observed.is_mjcf:
+        return []
+    edits = (Edit(Part.MESHES, "maxhullvert", str(_FEW_VERTICES)),)
+    evidence = f"the convex hull of a mesh that collides has {count} vertices"
+    return [Setting("maxhullvert", f"maxhullvert={_FEW_VERTICES}", edits, evidence=evidence)]
 
 
 def _never_touched(observed: ObservedModel) -> str:

@@ -7,7 +7,7 @@ release has. To add one, write a row of KNOBS, and its name in `setting_names.GR
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.commands.profile.step_parts import OTHER, SENSORS
+from mjbench.commands.profile.step_parts import Stage
 from mjbench.commands.tune import knob_values as values
 from mjbench.commands.tune import model_features as features
 from mjbench.commands.tune.setting_names import NAMES
@@ -15,12 +15,14 @@ from mjbench.commands.tune.settings import Setting
 from mjbench.commands.tune.usual_regime import ObservedModel
 from mjbench.errors import InputError, shown, suggestion
 
-_COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
-_CONSTRAINTS = ("constraint making", "constraint projection", "constraint solver")
-_SOLVER = ("constraint solver",)
+_COLLISION = (Stage.BROAD_PHASE, Stage.NARROW_PHASE, Stage.COLLISION)
+_CONSTRAINTS = (Stage.CONSTRAINT_MAKING, Stage.CONSTRAINT_PROJECTION, Stage.SOLVER)
+_SOLVER = (Stage.SOLVER,)
 _SLOW_SLIP = "what is held or stacked may slip over many seconds: let your longest task run"
 # What a setting that acts on whole steps may gain, where nothing says more.
 _UNKNOWN_GAIN = 0.25
+# A setting that saves this share of the time by count is worth naming, though it is not timed.
+_HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Knob:
     Attributes:
       name: that of its option or flag, where it is one.
       values: returns the settings worth trying.
-      stages: of a step (`profile.measure.stages`) that it can speed up; empty for the whole step.
+      stages: of a step that it can speed up; empty for the whole step.
       changes: what it may change, in one short sentence.
       helps: why it can, where it is not for its stages, in a few words.
       slow: what it prevents that is slower than runs of a second show, in one short sentence.
@@ -39,7 +41,7 @@ class Knob:
 
     name: str
     values: Callable[[ObservedModel], Sequence[Setting]]
-    stages: tuple[str, ...]
+    stages: tuple[Stage, ...]
     changes: str
     helps: str = ""
     slow: str = ""
@@ -56,6 +58,10 @@ def _has_contacts(observed: ObservedModel) -> bool:
 
 def _is_convex(observed: ObservedModel) -> bool:
     return features.needs_convex_collider(observed.model)
+
+
+def _has_signed_distances(observed: ObservedModel) -> bool:
+    return features.has_signed_distances(observed.model)
 
 
 # Of those that may save as much, the ones that most often help without a change of results first.
@@ -92,21 +98,21 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "midphase",
         values.flag("midphase", lambda observed: features.has_compound_bodies(observed.model)),
-        ("collision",),
+        (Stage.COLLISION,),
         "Nothing but rounding.",
     ),
     Knob(
         "sleep",
-        values.flag("sleep", lambda observed: features.can_sleep(observed.model)),
+        values.sleep,
         (),
         "Bodies that hardly move stop; states do not hold what sleeps, so a run's history counts.",
-        "resting bodies are left out of a step",
+        "resting and static bodies are left out of a step",
         since="3.4.0",
     ),
     Knob(
         "nativeccd",
         values.flag("nativeccd", _is_convex),
-        ("narrow-phase collision",),
+        (Stage.NARROW_PHASE,),
         "Contacts of meshes, cylinders and ellipsoids: another algorithm.",
         since="3.2.3",
     ),
@@ -125,13 +131,13 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "eulerdamp",
         values.flag("eulerdamp", values.is_damped_euler),
-        ("integration",),
+        (Stage.INTEGRATION,),
         "Joint damping: explicit damping is less stable.",
         since="3.0.0",
     ),
     Knob(
         "tolerance",
-        values.coarser("tolerance", (1e-6, 1e-5, 1e-4), _has_constraints),
+        values.coarser("tolerance", (1e-8, 1e-6, 1e-5, 1e-4), _has_constraints),
         _SOLVER,
         "Constraint forces: the solver stops at the new tolerance.",
     ),
@@ -160,21 +166,49 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "ccd_iterations",
         values.fewer("ccd_iterations", (20, 10, 5), _is_convex),
-        ("narrow-phase collision",),
+        (Stage.NARROW_PHASE,),
         "Contacts of meshes, cylinders and ellipsoids that need more iterations.",
         since="3.2.3",
     ),
     Knob(
         "ccd_tolerance",
         values.coarser("ccd_tolerance", (1e-5, 1e-4, 1e-3), _is_convex),
-        ("narrow-phase collision",),
+        (Stage.NARROW_PHASE,),
         "Contacts of meshes, cylinders and ellipsoids, to the new tolerance.",
         since="3.2.3",
     ),
     Knob(
+        "sdf_iterations",
+        values.fewer("sdf_iterations", (5, 3), _has_signed_distances),
+        (Stage.NARROW_PHASE,),
+        "Contacts of signed distance fields are less exact.",
+        since="3.0.0",
+    ),
+    Knob(
+        "sdf_initpoints",
+        values.fewer("sdf_initpoints", (20, 10, 5), _has_signed_distances),
+        (Stage.NARROW_PHASE,),
+        "Contacts of signed distance fields are fewer.",
+        since="3.0.0",
+    ),
+    Knob(
+        "maxhullvert",
+        values.smaller_hulls,
+        (Stage.NARROW_PHASE,),
+        "Meshes collide as a coarser convex hull.",
+        since="3.2.3",
+    ),
+    Knob(
+        "tendons",
+        values.no_unused_tendons,
+        (Stage.KINEMATICS, Stage.TENDONS, Stage.VELOCITY),
+        "Nothing but what is drawn and mjData's tendons; other tendons get new ids.",
+        since="3.3.3",
+    ),
+    Knob(
         "autoreset",
         values.disabled("autoreset", loses="the reset of simulations that diverge"),
-        (OTHER,),
+        (Stage.CHECKS,),
         "Nothing, unless a simulation diverges.",
         since="3.2.1",
     ),
@@ -201,25 +235,25 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "sensor",
         values.disabled("sensor", lambda o: o.model.nsensor > 0, loses="sensor data"),
-        (SENSORS,),
+        (Stage.SENSORS,),
         "Nothing but sensor data.",
     ),
     Knob(
         "energy",
         values.disabled("energy", loses="the energy in mjData"),
-        (OTHER,),
+        (Stage.ENERGY,),
         "Nothing but mjData.energy.",
     ),
     Knob(
         "fwdinv",
         values.disabled("fwdinv", loses="the check of forward against inverse dynamics"),
-        (OTHER,),
+        (Stage.OTHER,),
         "Nothing but mjData.solver_fwdinv.",
     ),
     Knob(
         "visual_geoms",
         values.no_visual_geoms,
-        ("kinematics", SENSORS),
+        (Stage.KINEMATICS, Stage.SENSORS),
         "What is drawn and what rays hit; other geoms get new ids.",
     ),
     Knob(
@@ -233,7 +267,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "integrator",
         values.integrators,
-        ("integration",),
+        (),
         "How positions and velocities advance: accuracy and stability.",
     ),
     Knob(
@@ -258,12 +292,25 @@ def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
     return {name: some for name, some in offered.items() if some}
 
 
-def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
-    """Return the share of the time that a setting may save at most: what is tried first."""
-    knob = find(setting.knob)
-    if setting.saves or not knob.stages or not stages:
-        return setting.saves or _UNKNOWN_GAIN
-    return sum(stages.get(stage, 0.0) for stage in knob.stages)
+def counted_gain(setting: Setting, stages: Mapping[str, float]) -> float:
+    """Return the share of the time that a setting saves by count; 0 where that is not known."""
+    if not setting.stages:
+        return setting.saves
+    return setting.saves * sum(stages.get(stage, 0.0) for stage in setting.stages)
+
+
+def halves(setting: Setting, stages: Mapping[str, float]) -> bool:
+    """Return whether a setting saves half of a step or more by count."""
+    return counted_gain(setting, stages) >= _HALF
+
+
+def order(setting: Setting, stages: Mapping[str, float]) -> tuple[float, float]:
+    """Return what sorts settings: those that halve the time by count, then by what may be saved."""
+    counted, knob = counted_gain(setting, stages), find(setting.knob)
+    at_most = sum(stages.get(stage, 0.0) for stage in knob.stages) if stages else 0.0
+    is_known = counted or (knob.stages and stages)
+    may_save = max(counted, at_most) if is_known else _UNKNOWN_GAIN
+    return (-counted if counted >= _HALF else 0.0), -may_save
 
 
 def find(name: str) -> Knob:

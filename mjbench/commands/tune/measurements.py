@@ -10,6 +10,8 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from mjbench.commands.profile import model_costs
+from mjbench.commands.profile.model_costs import Cost
 from mjbench.commands.tune import edited_model, knobs, mesh_notes, reference, usual_regime
 from mjbench.commands.tune.mesh_notes import MeshNote
 from mjbench.commands.tune.reference import HOLD, Baseline, CurrentSettings, TrialPlan
@@ -18,7 +20,7 @@ from mjbench.commands.tune.setting_launch import (
     SearchFiles,
     SettingLaunchRequest,
     run_launch,
-    stage_shares,
+    step_stages,
 )
 from mjbench.commands.tune.settings import Setting
 from mjbench.host import isolate
@@ -33,6 +35,8 @@ from mjbench.status import Status
 SILENCE_S = 120.0
 # Seconds that the present runs and the reference may take at least: they have many steps.
 RUNS_SILENCE_S = 600.0
+# Seconds to time collisions of geoms.
+COLLISION_S = 0.3
 
 
 class CMeasurements:
@@ -61,11 +65,14 @@ class CMeasurements:
         plan = seed, self._starts, self._hold, computing_s
         return isolate.call(look, self._source, *plan, limit_s=self._limit_s)
 
-    def present(self, plan: TrialPlan) -> tuple[CurrentSettings, Mapping[str, float], float]:
+    def present(
+        self, plan: TrialPlan
+    ) -> tuple[CurrentSettings, Mapping[str, float], Cost | None, float]:
         """Draw the trials of launches; return what the present settings do from there.
 
         Returns:
-          That, the share of a step by stage, and the seconds that the reference takes at least.
+          That, the share of a step by stage, what collisions of height fields or meshes cost, and
+          the seconds that the reference takes at least.
         """
         return isolate.call(run_present, self._source, plan, self._files, limit_s=self._long_s)
 
@@ -112,12 +119,6 @@ def summary(attempts: Sequence[Attempt]) -> Attempt:
     return replace(last, time_ratio=ratio, launches=rows)
 
 
-def with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
-    if seen.status != Status.OK:
-        return Attempt(attempt.settings, seen.status, seen.detail)
-    return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)
-
-
 def with_figures(attempt: Attempt, launched: Sequence[Attempt]) -> Attempt:
     """Return an attempt with the ratio of launches that did not choose it."""
     known = summary(launched)
@@ -148,14 +149,17 @@ def look(
 
 def run_present(
     source: ModelSource, plan: TrialPlan, files: SearchFiles, channel: Channel
-) -> tuple[CurrentSettings, Mapping[str, float], float]:
+) -> tuple[CurrentSettings, Mapping[str, float], Cost | None, float]:
     channel.doing(f"running {source.name} with its present settings")
     model = edited_model.compiled(source, ())
     baseline = reference.present_runs(model, plan)
     files.baseline.write_bytes(pickle.dumps(baseline))
     models.save(model, files.model)
-    stages = stage_shares(model, baseline.trials)
-    return baseline.facts, stages, reference.seconds(model, baseline.trials)
+    step = step_stages(model, baseline.trials)
+    states = baseline.trials.initial_state
+    costs = model_costs.collision_costs(model, states, step.shares, step.step_s, COLLISION_S)
+    collision = next((cost for cost in costs if cost.shape), None)
+    return baseline.facts, step.shares, collision, reference.seconds(model, baseline.trials)
 
 
 def run_reference(

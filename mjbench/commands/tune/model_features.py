@@ -5,6 +5,13 @@ import numpy as np
 
 from mjbench.simulation import compat, geom_pairs
 
+# The release from which on static bodies are skipped where bodies sleep.
+_SKIPS_STATIC = 400
+_TENDON_FORCES = (
+    *("tendon_stiffness", "tendon_stiffnesspoly", "tendon_damping", "tendon_dampingpoly"),
+    *("tendon_frictionloss", "tendon_armature"),
+)
+
 
 def is_zero(model: mujoco.MjModel, term: str) -> bool:
     """Return whether all arrays of a model whose names end in `term`, or in `termpoly`, are zero.
@@ -39,6 +46,55 @@ def can_sleep(model: mujoco.MjModel) -> bool:
     policies = mujoco.mjtSleepPolicy
     allowed = [getattr(policies, f"mjSLEEP_{name}") for name in ("AUTO_ALLOWED", "ALLOWED", "INIT")]
     return bool(np.isin(model.tree_sleep_policy, [int(policy) for policy in allowed]).any())
+
+
+def static_share(model: mujoco.MjModel) -> float:
+    """Return the share of the geoms that are welded to the world, and skipped where bodies sleep.
+
+    Before 4.0.0 none is.
+    """
+    if mujoco.mj_version() < _SKIPS_STATIC or not model.ngeom:
+        return 0.0
+    return float(np.mean(np.asarray(model.body_weldid)[model.geom_bodyid] == 0))
+
+
+def hull_vertices(model: mujoco.MjModel) -> int:
+    """Return how many vertices the largest convex hull of a mesh that collides has."""
+    geoms = geom_pairs.colliding_geoms(model)
+    geoms = geoms[np.asarray(model.geom_type)[geoms] == int(mujoco.mjtGeom.mjGEOM_MESH)]
+    starts = np.asarray(model.mesh_graphadr)[np.asarray(model.geom_dataid)[geoms]]
+    return int(np.asarray(model.mesh_graph)[starts[starts >= 0]].max(initial=0))
+
+
+def has_signed_distances(model: mujoco.MjModel) -> bool:
+    """Return whether a geom collides by its signed distance field."""
+    kinds = np.asarray(model.geom_type)[geom_pairs.colliding_geoms(model)]
+    return int(mujoco.mjtGeom.mjGEOM_SDF) in kinds
+
+
+def unused_tendons(model: mujoco.MjModel) -> list[str]:
+    """Return the names of the tendons that exert no force, and that nothing refers to."""
+    if not model.ntendon:
+        return []
+    tendon = int(mujoco.mjtObj.mjOBJ_TENDON)
+    is_used = np.asarray(model.tendon_limited).astype(bool)
+    for name in _TENDON_FORCES:
+        values = getattr(model, name, np.zeros(model.ntendon))  # releases add some
+        is_used |= np.asarray(values).reshape(model.ntendon, -1).any(axis=1)
+    by_tendon = int(mujoco.mjtTrn.mjTRN_TENDON)
+    equality = int(mujoco.mjtEq.mjEQ_TENDON)
+    for kinds, ids, kind in (
+        (model.actuator_trntype, model.actuator_trnid[:, 0], by_tendon),
+        (model.eq_type, model.eq_obj1id, equality),
+        (model.eq_type, model.eq_obj2id, equality),
+        (model.sensor_objtype, model.sensor_objid, tendon),
+        (model.sensor_reftype, model.sensor_refid, tendon),
+        (model.tuple_objtype, model.tuple_objid, tendon),
+    ):
+        ids = np.asarray(ids)[np.asarray(kinds) == kind]
+        is_used[ids[ids >= 0]] = True
+    names = [mujoco.mj_id2name(model, tendon, index) for index in np.flatnonzero(~is_used)]
+    return [name for name in names if name]
 
 
 def drawn_geoms(model: mujoco.MjModel) -> int:

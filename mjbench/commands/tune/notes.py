@@ -6,7 +6,7 @@ from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.reference import REFINEMENT, CurrentSettings
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.commands.tune.settings import label
-from mjbench.formats import count_of, plain, short_percent
+from mjbench.formats import count_of, listed, plain, short_percent
 from mjbench.results.starts import starts_lines
 from mjbench.status import Status
 
@@ -26,6 +26,8 @@ def notes(record: TuneRecord) -> list[str]:
     if len(failed) > _MOST_FAILED:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
     lines += left_out(record)
+    if record.collision is not None:
+        lines.append(f"Of a step, collisions of {record.collision}")
     lines += [
         f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
         f" {100 * mesh.share:.0f} % of a {mesh.primitive}"
@@ -37,17 +39,18 @@ def notes(record: TuneRecord) -> list[str]:
 def left_out(record: TuneRecord) -> Iterator[str]:
     """Yield what was not judged, and why, a line each."""
     if record.no_reference:
-        source = "from new starts" if record.has_errors else "from which to measure errors"
-        yield (
-            f"There is no reference {source}, so settings that change the motion"
-            f" are not recommended: {record.no_reference}"
+        left_out = (
+            "from new starts, so errors are those of the search"
+            if record.has_errors
+            else "from which to measure errors, so settings that change the motion are not"
+            " recommended"
         )
-    if record.untried:
-        untried = count_of(record.untried, "setting")
-        yield f"There was no time for {untried}: give a longer --budget"
-    if record.untried_combinations:
-        untried = count_of(record.untried_combinations, "combination")
-        yield f"There was no time for {untried} of settings: give a longer --budget"
+        yield f"There is no reference {left_out}: {record.no_reference}"
+    if record.no_second_look:
+        yield f"Not run again from new starts: {record.no_second_look}"
+    counts = (record.untried, "setting"), (record.untried_combinations, "combination")
+    if untried := [count_of(count, name) for count, name in counts if count]:
+        yield f"There was no time for {listed(untried)}: give a longer --budget"
 
 
 def _basis(present: CurrentSettings) -> Iterator[str]:

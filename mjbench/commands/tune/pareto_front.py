@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from mjbench.commands.tune.result import Attempt, Effect, Limits
 from mjbench.commands.tune.settings import NO_CHANGE, Setting, Settings
 
-# Recommendations at most.
-FRONT = 6
+# Recommendations at most; approximate settings that are tried in pairs.
+FRONT, FEW = 6, 4
 # A point of the front takes at most this share of the time of the one before it; one with an error
 # larger than allowed, this share.
 DISTINCT, DISTINCT_BEYOND = 0.98, 0.9
@@ -18,15 +18,16 @@ def combinations(faster: Sequence[Attempt]) -> list[Settings]:
     """Return settings to try together, one of each knob; those most likely to help first.
 
     They are the fastest of each knob among the free settings, among those and the equivalent ones,
-    and among all; and each other setting, and each pair of them, with all that cost no accuracy.
-    None is a setting alone.
+    and among all; and each other setting, and each pair of the fastest few, with all that cost no
+    accuracy. None is a setting alone.
     """
     free = [each for each in faster if effect_of(each) == Effect.FREE]
     exact = [each for each in faster if effect_of(each) != Effect.APPROXIMATE]
     others = [each for each in faster if effect_of(each) == Effect.APPROXIMATE]
+    others = sorted(others, key=time_ratio_of)
     chosen = [_fastest_by_knob(group) for group in (free, exact, faster)]
     chosen += [_fastest_by_knob([each], exact) for each in others]
-    chosen += [_fastest_by_knob(pair, exact) for pair in itertools.combinations(others, 2)]
+    chosen += [_fastest_by_knob(pair, exact) for pair in itertools.combinations(others[:FEW], 2)]
     return list(dict.fromkeys(each for each in chosen if len(each) > 1))
 
 

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from mjbench.bounds import AnyFloat, Int64, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from mjbench.commands.profile.model_costs import Cost
 from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.mesh_notes import MeshNote
 from mjbench.commands.tune.reference import CurrentSettings
@@ -129,7 +130,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """Settings that two looks confirm; the second had starts and controls of its own.
+    """Settings that two looks confirm; the second, if any, had starts and controls of its own.
 
     Attributes:
       ratio: their time over that of the present settings, in fresh processes from further starts,
@@ -168,11 +169,15 @@ class TuneRecord:
         larger of both looks.
       no_reference: why settings that need an error were left out: the reference failed, or there
         was no time for it; empty where it was run, or not needed.
+      no_second_look: why there were no runs from new starts; empty where there were, or nothing to
+        recommend.
       untried: settings for which there was no time, alone.
       untried_combinations: for which there was no time.
+      untried_halving: of `untried`, those that save half of a step or more by count.
       front: recommendations, the smallest effect first and the slowest first within it.
       meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
+      collision: the costliest collisions of height fields or meshes; None where they cost little.
     """
 
     record_type: ClassVar[str] = "tune"
@@ -185,12 +190,15 @@ class TuneRecord:
     present: CurrentSettings | None = None
     attempts: Sequence[Attempt] = ()
     no_reference: str = ""
+    no_second_look: str = ""
     untried: NonNegativeInt = 0
     untried_combinations: NonNegativeInt = 0
+    untried_halving: Sequence[Setting] = ()
     front: Sequence[Recommendation] = ()
     withdrawn: Sequence[Withdrawal] = ()
     meshes: Sequence[MeshNote] = ()
     stages: Mapping[str, AnyFloat] | None = None
+    collision: Cost | None = None
     seconds: NonNegativeFloat = 0.0
 
     @property

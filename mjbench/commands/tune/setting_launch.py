@@ -19,7 +19,9 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.commands.profile import measure as profile
+from mjbench.commands.profile import step_parts
 from mjbench.commands.profile.loop_starts import StartsInTurn
+from mjbench.commands.profile.step_parts import StepStages
 from mjbench.commands.tune import accuracy, edited_model, trajectories
 from mjbench.commands.tune.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, log_ratio
@@ -45,6 +47,8 @@ from mjbench.status import Status
 BLOCK_S, BLOCK_NCONTROL, LEAST_NRUN = 0.002, 2, 2
 # Quads of blocks that a setting gets in a launch, at least and at most.
 LEAST_QUADS, MOST_QUADS = 1, 25
+# Seconds for the stages of a step that calls time, for each kind of them.
+STAGES_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,8 @@ class _Launch:
         if self.request.nrun != 0:
             attempt = replace(attempt, accuracy=self._accuracy(settings, changed, loop))
         if self.request.has_stages and loop == NO_CHANGE:  # without its timer, a step tells none
-            attempt = replace(attempt, stages=stage_shares(changed, self.baseline.trials))
+            stages = step_stages(changed, self.baseline.trials).shares
+            attempt = replace(attempt, stages=stages)
         if self.request.timed_s:
             samples = self._timed(changed, loop)
             ratio = math.exp(log_ratio(samples))
@@ -165,12 +170,13 @@ class _Launch:
         return LaunchRow(None, None, orders, [[round(1e9 * s) for s in quad] for quad in seconds])
 
 
-def stage_shares(model: mujoco.MjModel, trials: Trials) -> dict[str, float]:
+def step_stages(model: mujoco.MjModel, trials: Trials) -> StepStages:
     hold = trajectories.steps_per_control(model, trials.control_s)
     run_s = hold * reference_run.step_s(model, trials.initial_state[0])
     nrun = max(1, int(BLOCK_S / run_s))
     block = profile.Block(nrun, hold, lambda: StartsInTurn(model, trials.initial_state))
-    return profile.stages(model, block)
+    timers = profile.timer_shares(model, block)
+    return step_parts.stages(model, timers, block.new_start, STAGES_S)
 
 
 def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Accuracy:

@@ -13,11 +13,13 @@ GROUPS: Mapping[str, Sequence[str]] = {
     ),
     "contact": (
         *("cone", "excludes", "midphase", "nativeccd", "multiccd", "ccd_iterations"),
-        *("ccd_tolerance", "override", "speculative"),
+        *("ccd_tolerance", "override", "speculative", "sdf_iterations"),
+        *("sdf_initpoints", "maxhullvert"),
     ),
     "integration": ("timestep", "integrator", "eulerdamp"),
     "features": (
         *("unused_features", "sensor", "energy", "fwdinv", "autoreset", "sleep", "visual_geoms"),
+        *("tendons",),
     ),
     "program": ("engine_clock", "engine_threads"),
 }

@@ -42,6 +42,10 @@ class Part(enum.StrEnum):
     """An attribute of `<option><flag>`: `enable` or `disable`."""
     COMPILER = "compiler"
     """An attribute of `<compiler>` that is true or false."""
+    MESHES = "meshes"
+    """An attribute of every `<mesh>`, as its default has it."""
+    TENDON = "tendon"
+    """A tendon less."""
     EXCLUDE = "exclude"
     """An `<exclude>` of `<contact>` more, between two bodies."""
 
@@ -51,8 +55,9 @@ class Edit:
     """One change of a model's MJCF.
 
     Attributes:
-      name: of the attribute; of the first body, where a pair is excluded.
-      value: of the attribute, as MJCF has it; the second body's name, where a pair is excluded.
+      name: of the attribute or the tendon; of the first body, where a pair is excluded.
+      value: of the attribute, as MJCF has it; the second body's name, where a pair is excluded;
+        empty for a tendon.
     """
 
     part: Part
@@ -72,8 +77,9 @@ class Setting:
       loop: what it changes in the loop.
       loses: what else the user gives up, in a few words, such as `sensor data`; empty for nothing.
       evidence: what was observed that makes it possible, in one sentence; empty for nothing.
-      saves: share of the evaluations of the dynamics in a simulated second that it saves, such as a
-        half by a timestep that is twice as long.
+      saves: share of the work in a simulated second that it saves by count, such as a half by a
+        timestep that is twice as long; 0 where that is not counted.
+      stages: of a step, whose work that is; empty for the whole step.
     """
 
     knob: str
@@ -83,6 +89,7 @@ class Setting:
     loses: str = ""
     evidence: str = ""
     saves: AnyFloat = 0.0
+    stages: tuple[str, ...] = ()
 
 
 Settings = tuple[Setting, ...]

@@ -17,7 +17,7 @@ from mjbench.errors import InputError
 from mjbench.paired import targets
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paths import BASE
-from mjbench.releases import bundle, catalogue
+from mjbench.releases import catalogue
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results.runs import Record
 from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
@@ -52,7 +52,7 @@ def release_bisection(
             "bisect searches releases of MuJoCo alone: `mjbench versions` has packages"
         )
     targets.check_metric(plan.sizes.metric, [BASE])
-    releases = catalogue.releases_between(baseline, candidate, bundle.default_path())
+    releases = catalogue.releases_between(baseline, candidate)
     measurement = _measurement(
         lambda *observers: bisect.search_releases(releases, source, plan, *observers),
         VersionKind.RELEASE,

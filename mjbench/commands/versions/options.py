@@ -47,11 +47,16 @@ class JudgingOptions(BudgetOptions, SizeOptions):
     def plan(self) -> "VerdictPlan":
         from mjbench.paired.verdict import VerdictPlan
 
-        budget = self.budget
+        budget, most = self.budget, self.min_effect / 2
+        if self.precision is not None and self.precision > most:
+            raise InputError(
+                f"--precision {100 * self.precision:g}% changes nothing above {100 * most:g}%, half"
+                " of --min-effect: give less, or a larger --min-effect"
+            )
         return VerdictPlan(
             self.min_effect,
             self.confidence,
-            self.precision or min(self.min_effect / 2, outcomes.PRECISION),
+            self.precision or min(most, outcomes.PRECISION),
             budget.total_s or budget.each_s,
             self.sizes,
             self.as_shipped,

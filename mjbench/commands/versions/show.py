@@ -6,14 +6,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from mjbench import formats
-from mjbench.commands.versions import compile_times, family
+from mjbench.commands.versions import family
 from mjbench.commands.versions.change_wording import describe_ratio
 from mjbench.commands.versions.family import Family
 from mjbench.formats import count_of, duration
 from mjbench.interval import Interval
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
-from mjbench.paired.records import ControlRow, TargetRow, VerdictRecord, VerdictRow
+from mjbench.paired.records import (
+    CompilationFigures,
+    ControlRow,
+    TargetRow,
+    VerdictRecord,
+    VerdictRow,
+)
 from mjbench.paths import BASE
 from mjbench.releases import named_packages
 from mjbench.results import charts
@@ -25,6 +31,7 @@ from mjbench.results.content import (
     Section,
     Tone,
     after_disturbances,
+    filled,
 )
 from mjbench.results.runs import Run
 from mjbench.results.starts import starts_lines
@@ -67,7 +74,7 @@ def section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],
         figures=[_forest(rows, min_effect)] if any(row.ratio for row in rows) else [],
-        tables=[_table(rows), *compile_times.tables(rows)],
+        tables=[_table(rows), *_compile_tables(rows)],
         notes=[
             *(f"{label(row)}: {line}" for row in rows for line in notes(row)),
             *_what_would_decide(rows, min_effect),
@@ -341,6 +348,42 @@ def _table(rows: Sequence[VerdictRow]) -> DataTable:
         (Column("launches", formats.count, leaves=3), lambda row: row.launches),
         (Column("seconds", formats.tenths, leaves=2), lambda row: row.seconds),
     )
+
+
+def _compile_tables(rows: Sequence[VerdictRow]) -> list[DataTable]:
+    """Return one table of all comparisons whose runs are compiled first; none without any."""
+    sides = [
+        (row.model, label, figures)
+        for row in rows
+        if (both := row.compiling) is not None
+        for label, figures in ((row.old, both.old), (row.new, both.new))
+    ]
+    table = DataTable.of(
+        "Compiling",
+        sides,
+        (Column("model", leaves=2), lambda side: side[0]),
+        (Column("environment", wraps=True), lambda side: side[1]),
+        (Column("trace"), lambda side: _time(side[2].trace_s, side[2].processes)),
+        (Column("compile"), lambda side: _compile_time(side[2])),
+        (Column("first run"), lambda side: _time(side[2].first_run_s, side[2].processes)),
+        (Column("steady run"), lambda side: _time(side[2].steady_run_s, side[2].processes)),
+        (Column("programs", formats.count, leaves=1), lambda side: side[2].programs),
+    )
+    return filled(table)
+
+
+def _compile_time(figures: CompilationFigures) -> str:
+    """Return the time without a cache; an earlier comparison of the run may have filled that."""
+    return _time(figures.compile_s, figures.compiling_processes) or "from the cache"
+
+
+def _time(seconds: Interval | None, processes: int) -> str:
+    """Return a median with its interval, or of how many processes it is."""
+    if seconds is None:
+        return ""
+    interval = formats.in_brackets(seconds, lambda end: duration(1e9 * end))
+    count = "one process" if processes == 1 else f"{processes} processes"
+    return f"{duration(1e9 * seconds.estimate)}{interval or f' ({count})'}"
 
 
 def _outcome(row: VerdictRow) -> str:

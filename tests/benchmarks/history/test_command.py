@@ -4,20 +4,23 @@ import importlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 from example_counts import counted
 
+from benchmarks import operations
 from benchmarks.history import plots, timing
 from benchmarks.history.release_ratios import REFERENCE, LaunchRatio, RatioRecord, StepRatioRecord
 from benchmarks.history.tasks import ReleaseTask
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.errors import Failure, InputError
-from mjbench.paired import operations
+from mjbench.errors import Failure, InputError, MachineError
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import package_index
 from mjbench.releases.placement import Placement
+from mjbench.releases.release import Release
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.reference_run import Work
@@ -171,6 +174,26 @@ def test_instructions_are_counted_from_release_to_release(monkeypatch: pytest.Mo
     again = invoke("explain", *words, "--resume", str(only_run_file()))
     assert again.exit_code == 0
     assert len(only_run_file().read_text().splitlines()) == 3
+
+
+def offline() -> list[Release]:
+    raise MachineError("no network")
+
+
+def test_the_git_history_is_verified_without_the_index(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(package_index, "releases", offline)
+    done = invoke("verify")
+    assert done.exit_code == 0, done.output
+    assert "every hash" in done.output
+    assert "Upload times were not checked: no network" in done.output
+
+
+def test_new_releases_are_appended_to_the_git_history(monkeypatch: pytest.MonkeyPatch) -> None:
+    release = Release("3.0.0", datetime(2024, 1, 1, tzinfo=UTC))
+    monkeypatch.setattr(package_index, "releases", lambda: [release])
+    assert invoke("append", "new.bundle").output == "appended v3.0.0 to new.bundle\n"
+    again = "nothing to append: new.bundle ends with v3.0.0\n"
+    assert invoke("append", "new.bundle").output == again
 
 
 def test_the_page_is_written_from_what_was_measured_and_counted(

@@ -8,14 +8,13 @@ import statistics
 import pytest
 from commands import ROOT
 
-from benchmarks.history import files, known_causes, measurements, speed_series
+from benchmarks.history import bundle, files, known_causes, measurements, speed_series
 from benchmarks.history import page as of_history
 from benchmarks.history.release_ratios import RatioRecord
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
 from benchmarks.history.speed_series import NO_CHANGE_PAIRS
 from benchmarks.studies import history_repeats
 from mjbench.paired.outcomes import Cause
-from mjbench.releases import bundle
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.results import runs
 from mjbench.status import ExitCode

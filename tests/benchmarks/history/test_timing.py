@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from paired_examples import CARTPOLE, INSTALLED
 
+from benchmarks import operations
 from benchmarks.history import release_ratios, timing
 from benchmarks.history.release_ratios import (
     LaunchRatio,
@@ -20,7 +21,7 @@ from benchmarks.history.tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.measuring import stats
-from mjbench.paired import moved_check, operations
+from mjbench.paired import moved_check
 from mjbench.paired.moved_check import PlacementControl
 from mjbench.paired.pair_launches import ProcessPair
 from mjbench.paired.records import section_numbers
@@ -29,7 +30,6 @@ from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.placement import AS_SHIPPED
 from mjbench.releases.release_names import ReleaseSpec
-from mjbench.simulation import models
 from mjbench.status import Status
 
 BOTH = INSTALLED, INSTALLED
@@ -351,8 +351,7 @@ def test_what_a_release_lacks_is_said_and_not_timed(pool: WorkerPool) -> None:
 @pytest.mark.parametrize("name", [*operations.registry()])
 def test_every_operation_computes_the_same_whenever_it_is_prepared(name: str) -> None:
     operation = operations.registry()[name]
-    file = models.resolve(operation.model).path if operation.model else None
-    first, second = (operation.prepared(file or models.shipped_folder()) for _ in range(2))
+    first, second = operation.prepared(), operation.prepared()
     first.run()
     result = first.result()
     assert result.size

@@ -10,7 +10,7 @@ from benchmarks.studies import foreign, foreign_packages, foreign_page, foreign_
 from benchmarks.studies.foreign_packages import Package, PackageFiles
 from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
 from benchmarks.studies.page_part import of_lines
-from mjbench.commands.compare.results import ModelComparison
+from mjbench.commands.compare.results import ModelResults
 from mjbench.status import ExitCode, Status
 from mjbench.verification.records import ModelRecord, VariantRecord
 
@@ -18,7 +18,7 @@ PACKAGE = Package("robots", "1.0")
 
 
 def judged(root: Path, statuses: dict[str, Status], **model: Any) -> FileResult:
-    records = ModelComparison(
+    records = ModelResults(
         ModelRecord(model="bots/a.xml", **{"status": Status.OK, "spread": 1.0, **model}),
         tuple(
             VariantRecord(

@@ -22,7 +22,6 @@ from mjbench.commands.run.launch import ProgramObservation
 from mjbench.commands.run.recorded_models import RecordedModel
 from mjbench.commands.run.remedies import remedy_pairs
 from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios
-from mjbench.commands.tune.c_search import LEAST_LAUNCHES
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import InputError, MachineError
 from mjbench.session import Item, Observer
@@ -82,8 +81,7 @@ def test_a_minute_is_shared_and_no_part_begins_after_it(monkeypatch: pytest.Monk
         CheckupPart.SETTINGS,
         CheckupPart.TOGETHER,
     ]
-    launch_s = 14 / (len(raced(GAINS).launches) + 1)
-    assert planted.tuning_s == [60 - 4 - 14 - 5 - 4 - LEAST_LAUNCHES * launch_s]
+    assert planted.tuning_s == [60 - 4 - 14 - 5 - 4]
     assert planted.together_s == [5.0]
 
 

@@ -253,10 +253,13 @@ def test_nothing_to_gain_is_an_answer_with_its_reasons() -> None:
 @pytest.mark.parametrize(
     ("fields", "left_out"),
     [
-        ({"untried": 3}, "There was no time for 3 settings: give a longer --budget"),
         (
-            {"untried_combinations": 2},
-            "There was no time for 2 combinations of settings: give a longer --budget",
+            {"untried": 2, "untried_combinations": 1},
+            "There was no time for 2 settings and 1 combination: give a longer --budget",
+        ),
+        (
+            {"no_second_look": "it takes about 12 s, and 3 s were left"},
+            "Not run again from new starts: it takes about 12 s, and 3 s were left",
         ),
     ],
 )
@@ -275,7 +278,9 @@ def test_where_there_was_no_time_it_says_that_nothing_is_certain(
 
 
 def test_settings_that_could_not_be_judged_are_a_line() -> None:
-    section = checkup.list_section(run(*PATHS, tuned(attempts=[SLOW], no_reference="crashed")))
+    record = tuned(attempts=[SLOW], no_reference="crashed")
+    record = replace(record, present=replace(present(), error=None))
+    section = checkup.list_section(run(*PATHS, record))
     assert any(note.endswith("are not recommended: crashed") for note in section.notes)
 
 

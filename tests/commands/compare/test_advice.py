@@ -28,7 +28,7 @@ from mjbench.commands.compare.advice import (
     conclusion,
     thread_conclusion,
 )
-from mjbench.commands.compare.results import ModelResults, PathResult, derive
+from mjbench.commands.compare.results import ModelResults, PathResult
 from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import CoreChange
 from mjbench.paired.race_record import AS_GOOD, MARGIN, Loop, UnableVariant
@@ -380,7 +380,7 @@ def test_one_and_all_cores_are_two_rows_of_the_table_and_no_advice() -> None:
 
 
 def test_a_file_of_an_earlier_version_has_none() -> None:
-    assert advise_threads(derive(derived(raced()).model, [], None)) == []
+    assert advise_threads(ModelResults(derived(raced()).model, ())) == []
 
 
 def test_the_sentences_say_gain_and_interval_over_one_thread() -> None:

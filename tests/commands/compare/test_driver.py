@@ -19,7 +19,7 @@ from mjbench.commands.compare import accelerated_measurement
 from mjbench.commands.compare import driver as model_comparison
 from mjbench.commands.compare.driver import ComparedModel, ModelChildren
 from mjbench.commands.compare.options import RL_HOLD, CompareOptions
-from mjbench.commands.compare.results import ModelComparison, PathResult, derive
+from mjbench.commands.compare.results import ModelResults, PathResult
 from mjbench.errors import InputError
 from mjbench.host import isolate, machine, neighbours
 from mjbench.host.machine import CoreChange
@@ -43,7 +43,7 @@ class Recorded(ComparedModel):
 
     def __init__(self, pool: WorkerPool, file: str, plan: ComparisonPlan, observer: Observer):
         super().__init__(pool, models.resolve(file), plan, (0.0, 1.0), (), observer)
-        self.shown: list[ModelComparison] = []
+        self.shown: list[ModelResults] = []
 
     def _show_known(self) -> None:
         self.shown.append(self.known())
@@ -62,7 +62,7 @@ def plan_of(*variants: Variant, limit_s: float = 60.0) -> ComparisonPlan:
 
 def comparisons(
     pool: WorkerPool, file: str, *variants: Variant, limit_s: float = 60.0
-) -> list[ModelComparison]:
+) -> list[ModelResults]:
     """Compare paths on a model in one launch; return what was known, as it came, and at the end."""
     compared = Recorded(pool, file, plan_of(*variants, limit_s=limit_s), Observer())
     with contextlib.suppress(KeyboardInterrupt):
@@ -70,10 +70,9 @@ def comparisons(
     return [*compared.shown, compared.known()]
 
 
-def results(known: ModelComparison) -> dict[str, PathResult]:
+def results(known: ModelResults) -> dict[str, PathResult]:
     """Return the results of paths by name."""
-    rows = derive(known.model, known.measurements, known.race).results
-    return {row.path: row for row in rows}
+    return {row.path: row for row in known.results}
 
 
 def measured(

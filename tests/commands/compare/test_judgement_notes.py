@@ -10,7 +10,7 @@ from mjbench.commands.compare.judgement_notes import (
     judgement_tables,
     version_lines,
 )
-from mjbench.commands.compare.results import ModelResults, PathResult, derive
+from mjbench.commands.compare.results import ModelResults, PathResult
 from mjbench.commands.compare.show import model_section
 from mjbench.results.content import Section
 from mjbench.simulation.accelerated_judgement import EngineAnswer, Precision
@@ -29,7 +29,7 @@ def compared(answer: EngineAnswer = EngineAnswer.YES, reason: str = "") -> Model
         compile_s=3.0,
         device="cpu",
     )
-    return derive(model_record(), [measurement(samples_s=[0.1] * 3), mjx], None)
+    return ModelResults(model_record(), (measurement(samples_s=[0.1] * 3), mjx))
 
 
 def mjx_of(results: ModelResults) -> PathResult:

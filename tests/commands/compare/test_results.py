@@ -63,7 +63,7 @@ def test_a_path_that_disagrees_or_failed_has_no_speed(row: dict[str, Any]) -> No
     assert isinstance(base, VariantRecord)
     assert isinstance(rollout, VariantRecord)
     rows = [base, dataclasses.replace(rollout, **row)]
-    result = path_speedups.derive(model, rows, record).results[1]
+    result = path_speedups.ModelResults(model, rows, record).results[1]
     assert result.step_ns is result.speedup is result.steps_per_s is None
 
 
@@ -92,14 +92,14 @@ def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
         for path, seconds in (("mjx", 0.0005), ("warp", 0.0015))
     ]
     # the plain loop takes 1 µs a step: a block of 1000 saves 0.5 ms, and 4 s are 8000 blocks
-    fast, slow = path_speedups.derive(model_record(), rows, raced()).results
+    fast, slow = path_speedups.ModelResults(model_record(), rows, raced()).results
     assert fast.overtakes_after_steps == pytest.approx(8_000_000, rel=0.01)
     assert slow.overtakes_after_steps is None
 
 
 def test_the_cores_a_run_had_are_the_median_of_its_calibrations() -> None:
     assert derived(raced(cores=1.9)).cores == Cores(1.9, 2)
-    assert path_speedups.derive(model_record(), [], None).cores is None
+    assert path_speedups.ModelResults(model_record(), [], None).cores is None
 
 
 def test_each_launch_is_judged_by_the_threads_of_the_paths_that_it_timed() -> None:

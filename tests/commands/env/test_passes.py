@@ -10,12 +10,12 @@ import example_environments as examples
 import numpy as np
 import pytest
 
-from mjbench.commands.env import engine
 from mjbench.commands.env.adapters import adapt
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.passes import LEAST_ROUNDS, EnvironmentPasses, time_rounds
 from mjbench.errors import InputError
 from mjbench.measuring import timing
+from mjbench.simulation import engine_functions
 
 
 def passes(environment: Any, nstep: int = 40) -> EnvironmentPasses:
@@ -107,7 +107,7 @@ def test_layers_are_timed_beside_a_plain_pass(
     environment: Any, layers: dict[tuple[Layer, str], int]
 ) -> None:
     both = passes(environment)
-    plain, layered = both.side_by_side(engine.bindings(), random.Random(0))
+    plain, layered = both.side_by_side(engine_functions.bindings(), random.Random(0))
     assert layered.lengths == plain.lengths == both.plain().lengths
     called = {(t.layer, t.name): t.calls for t in layered.layers}
     assert called == layers

@@ -1,15 +1,18 @@
 """Which fields of an environment are not the same in another pass."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import example_environments as examples
+import mujoco
 import numpy as np
 import pytest
 
 from mjbench.commands.env.adapters import adapt
 from mjbench.commands.env.passes import EnvironmentPasses
 from mjbench.commands.env.recording import EngineWatch, Recording
-from mjbench.commands.env.repetition import Fingerprint, physics_differences
+from mjbench.commands.env.repetition import Fingerprint, left_by_reset, physics_differences
+from mjbench.simulation import compat
 
 
 def fingerprint(*values: Any) -> Fingerprint:
@@ -72,3 +75,21 @@ def test_physics_is_compared_by_field() -> None:
 def test_another_number_of_engine_steps_is_a_difference() -> None:
     (found,) = physics_differences(recorded(examples.make()), recorded(examples.Varying()))
     assert str(found) == "the number of engine steps"
+
+
+def test_what_a_reset_leaves_as_it_was_differs_at_the_begin_of_an_episode() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    columns = compat.state_columns(model)
+
+    def recording(warmstart: float, qpos: float, follows: bool = False) -> Any:
+        start = np.zeros(compat.state_size(model))
+        start[columns["qacc_warmstart"]], start[columns["qpos"]] = warmstart, qpos
+        step = SimpleNamespace(start=start, follows=follows, entered=frozenset())
+        return SimpleNamespace(model=model, steps=[None, step])
+
+    first = recording(0.0, 0.0)
+    assert left_by_reset(first, recording(2.0, 1.0)) == ["qacc_warmstart"]
+    assert left_by_reset(first, recording(0.0, 1.0)) == [], "a reset draws positions"
+    assert left_by_reset(first, recording(2.0, 0.0, follows=True)) == []

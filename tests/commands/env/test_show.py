@@ -241,3 +241,9 @@ def test_what_went_wrong_comes_first() -> None:
     assert first.conclusions[0].tone == second.conclusions[0].tone == Tone.BAD
     assert first.conclusions[0].text == "R: failed: it crashed"
     assert "qpos[0]" in second.conclusions[0].text
+
+
+def test_the_fields_that_a_reset_leaves_are_named_with_what_restores_them() -> None:
+    left = ["act", "qacc_warmstart"]
+    text = printed(facts=facts(repeats=False, unrepeated=[OBSERVATION], left_by_reset=left))
+    assert "Its reset leaves act and qacc_warmstart as they were: mujoco.mj_resetData" in text

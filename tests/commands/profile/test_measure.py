@@ -29,7 +29,7 @@ def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
     for has_clock in (engine_clock.has_clock, lambda model: False):
         monkeypatch.setattr(profile, "has_clock", has_clock)
         block = profile.Block(1, 20, lambda: workload.reset_to_start)
-        stages = profile.stages(model, block)
+        stages = profile.timer_shares(model, block)
         assert sum(stages.values()) == pytest.approx(1.0)
         assert all(share >= 0 for share in stages.values())
         assert stages["constraint solver"] > 0

@@ -8,6 +8,7 @@ from step_profiles import step_profile
 
 from mjbench.commands.profile import show as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
+from mjbench.commands.profile.model_costs import Cost, CostKind
 from mjbench.interval import Interval
 from mjbench.results import terminal
 
@@ -75,6 +76,14 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     )
     assert "1.20 (1.10–1.30) times as fast" in section.conclusions[2].text
     assert "collision" in drawn(section)[0]
+
+
+def test_static_geoms_are_named_where_kinematics_takes_longest() -> None:
+    stages = {"kinematics": 0.6, "velocity": 0.4}
+    steps = ProfiledSteps(0.002, 2000.0, 1500.0, None, WORK, stages, {})
+    costs = [Cost(CostKind.STATIC, "static geoms", 4901, 0.58)]
+    _, stage = profile.conclusions("city", replace(steps, costs=costs))
+    assert stage.text.endswith("engine's time; most of it is static geoms (4,901): 58 %")
 
 
 def test_a_simulated_second_has_a_row_for_each_part() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjbench.commands.profile import step_parts
-from mjbench.commands.profile.step_parts import OTHER, SensorStage, StepPart
+from mjbench.commands.profile.step_parts import SensorStage, Stage, StepPart
 from mjbench.simulation import workload
 
 XML = """
@@ -94,17 +94,29 @@ def test_without_sensors_or_with_sensors_disabled_there_is_no_cost(model: mujoco
 
 
 def test_parts_are_taken_from_the_stage_that_they_are_in() -> None:
-    stages = {"kinematics": 0.3, OTHER: 0.7}
-    parts = [StepPart("sensors", OTHER, 0.6), StepPart("tendons", "kinematics", 0.2)]
+    stages = {Stage.KINEMATICS: 0.3, Stage.OTHER: 0.7}
+    parts = [
+        StepPart(Stage.SENSORS, Stage.OTHER, 0.6),
+        StepPart(Stage.TENDONS, Stage.KINEMATICS, 0.2),
+    ]
     apart = step_parts.with_parts(stages, parts)
-    assert apart == pytest.approx({"kinematics": 0.1, OTHER: 0.1, "sensors": 0.6, "tendons": 0.2})
+    assert apart == pytest.approx({"kinematics": 0.1, "other": 0.1, "sensors": 0.6, "tendons": 0.2})
+
+
+def test_collision_is_one_stage_among_the_longest_and_what_is_left_is_none() -> None:
+    shares = {"broad-phase collision": 0.2, "narrow-phase collision": 0.15, "other": 0.65}
+    assert step_parts.longest({**shares, "sensors": 0.3}) == ("collision", pytest.approx(0.35))
+    assert step_parts.longest({**shares, "tendons": 0.4}) == ("tendons", 0.4)
 
 
 def test_a_stage_is_not_left_with_less_than_nothing() -> None:
-    parts = [StepPart("sensors", OTHER, 0.6), StepPart("energy", OTHER, 0.2)]
-    apart = step_parts.with_parts({"kinematics": 0.6, OTHER: 0.4}, parts)
+    parts = [
+        StepPart(Stage.SENSORS, Stage.OTHER, 0.6),
+        StepPart(Stage.ENERGY, Stage.OTHER, 0.2),
+    ]
+    apart = step_parts.with_parts({"kinematics": 0.6, "other": 0.4}, parts)
     assert sum(apart.values()) == pytest.approx(1.0)
-    assert apart == pytest.approx({"kinematics": 0.6, OTHER: 0.0, "sensors": 0.3, "energy": 0.1})
+    assert apart == pytest.approx({"kinematics": 0.6, "other": 0.0, "sensors": 0.3, "energy": 0.1})
 
 
 TENDON = """
@@ -122,14 +134,14 @@ def test_tendons_are_a_part_of_kinematics_and_rk4_computes_them_four_times(
     calls = iter(range(10))
     timed_by(monkeypatch, lambda model: 1e-6 * next(calls))  # the first is an empty call
     parts = step_parts.parts(model, workload.reset_to_start, 1e-4, [])
-    shares = [(part.name, part.within, round(part.share, 9)) for part in parts]
+    shares = [(part.stage, part.within, round(part.share, 9)) for part in parts]
     assert shares == [
-        ("smooth acceleration", OTHER, 0.04),
-        ("checks of the state", OTHER, 0.02),
-        ("checks of the state", OTHER, 0.03),
-        ("checks of the state", OTHER, 0.04),
-        ("energy", OTHER, 0.05),
-        ("energy", OTHER, 0.06),
+        ("smooth acceleration", "other", 0.04),
+        ("checks of the state", "other", 0.02),
+        ("checks of the state", "other", 0.03),
+        ("checks of the state", "other", 0.04),
+        ("energy", "other", 0.05),
+        ("energy", "other", 0.06),
         ("tendons", "kinematics", 0.28),
     ]
 
@@ -138,6 +150,6 @@ def test_the_parts_of_a_step_leave_the_model_as_it_was(model: mujoco.MjModel) ->
     before = np.array(model.sensor_needstage)
     costs = step_parts.sensor_costs(model, workload.reset_to_start, 1e-5, budget_s=0.0)
     parts = step_parts.parts(model, workload.reset_to_start, 1e-5, costs, budget_s=0.0)
-    assert {part.name for part in parts} >= {"sensors", "smooth acceleration"}
+    assert {part.stage for part in parts} >= {"sensors", "smooth acceleration"}
     assert all(part.share >= 0 for part in parts)
     np.testing.assert_array_equal(model.sensor_needstage, before)

@@ -10,7 +10,14 @@ import pytest
 from hook_clock import Clock
 
 from mjbench.commands.run import call_times, step_times
-from mjbench.commands.run.hook import call_bursts, call_clock, jax_functions, step_clock, watch
+from mjbench.commands.run.hook import (
+    argument_types,
+    call_bursts,
+    call_clock,
+    jax_functions,
+    step_clock,
+    watch,
+)
 
 HOOK = Path(call_clock.__file__).parent
 
@@ -160,6 +167,8 @@ for i in range(20):
     assert np.asarray([1.0], np.float32).dtype == np.asarray(a=[1], dtype="f4").dtype == "f4"
     assert np.array([2], dtype=np.int8, ndmin=2).shape == np.array(object=[[2]]).shape
     jnp.asarray(y)
+for _ in range(3):
+    double(jnp.ones(4))
 print(double(2), double.__name__, inspect.signature(double))
 print(isinstance(double, jax.stages.Wrapped), double.__wrapped__(2))
 print(copy.copy(double)(2), double.lower(2).compile()(2), {double: 1}[double])
@@ -222,3 +231,13 @@ def test_each_line_has_its_calls(observed):
     }
     assert counts["y = double(x)", call_clock.COMPILE] == 1
     assert seconds["y = double(x)", call_clock.TRACE] > 0
+
+
+def test_a_function_that_is_compiled_again_is_noted_with_the_argument_that_differs(observed):
+    _, _, folder = observed
+    incidents = call_times.read_all(folder, step_times.read_headers(folder)).incidents
+    (again,) = [each for each in incidents if each.place.text == "double(jnp.ones(4))"]
+    assert (again.name, again.count, again.is_wrong) == (call_clock.RECOMPILED, 1, False)
+    assert again.seconds > 0
+    change = call_times.ArgumentChange("x", argument_types.SHAPE, "float32[3]", "float32[4]")
+    assert again.changes == [change]

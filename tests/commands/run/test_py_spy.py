@@ -84,6 +84,15 @@ def test_stacks_are_read_without_labels(tmp_path):
     assert thread.stacks == [[main, step], [main]]
 
 
+def test_a_name_that_was_read_while_it_changed_holds_no_null_byte(tmp_path):
+    stored = document()
+    stored["shared"]["frames"][2]["file"] = "/y\0.py"
+    file = tmp_path / "samples.json"
+    file.write_text(json.dumps(stored))
+    (thread,) = py_spy.read(file)
+    assert thread.stacks[0][1].file == "/y.py"
+
+
 @pytest.mark.parametrize(
     "text", ["", "{}", "[]", '{"profiles": 3}', "\0", json.dumps(document("no thread"))]
 )

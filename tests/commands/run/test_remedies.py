@@ -8,8 +8,8 @@ import pytest
 from mjbench.commands.lint.check import Finding
 from mjbench.commands.run import activities
 from mjbench.commands.run.activities import Activity, Place
-from mjbench.commands.run.call_times import CallTime, Incident
-from mjbench.commands.run.hook import call_clock
+from mjbench.commands.run.call_times import ArgumentChange, CallTime, Incident
+from mjbench.commands.run.hook import argument_types, call_clock
 from mjbench.commands.run.loop_time import LineTime, LoopTime
 from mjbench.commands.run.remedies import call_remedies, line_remedies, listing, loop_remedies
 from mjbench.commands.run.remedies.call_remedies import CALL_REMEDIES
@@ -304,6 +304,43 @@ def test_a_function_that_jax_compiles_again_is_named_where_lint_finds_it():
     assert remedy.gain == pytest.approx(0.81)
 
 
+CONTROL = ArgumentChange(
+    "d.ctrl", argument_types.WEAK_TYPE, "float32[2]", "weakly typed float32[2]"
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ([CONTROL], "since d.ctrl is weakly typed float32[2], and was float32[2]: create it with"),
+        ([replace(CONTROL, kind=argument_types.SHAPE)], "one shape in all calls"),
+        ([], "JAX_EXPLAIN_CACHE_MISSES=1 says why"),
+    ],
+)
+def test_a_second_compilation_comes_first_with_the_argument_that_differs(changes, says):
+    compiling = call(call_clock.COMPILE, calls=1, seconds=6.0)
+    time = loop_of(compiling, call(call_clock.DISPATCH, calls=800, seconds=1.0))
+    again = Incident(call_clock.RECOMPILED, compiling.place, 1, 6.5, changes)
+    elsewhere = replace(again, place=Place("train.py", 5, "main", "text"))
+    listed = listing.remedies(time, incidents=[elsewhere, again])
+    first, _ = listed
+    assert (first.where, first.gain, first.basis) == ("train.py:15", 0.65, Basis.TIMED)
+    assert "JAX compiles this function again, for 6.5 s" in first.text and says in first.text
+
+
+def test_what_compiles_again_in_every_iteration_is_listed_once_with_its_cause():
+    compiling = call(call_clock.COMPILE, calls=20, seconds=6.0)
+    again = Incident(call_clock.RECOMPILED, compiling.place, 20, 6.0, [CONTROL])
+    (only,) = listing.remedies(loop_of(compiling), incidents=[again])
+    assert "again 20 times" in only.text and "d.ctrl" in only.text
+
+
+def test_two_findings_of_one_rule_on_a_line_are_one_remedy():
+    time = loop(line(15, {NUMPY: 0.6}), line(12, {PHYSICS: 0.4}))
+    twice = [finding("MJB099"), replace(finding("MJB099"), col=30)]
+    assert len(listing.remedies(time, twice)) == 1
+
+
 def test_named_access_saves_what_was_measured_not_the_share_of_its_line():
     lines = [line(12, {PHYSICS: 0.5}), line(15, {NUMPY: 0.4, PYTHON: 0.1})]
     time = replace(loop(*lines), calls=[step(calls=1000)])
@@ -544,3 +581,17 @@ def test_too_many_threads_save_what_a_second_run_with_fewer_did():
     )
     assert listing.remedies(replace(time, pids=[1]), pools=pools) == []
     assert listing.remedies(time, pools=replace(pools, speedup=1.01)) == []
+
+
+def test_a_transfer_on_a_line_of_lint_has_the_sentence_of_lint_once():
+    calls = [call(call_clock.TRANSFER, seconds=2.0), call(call_clock.DISPATCH, 12, seconds=1.0)]
+    given = [finding("MJB022", message="put it there once")]
+    texts = [each.text for each in listing.remedies(loop_of(*calls), given)]
+    assert "put it there once" in texts
+    assert not any("transfers to the device" in text for text in texts)
+
+
+def test_garbage_collections_save_the_time_that_they_were_timed_to_take():
+    time = loop(line(12, {PHYSICS: 0.7}), activities={PHYSICS: 0.7, Activity.COLLECTION: 0.3})
+    (first,) = listing.remedies(time)
+    assert (first.basis, first.gain) == (Basis.TIMED, 0.3)

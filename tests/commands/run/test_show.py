@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from mjbench.commands.profile.model_costs import Cost, CostKind
 from mjbench.commands.run import show as program
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
@@ -12,9 +13,10 @@ from mjbench.commands.run.gil_waits import GilWait
 from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.launch import UncaughtException
 from mjbench.commands.run.loop_time import LineTime, LoopTime
-from mjbench.commands.run.physics_cost import Cost, CostKind, PhysicsCost
+from mjbench.commands.run.physics_cost import PhysicsCost
 from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
+from mjbench.commands.run.single_calls import SingleCall
 from mjbench.commands.run.source_loops import SourceLoop
 from mjbench.commands.run.step_times import Durations, StepTimes
 from mjbench.results import terminal
@@ -155,6 +157,35 @@ def test_a_program_that_does_not_step_is_to_run_for_longer() -> None:
     )
 
 
+def test_a_program_that_is_one_long_rollout_has_the_report_on_that_call() -> None:
+    place = Place("roll.py", 6, "<module>", "rollout.rollout(model, data, states)")
+    call = SingleCall("rollout", place, 2.0, 64, 1000, 1, 1, True, 8)
+    once = replace(row(loop({Activity.PHYSICS: 1.0})), loops=[], single_calls=[call])
+    assert program.conclusion(once) == call.sentence(once.wall_s)
+    cost = PhysicsCost(1.0, {"tendons": 0.6, "other": 0.4}, [])
+    assert program.conclusion(replace(once, physics=cost)).endswith(". Of a step, 60 % is tendons")
+
+
+def test_what_observing_cost_is_not_said_of_a_program_that_ends_at_once() -> None:
+    time = loop({Activity.PHYSICS: 1.0})
+    notes = [
+        note
+        for wall_s in (0.4, 4.0)
+        for section in program.sections([replace(row(time), wall_s=wall_s)])
+        for note in section.notes
+    ]
+    assert len([note for note in notes if note.startswith("Observing took")]) == 1
+
+
+def test_compiling_warp_kernels_is_named_as_that() -> None:
+    (line,) = lines(0.5, activity=Activity.KERNELS)
+    short = replace(row(loop({Activity.PHYSICS: 1.0})), loops=[], outside_loops=[line])
+    assert program.conclusion(short).endswith(
+        "no loop was seen that steps MuJoCo; compiling Warp kernels: 1.5 s, once per machine:"
+        " they are kept in Warp's cache"
+    )
+
+
 def test_what_takes_longer_than_the_loops_comes_first() -> None:
     place = Place("train.py", 3, "<module>", "model = build()")
     imports = LineTime(replace(place, line=1), 0.2, {Activity.IMPORT: 0.2})
@@ -265,6 +296,14 @@ def test_a_loop_that_is_nearly_all_physics_is_told_what_costs_in_it() -> None:
         " box and mesh (12): 30 %. `mjbench tune` tries settings of the model, `mjbench compare`"
         " other ways of stepping it. Then, at train.py:7, do otherwise: 50 % of the loop now; with"
         " the change, the loop takes about 0.90 of today's time"
+    )
+
+
+def test_a_world_of_static_geoms_is_what_costs_in_kinematics() -> None:
+    costs = [Cost(CostKind.STATIC, "geoms that no joint moves", 4901, 0.6)]
+    city = PhysicsCost(20_000.0, {"kinematics": 0.62, "narrow-phase collision": 0.38}, costs)
+    assert "62 % is kinematics, most of it geoms that no joint moves (4,901): 60 %" in (
+        program.conclusion(row(loop({Activity.PHYSICS: 1.0}), physics=city))
     )
 
 

@@ -3,6 +3,7 @@
 import pytest
 
 from mjbench.commands.run import source_loops
+from mjbench.commands.run.source_loops import SourceLoop
 
 SOURCE = """\
 import os
@@ -78,3 +79,15 @@ def test_a_loop_runs_within_a_step_if_no_line_that_leads_to_the_step_is_in_it(
     loop = source_loops.loop_within_step((str(path), line), lines_to_step)
     assert (loop is not None) == is_within
     assert loop is None or loop.holds((str(path), line))
+
+
+def test_a_loop_of_a_package_is_named_by_the_line_that_calls_it(tmp_path):
+    package = tmp_path / "site-packages" / "trainer.py"
+    package.parent.mkdir()
+    package.write_text("def learn(env):\n    for _ in range(9):\n        env.step()\n")
+    own = tmp_path / "train.py"
+    own.write_text("from trainer import learn\n\nlearn(env)\n")
+    stack = [(str(own), 3), (str(package), 3)]
+    assert source_loops.program_loop(stack) == (SourceLoop(str(own), 3, 3), 0)
+    in_package = SourceLoop(str(package), 2, 3)
+    assert source_loops.program_loop(stack[1:]) == (in_package, 0), "no line is the user's"

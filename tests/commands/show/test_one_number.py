@@ -239,4 +239,4 @@ def test_rows_documents_and_other_tools_say_what_disturbed_a_run(tmp_path: Path)
 
 def test_a_difference_to_a_disturbed_run_says_so_first(tmp_path: Path) -> None:
     old, new = stored(tmp_path / "old"), stored(tmp_path / "new", cores=1.2)
-    assert invoked("show", old, new).lstrip().startswith("m: NEW: threads had 1.20 of 2 cores\n")
+    assert invoked("show", old, new).lstrip().startswith("NEW: threads had 1.20 of 2 cores\n")

@@ -7,6 +7,7 @@ import pytest
 from set_files import labelled
 from verdict_records import SAME, SLOWER, of_model
 
+from mjbench.commands.profile.measure import ProfileRow
 from mjbench.commands.show import side_by_side
 from mjbench.commands.show.reports import NamedRun
 from mjbench.commands.show.side_by_side import FigureDifference, pair_of
@@ -16,6 +17,7 @@ from mjbench.host.machine import Machine
 from mjbench.interval import Interval
 from mjbench.paired.records import VerdictRecord
 from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
+from mjbench.status import Status
 
 DESK, LAPTOP = labelled("desk"), labelled("laptop")
 
@@ -23,6 +25,10 @@ DESK, LAPTOP = labelled("desk"), labelled("laptop")
 def named(*records: Record, began: str = "", machine: Machine = DESK) -> NamedRun:
     header = RunHeader(SCHEMA, "versions", machine, {}, began=began)
     return NamedRun(Path(f"{began or 'run'}.jsonl"), Run(header, records))
+
+
+def profile(model: str) -> ProfileRow:
+    return ProfileRow(model, Status.FAILED, "late")
 
 
 def with_ratio(estimate: float, low: float, high: float) -> VerdictRecord:
@@ -43,6 +49,27 @@ def test_runs_of_two_machines_are_a_pair_only_across_them() -> None:
     two = [named(SAME), named(SLOWER, machine=LAPTOP)]
     assert pair_of(two, across=False) == []
     assert pair_of(two, across=True) == two
+
+
+def test_runs_of_two_machines_are_said_to_say_nothing_about_the_code() -> None:
+    two = [named(profile("humanoid")), named(profile("humanoid"), machine=LAPTOP)]
+    sentence = side_by_side.of_two_machines(two)
+    assert sentence.startswith("Measured on two machines (desk / laptop): no verdict")
+    assert side_by_side.of_two_machines([two[0], two[0]]) == ""
+    verdicts = [named(SAME), named(SLOWER, machine=LAPTOP)]
+    assert side_by_side.of_two_machines(verdicts) == "", "each has a verdict of its own"
+
+
+def test_runs_of_different_models_are_a_pair_only_if_asked() -> None:
+    two = [named(SAME), named(of_model(SAME, "other"))]
+    assert pair_of(two, across=False) == []
+    assert pair_of(two, across=True) == two
+
+
+def test_a_machine_that_became_slower_itself_is_said_to() -> None:
+    pair = [named(SAME, machine=replace(DESK, reference_ns=ns)) for ns in (100.0, 150.0)]
+    section = side_by_side.section(pair, ())
+    assert section.conclusions[0].text.startswith("A reference loop takes 1.50 times as long")
 
 
 def test_one_run_or_three_are_no_pair() -> None:

@@ -8,7 +8,7 @@ import mujoco
 import pytest
 from tuning_models import rods
 
-from mjbench.commands.profile.step_parts import OTHER, SENSORS, STAGES
+from mjbench.commands.profile.step_parts import Stage
 from mjbench.commands.tune import knob_values, knobs, usual_regime
 from mjbench.commands.tune.pair_watch import IdlePair
 from mjbench.commands.tune.settings import NO_CHANGE, Edit, LoopChange, Part, Setting
@@ -55,6 +55,11 @@ def apply(spec: mujoco.MjSpec, settings: Iterable[Setting]) -> mujoco.MjModel:
         if edit.part == Part.EXCLUDE:
             exclude = spec.add_exclude()
             exclude.bodyname1, exclude.bodyname2 = edit.name, edit.value
+        elif edit.part == Part.TENDON:
+            spec.delete(spec.tendon(edit.name))
+        elif edit.part == Part.MESHES:
+            for mesh in spec.meshes:
+                setattr(mesh, edit.name, int(edit.value))
         elif edit.part == Part.COMPILER:
             assert edit.value in ("true", "false")
             setattr(spec.compiler, edit.name, edit.value == "true")
@@ -77,7 +82,7 @@ def test_knobs_have_names_of_their_own_and_stages_that_exist() -> None:
     names = [knob.name for knob in knobs.KNOBS]
     assert len(set(names)) == len(names)
     for knob in knobs.KNOBS:
-        assert set(knob.stages) <= {*STAGES, OTHER, SENSORS}
+        assert set(knob.stages) <= set(Stage)
         assert knob.changes.endswith(".")
         assert knob.since.count(".") == 2
 
@@ -100,6 +105,42 @@ def test_every_setting_of_a_shipped_model_applies(name: str, brief: None) -> Non
             assert value.edits or value.loop != NO_CHANGE
             model = apply(mujoco.MjSpec.from_file(str(source.path)), [value])
             mujoco.mj_step(model, mujoco.MjData(model), 3)
+
+
+TENDONS = """<tendon>
+  <fixed name='drawn'><joint joint='j' coef='1'/></fixed>
+  <fixed name='pulled'><joint joint='j' coef='1'/></fixed>
+  <fixed name='stiff' stiffness='2'><joint joint='j' coef='1'/></fixed>
+  <fixed name='read'><joint joint='j' coef='1'/></fixed>
+</tendon><actuator><motor tendon='pulled'/></actuator><sensor><tendonpos tendon='read'/></sensor>"""
+
+
+def test_tendons_that_nothing_uses_are_left_out() -> None:
+    xml = model_xml(bodies=ARM.replace("<joint", "<joint name='j'"), more=TENDONS)
+    (setting,) = knobs.settings(seen(xml))["tendons"]
+    assert setting.edits == (Edit(Part.TENDON, "drawn", ""),)
+    assert setting.evidence == "nothing uses 1 of 4 tendons"
+    assert apply(mujoco.MjSpec.from_string(xml), [setting]).ntendon == 3
+    assert offered(seen(model_xml()), "tendons") == []
+
+
+def test_sleep_is_offered_where_most_geoms_are_static() -> None:
+    boxes = "".join(f"<geom type='box' size='.1 .1 .1' pos='{i} 0 0'/>" for i in range(9))
+    (setting,) = knobs.settings(seen(model_xml(bodies=boxes + ARM)))["sleep"]
+    assert setting.evidence == "9 of 10 geoms are static, and skipped with it"
+    assert knobs.counted_gain(setting, {"kinematics": 0.8}) == pytest.approx(0.72)
+    assert knobs.halves(setting, {"kinematics": 0.8})
+
+
+def test_iterations_against_slip_are_counted_with_those_of_the_solver() -> None:
+    observed = seen(model_xml("noslip_iterations='60'"), solver=Usage(63, 65))
+    (setting,) = knobs.settings(observed)["noslip_iterations"]
+    assert knobs.counted_gain(setting, {"constraint solver": 0.9}) == pytest.approx(0.9 * 60 / 63)
+
+
+def test_timesteps_say_why_up_to_the_usual_one() -> None:
+    settings = knobs.settings(seen(model_xml("timestep='0.001'")))["timestep"]
+    assert [each.evidence for each in settings] == ["1000 steps a simulated second", "", ""]
 
 
 def test_idle_pairs_become_one_setting_and_no_longer_collide(brief: None) -> None:

@@ -44,7 +44,7 @@ def cartpole():
     with WorkerPool() as pool:
         of_cartpole = CMeasurements(pool, models.resolve("cartpole"), StartPlan())
         with mock.patch.object(isolate, "run", inline_tasks.run):
-            facts, stages, _ = of_cartpole.present(TrialPlan(0, StartPlan(), ncontrol=8))
+            facts, stages, *_ = of_cartpole.present(TrialPlan(0, StartPlan(), ncontrol=8))
             assert facts.error is None
             assert sum(stages.values()) == pytest.approx(1.0)
             facts = of_cartpole.reference()

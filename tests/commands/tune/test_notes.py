@@ -21,19 +21,23 @@ def test_notes_say_what_figures_rest_on_and_what_was_left_out():
         withdrawn=[Withdrawal((TIMESTEP,), "diverges in 3 of 64 simulations")],
         attempts=[Attempt((JACOBIAN,), Status.CRASHED, "killed by SIGSEGV")],
         no_reference="crashed",
-        untried=4,
-        untried_combinations=7,
+        no_second_look="it takes about 12 s, and 3 s were left",
+        untried=2,
+        untried_combinations=1,
         meshes=[MeshNote("arm", "arm_mesh", Primitive.BOX, 0.97)],
     )
     notes = "\n".join(tuning_notes.notes(of_all))
     assert "over 0.5 s of 64 simulations" in notes
     assert "Withdrawn by the second look: timestep=0.004: diverges in 3 of 64 simulations" in notes
     assert "Failed: jacobian=sparse: killed by SIGSEGV" in notes
-    assert "no time for 4 settings" in notes and "no time for 7 combinations" in notes
-    of_reference = "so settings that change the motion are not recommended: crashed"
-    assert f"There is no reference from new starts, {of_reference}" in notes
+    assert "no time for 2 settings and 1 combination: give a longer --budget" in notes
+    assert "Not run again from new starts: it takes about 12 s" in notes
+    assert "no reference from new starts, so errors are those of the search: crashed" in notes
     never = "\n".join(tuning_notes.left_out(replace(of_all, present=replace(PRESENT, error=None))))
-    assert f"There is no reference from which to measure errors, {of_reference}" in never
+    assert (
+        "There is no reference from which to measure errors, so settings that change the motion"
+        " are not recommended: crashed"
+    ) in never
     assert "fills 97 % of a box" in notes
     parted = replace(of_all, present=replace(PRESENT, is_comparable=False))
     assert "part too soon" in "\n".join(tuning_notes.notes(parted))

@@ -1,6 +1,7 @@
 """Verdicts as sentences."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,8 +12,10 @@ from hypothesis import strategies as st
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
 from mjbench.interval import Interval
+from mjbench.measuring.calls import Compilation
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import (
+    CompilationFigures,
     ControlRow,
     PackageVersions,
     Pair,
@@ -221,3 +224,33 @@ def test_a_function_that_keeps_state_is_noted(slowing: float, text: str) -> None
     assert text in note
     assert note.endswith("so the ratio depends on how often it is called")
     assert len(verdicts.notes(of_revisions(slowing=1.1))) == 1
+
+
+FRESH = Compilation(trace_s=2.0, compile_s=8.0, first_run_s=0.1, programs=31)
+CACHED = replace(FRESH, compile_s=0.4, is_cached=True)
+
+
+def compiling(*sides: Sequence[Compilation]) -> Sequence[Sequence[str]]:
+    """Return what a table says of compiling, of the baseline and of the candidate."""
+    row = replace(ROW, compiling=Pair(*(CompilationFigures.of(each, [0.01] * 8) for each in sides)))
+    tables = {table.title: table for table in verdicts.section([row], 0.99).tables}
+    return tables["Compiling"].texts
+
+
+def test_each_side_has_its_times_of_compiling_beside_steady_runs() -> None:
+    times = ["2 s (2 s–2 s)", "8 s (one process)", "100 ms (100 ms–100 ms)", "10 ms (10 ms–10 ms)"]
+    launched = [FRESH, *[CACHED] * 8]
+    assert compiling(launched, launched) == [
+        ["humanoid", environment, *times, "31"] for environment in ("3.3.0", "4.0.0")
+    ]
+
+
+def test_a_median_without_an_interval_has_its_number_of_processes() -> None:
+    assert [cells[2:4] for cells in compiling([FRESH, FRESH], [CACHED])] == [
+        ["2 s (2 processes)", "8 s (2 processes)"],
+        ["2 s (one process)", "from the cache"],
+    ]
+
+
+def test_steps_in_c_have_no_table_of_compiling() -> None:
+    assert [table.title for table in verdicts.section([ROW], 0.99).tables] == ["Verdicts"]

@@ -42,6 +42,7 @@ _PROCESS_MODULE, _PROCESS_FUNCTION = "multiprocessing/process.py", "_bootstrap"
 SHARED_DATA, HALVES = "one MjData on two threads", "halves of a Runge-Kutta step"
 WARNING = "warning"
 TRACE, COMPILE, DISPATCH = "jax trace", "jax compile", "jax dispatch"
+RECOMPILED = "jax compiled again"
 DEVICE_WAIT, TRANSFER = "jax wait", "jax transfer"
 IN_TURN, CALLBACK = "simulations in turn", "callback"
 PROCESS_START, THREADED_ROLLOUT = "start of a process", "rollout on threads"
@@ -277,7 +278,7 @@ class CallClock:
         callee: str,
         steps: "Steps | None" = None,
         before: Callable[[Sequence[Any]], None] | None = None,
-        detail: Callable[[Sequence[Any]], Sequence[Any]] | None = None,
+        detail: "Detail | None" = None,
     ) -> Any:
         """Return what stands for a slow function: it counts each call, but none inside another."""
         now_ns = self._now_ns
@@ -304,7 +305,7 @@ class CallClock:
                 details: Sequence[Any] = ()
                 with suppress(Exception):
                     counts = steps(args, kwargs, result) if steps is not None else counts
-                    details = detail(args) if detail is not None else details
+                    details = detail(args, kwargs, result) if detail is not None else details
                 self.add(callee, sys._getframe(1), begin_ns, end_ns, *counts, detail=details)
 
         return named_like(function, call)
@@ -333,3 +334,5 @@ def _begins_process(frame: FrameType) -> bool:
 
 # Returns the steps of one simulation and of all, of a call's arguments and its result.
 Steps = Callable[[Sequence[Any], Mapping[str, Any], Any], tuple[int, int]]
+# Returns what is noted with the line of a slow call.
+Detail = Callable[[Sequence[Any], Mapping[str, Any], Any], Sequence[Any]]

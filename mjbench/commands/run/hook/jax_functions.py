@@ -12,8 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from types import FrameType, MethodType, ModuleType
 from typing import Any
 
+from .argument_types import ArgumentTypes
 from .call_bursts import CallBursts, cold_cost_ns
-from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, TRACE, TRANSFER, CallClock
+from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, RECOMPILED, TRACE, TRANSFER, CallClock
 from .function_replacement import named_like, suppress
 
 # What JAX calls its events, and the callee that each belongs to.
@@ -164,6 +165,26 @@ class JaxFunctions:
             if callee == DISPATCH:
                 calls.note_compiled(end_ns)
 
+    def compiled_ns(self) -> int:
+        """Return how long JAX has traced and compiled in this thread."""
+        return self._compiled_ns.get(get_ident(), 0)
+
+    def note_compiled(
+        self,
+        types: ArgumentTypes,
+        args: Sequence[Any],
+        kwargs: Mapping[str, Any],
+        compiled_ns: int,
+        frame: FrameType,
+    ) -> None:
+        """Note a call that compiled a function which was compiled before, and why."""
+        with suppress(Exception):
+            changes = types.note_compiled(args, kwargs)
+            if changes is not None:
+                end_ns = self._now_ns()
+                begin_ns = end_ns - compiled_ns
+                self._calls.add(RECOMPILED, frame, begin_ns, end_ns, detail=changes)
+
     def end(self) -> None:
         self.bursts.end()
 
@@ -209,13 +230,19 @@ class CompiledFunction:
         named_like(function, self)
         self.__wrapped__ = getattr(function, "__wrapped__", function)
         self._function, self._clock = function, clock
+        self._types = ArgumentTypes(self.__wrapped__)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        bursts = self._clock.bursts
+        clock = self._clock
+        bursts, earlier_ns = clock.bursts, clock.compiled_ns()
         if bursts.to_pass:  # as in `count`, without another call
             bursts.to_pass -= 1
-            return self._function(*args, **kwargs)
-        return self._clock.count(self._function, args, kwargs, DISPATCH, sys._getframe(1))
+            result = self._function(*args, **kwargs)
+        else:
+            result = clock.count(self._function, args, kwargs, DISPATCH, sys._getframe(1))
+        if compiled_ns := clock.compiled_ns() - earlier_ns:
+            clock.note_compiled(self._types, args, kwargs, compiled_ns, sys._getframe(1))
+        return result
 
     def __get__(self, owner: Any, kind: Any = None) -> Any:
         return self if owner is None else MethodType(self, owner)

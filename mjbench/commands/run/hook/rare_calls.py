@@ -100,8 +100,8 @@ class RareCalls:
         """Time `mujoco.rollout`, whose steps count as those of all simulations."""
         if hasattr(module, "rollout"):
             original, slow = module.rollout, self._calls.slow
-            timed = slow(original, "rollout", _rollout_steps)
-            threaded = slow(original, THREADED_ROLLOUT, _rollout_steps)
+            timed = slow(original, "rollout", _rollout_steps, detail=_rollout_threads)
+            threaded = slow(original, THREADED_ROLLOUT, _rollout_steps, detail=_rollout_threads)
 
             def call(*args: Any, **kwargs: Any) -> Any:
                 data = _argument(args, kwargs, 1, "data")
@@ -112,7 +112,9 @@ class RareCalls:
             module.rollout = named_like(original, call)  # type: ignore[attr-defined]
         if hasattr(module, "Rollout"):
             of_pool = module.Rollout.rollout
-            in_pool = self._calls.slow(of_pool, "Rollout.rollout", _rollout_steps)
+            in_pool = self._calls.slow(
+                of_pool, "Rollout.rollout", _rollout_steps, detail=_pool_threads
+            )
 
             def call_of_pool(*args: Any, **kwargs: Any) -> Any:
                 self._look(_argument(args, kwargs, 1, "model"), _argument(args, kwargs, 2, "data"))
@@ -134,7 +136,9 @@ class RareCalls:
         for method, steps in (("rollout", _batch_rollout_steps), ("step", _batch_steps)):
             original = getattr(owner, method, None)
             if original is not None:
-                setattr(owner, method, self._calls.slow(original, f"Batch.{method}", steps))
+                callee = f"Batch.{method}"
+                timed = self._calls.slow(original, callee, steps, detail=_batch_threads)
+                setattr(owner, method, timed)
 
     def install_mjx(self, module: ModuleType) -> None:
         """Count steps of MJX that run outside a compiled function."""
@@ -151,7 +155,7 @@ class RareCalls:
         module.step = named_like(original, call)  # type: ignore[attr-defined]
 
 
-def _frame_size(args: Sequence[Any]) -> Sequence[Any]:
+def _frame_size(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) -> Sequence[Any]:
     return [args[0].height, args[0].width, os.environ.get("MUJOCO_GL", "")]
 
 
@@ -164,6 +168,26 @@ def _rollout_steps(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) 
     shape = result[0].shape
     nstep = int(shape[-2])
     return nstep, nstep * int(shape[0] if len(shape) == 3 else 1)
+
+
+# Of a call that steps on threads: threads, chunk size (0 for the usual one), sensor data returned.
+
+
+def _rollout_threads(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) -> Sequence[int]:
+    data = _argument(args, kwargs, 1, "data")
+    return _threads(len(data) if isinstance(data, (list, tuple)) else 1, kwargs, result)
+
+
+def _pool_threads(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) -> Sequence[int]:
+    return _threads(int(args[0].nthread), kwargs, result)
+
+
+def _batch_threads(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) -> Sequence[int]:
+    return [int(args[0].nthread), 0, int(isinstance(result, dict) and "sensordata" in result)]
+
+
+def _threads(count: int, kwargs: Mapping[str, Any], result: Any) -> Sequence[int]:
+    return [count, int(kwargs.get("chunk_size") or 0), int(result[1].shape[-1] > 0)]
 
 
 def _batch_rollout_steps(

@@ -393,6 +393,14 @@ CALL_REMEDIES = (
     ),
     CallRemedy(
         callees=(call_clock.TRANSFER,),
+        text="",  # lint says it
+        is_bound=True,
+        codes=("MJB022",),
+        needs_finding=True,
+        is_of_line=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.TRANSFER,),
         text="{count} transfers to the device: create the arrays there, or transfer them once"
         " before the loop",
         is_bound=True,

@@ -79,8 +79,12 @@ def remedies(
         waiting for it saves them.
     """
     measured = measured or MeasuredRatios({})
+    recompilations = list(loop_remedies.of_recompilations(loop, incidents))
+    explained = {(Activity.COMPILING, each.place) for each in recompilations}
+    savings = _savings(loop, findings, measured, others_busy_s)
     listed = [
-        *_savings(loop, findings, measured, others_busy_s),
+        *recompilations,
+        *(each for each in savings if (each.activity, each.place) not in explained),
         *loop_remedies.of_turns(loop, measured, incidents),
         *loop_remedies.of_pools(loop, pools),
     ]
@@ -117,7 +121,8 @@ def _savings(
 
 
 def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRemedy, CallsInLoop]]:
-    """Yield the remedies that apply, each with its calls from one line."""
+    """Yield the remedies that apply, each with its calls from one line; the first row counts."""
+    said = set[tuple[Sequence[str], Place]]()
     for remedy in CALL_REMEDIES:
         by_place: dict[Place, list[CallTime]] = defaultdict(list)
         for call in loop.calls:
@@ -127,10 +132,12 @@ def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRe
             place = max(by_place, key=lambda each: seconds_of(by_place[each]))
             by_place = {place: [call for calls in by_place.values() for call in calls]}
         for place, calls in by_place.items():
-            if _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
+            is_said = (remedy.callees, place) in said
+            if is_said or _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
                 continue
             finding = _finding_of(remedy, place, loop, findings)
             if finding is not None:
+                said.add((remedy.callees, place))
                 place_of_finding = Place(finding.file, finding.line, "")
                 yield remedy, CallsInLoop(calls, loop, place_of_finding, finding)
             elif count_of(calls) >= LEAST_REPEATS and not remedy.needs_finding:
@@ -195,7 +202,8 @@ def _of_lines(
 
 def _of_findings(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[Remedy]:
     """Yield what lint says of lines whose remedy no row of a table knows, with their share."""
-    for finding in findings:
+    by_line = {(each.file, each.line, each.code): each for each in reversed(findings)}
+    for finding in reversed(by_line.values()):
         last = finding.last_line or finding.line
         lines = [
             line

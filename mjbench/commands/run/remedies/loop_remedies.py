@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import mujoco
 
+from mjbench import formats
 from mjbench.commands.run.activities import Activity, Place
-from mjbench.commands.run.call_times import Incident
-from mjbench.commands.run.hook import call_clock
+from mjbench.commands.run.call_times import ArgumentChange, Incident
+from mjbench.commands.run.hook import argument_types, call_clock
 from mjbench.commands.run.loop_time import FEW_SAMPLES, LoopTime
 from mjbench.commands.run.remedies.call_savings import (
     count_of,
@@ -30,7 +31,16 @@ _MESSAGES_ADVICE: Mapping[Activity, str] = {
     " steps for each wait; `mjbench compare MODEL --paths python_loop,threads,batch_step` says what"
     " threads and mujoco.batch.Batch gain",
 }
-_COLLECTION_ADVICE = "call gc.freeze() after set-up, or gc.disable() in the loop"
+_COLLECTION_ADVICE = (
+    "call gc.disable() before the loop, and gc.collect() where a pause does no harm"
+)
+# What to do where JAX compiles again, by what differs in an argument.
+_RECOMPILED_ADVICE: Mapping[str, str] = {
+    argument_types.WEAK_TYPE: "create it with a dtype, such as jnp.full(n, x, dtype=jnp.float32)",
+    argument_types.DTYPE: "give it one dtype in all calls",
+    argument_types.SHAPE: "give it one shape in all calls, or pad it",
+    argument_types.VALUE: "give what varies as an array, and the rest as one value in all calls",
+}
 _BUILDING_ADVICE = (
     "build and compile the model once before the loop: change the compiled model, or keep a pool"
     " of bodies"
@@ -63,9 +73,11 @@ def _of_activity(
 
 
 def of_collection(loop: LoopTime) -> Iterator[Remedy]:
+    """Yield what saves garbage collections, each of which was timed."""
     activity = Activity.COLLECTION
     if share := loop.activities.get(activity):
-        yield _of_activity(loop, activity, _COLLECTION_ADVICE, share, RemedyKind.COLLECTION)
+        remedy = _of_activity(loop, activity, _COLLECTION_ADVICE, share, RemedyKind.COLLECTION)
+        yield replace(remedy, basis=Basis.TIMED, gain_error=0.0, share=share)
 
 
 def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
@@ -105,6 +117,40 @@ def of_building(loop: LoopTime) -> Remedy | None:
     if is_call and line.activities.get(Activity.BUILDING, 0.0) < LEAST_GAIN:
         return None
     return of_samples(loop, Activity.BUILDING, line.place, _BUILDING_ADVICE, line.share)
+
+
+def of_recompilations(loop: LoopTime, incidents: Sequence[Incident]) -> Iterator[Remedy]:
+    """Yield what makes JAX compile a function again, which was compiled before."""
+    for incident in incidents:
+        is_here = any(
+            call.callee == call_clock.COMPILE and call.place.position == incident.place.position
+            for call in loop.calls
+        )
+        if incident.name != call_clock.RECOMPILED or not is_here:
+            continue
+        times = "" if incident.count == 1 else f" {incident.count:,} times"
+        share = min(1.0, incident.seconds / loop.seconds)
+        yield Remedy(
+            RemedyKind.CALL,
+            Activity.COMPILING,
+            incident.place,
+            f"JAX compiles this function again{times}, for {formats.plain(incident.seconds, 2)} s,"
+            f" {_why_recompiled(incident.changes)}",
+            share,
+            None,
+            basis=Basis.TIMED,
+            share=share,
+            effect="nothing but rounding",
+        )
+
+
+def _why_recompiled(changes: Sequence[ArgumentChange]) -> str:
+    if not changes:
+        return "although its arguments are of the same types: JAX_EXPLAIN_CACHE_MISSES=1 says why"
+    differing = " and ".join(
+        f"{each.argument} is {each.now}, and was {each.before}" for each in changes
+    )
+    return f"since {differing}: {_RECOMPILED_ADVICE[changes[0].kind]}"
 
 
 # -- steps -----------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ AUTHOR = "MuJoCo releases <releases@mjbench.invalid>"
 
 
 def default_path() -> Path:
-    return Path(__file__).resolve().parents[2] / "benchmarks" / "releases.bundle"
+    return Path(__file__).resolve().parents[1] / "releases.bundle"
 
 
 def read(bundle: Path) -> list[Release]:
@@ -138,7 +138,7 @@ def _data(text: str) -> str:
 @contextlib.contextmanager
 def _cloned(bundle: Path) -> Iterator[Path]:
     if not bundle.is_file():
-        raise InputError(f"no history at {bundle}; `mjbench releases update` creates it")
+        raise InputError(f"no history at {bundle}; python -m benchmarks.history append creates it")
     with files.temporary_folder() as folder:
         repository = folder / "history.git"
         _git(None, "clone", "--quiet", "--bare", str(bundle), str(repository))

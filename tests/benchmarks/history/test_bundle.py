@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.history import bundle
 from mjbench.errors import InputError
-from mjbench.releases import bundle
 from mjbench.releases.release import Release
 
 START = datetime(2024, 1, 1, tzinfo=UTC)

@@ -1,0 +1,134 @@
+"""What collisions cost is told by types and pairs of geoms, with cells and vertices."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjbench.commands.profile import model_costs, step_parts
+from mjbench.commands.profile.model_costs import Cost, CostKind
+from mjbench.commands.profile.step_parts import Stage
+
+XML = """
+<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1"/>
+    <body pos="0 0 .1"><freejoint/><geom name="a" type="box" size=".1 .1 .1"/></body>
+    <body pos=".15 0 .25"><freejoint/><geom name="b" type="box" size=".1 .1 .1"/></body>
+    <body pos="3 0 .1"><freejoint/><geom name="c" size=".1"/><site name="s"/></body>
+  </worldbody>
+  <sensor><gyro site="s"/><rangefinder site="s"/><rangefinder site="s"/></sensor>
+</mujoco>"""
+
+
+@pytest.fixture
+def model():
+    return mujoco.MjModel.from_xml_string(XML)
+
+
+@pytest.fixture
+def states(model):
+    data = mujoco.MjData(model)
+    spec = mujoco.mjtState.mjSTATE_INTEGRATION
+    rows = np.empty((2, mujoco.mj_stateSize(model, spec)))
+    for row in rows:
+        mujoco.mj_getState(model, data, row, spec)
+    return rows
+
+
+def time_by(monkeypatch, seconds):
+    """Let a call take what a function says of the model, once it was prepared."""
+
+    def medians(model, start, contenders, budget_s):
+        times = []
+        for prepare, _ in contenders:
+            contenders[0][0]()
+            prepare()
+            times.append(seconds(model))
+        return times
+
+    monkeypatch.setattr(step_parts, "medians", medians)
+
+
+def test_pairs_share_the_narrow_phase_by_what_each_adds_to_collision(model, states, monkeypatch):
+    boxes = [model.geom("a").id, model.geom("b").id]
+
+    def seconds(model):
+        enabled = set(np.flatnonzero(model.geom_contype))
+        return 7e-6 if enabled == set(boxes) else 2e-6 if 0 in enabled else 1e-6
+
+    time_by(monkeypatch, seconds)
+    before = np.array(model.geom_contype), np.array(model.geom_conaffinity)
+    costs = {cost.name: cost for cost in model_costs._pairs(model, states, 0.9, 1e-5)}
+    # a pair of boxes adds 6 µs; two of a box and the floor, and one of a sphere, 1 µs each
+    assert costs["box “a” and box “b”"].share == pytest.approx(0.9 * 6 / 9)
+    assert costs["box and plane"] == Cost(
+        CostKind.TYPES, "box and plane", 2, pytest.approx(0.9 * 2 / 9)
+    )
+    np.testing.assert_array_equal((model.geom_contype, model.geom_conaffinity), before)
+
+
+def test_only_geoms_that_come_near_are_timed(model, states):
+    pairs = np.array([[1, 2], [1, 3], [0, 3]])
+    nearness = model_costs._nearness(model, states, pairs)
+    assert nearness.tolist() == [
+        model_costs.Nearness.TOUCHING,
+        model_costs.Nearness.FAR,
+        model_costs.Nearness.TOUCHING,
+    ]
+
+
+TERRAIN = """
+<mujoco>
+  <asset>
+    <hfield name="hills" nrow="21" ncol="41" size="2 2 .1 .1"/>
+    <mesh name="wedge" vertex="0 0 0  .1 0 0  0 .1 0  0 0 .1  .02 .02 .02"/>
+  </asset>
+  <worldbody>
+    <geom type="hfield" hfield="hills"/>
+    <body pos="0 0 .1"><freejoint/><geom size=".2"/></body>
+    <body pos="1 0 .1"><freejoint/><geom size=".2"/></body>
+    <body pos="-1 0 .05"><freejoint/><geom type="mesh" mesh="wedge"/></body>
+  </worldbody>
+</mujoco>"""
+
+
+def test_a_height_field_is_named_with_its_cells_and_a_mesh_with_its_vertices(monkeypatch):
+    model = mujoco.MjModel.from_xml_string(TERRAIN)
+    spec = mujoco.mjtState.mjSTATE_INTEGRATION
+    states = np.empty((1, mujoco.mj_stateSize(model, spec)))
+    mujoco.mj_getState(model, mujoco.MjData(model), states[0], spec)
+    monkeypatch.setattr(model_costs, "_weights", lambda *_: {(0, 1): 2e-6, (0, 2): 2e-6, (0, 3): 0})
+    costs = model_costs.collision_costs(model, states, {"narrow-phase collision": 0.8}, 1e-5)
+    assert str(costs[0]) == ("hfield and sphere (2): 80 %; height field “hills” has 20 × 40 cells")
+    assert model_costs._finest(model, [3, 1]) == (
+        "mesh “wedge” has 5 vertices, 4 of them on its hull"
+    )
+
+
+def test_a_small_narrow_phase_is_not_divided():
+    assert model_costs.collision_costs(None, None, {"narrow-phase collision": 0.01}, 1e-5) == []
+
+
+def test_what_costs_most_is_of_the_longest_stage():
+    sensors = Cost(CostKind.SENSORS, "rangefinder", 4, 0.4)
+    pair = Cost(CostKind.PAIR, "box and box", 1, 0.1)
+    stages = {"narrow-phase collision": 0.35, "other": 0.65}
+    assert model_costs.main_cost(stages, [sensors, pair]) == pair
+    assert model_costs.main_cost({**stages, "sensors": 0.4}, [sensors, pair]) == sensors
+    assert model_costs.main_cost({"tendons": 1.0}, [sensors, pair]) is None
+
+
+@pytest.mark.parametrize(
+    ("world", "option", "count"),
+    [
+        (3 * "<geom size='.1'/>", "", 3),
+        (3 * "<geom size='.1'/>", "<option><flag sleep='enable'/></option>", 0),
+        ("<geom size='.1'/>", "", 0),
+    ],
+)
+def test_static_geoms_count_where_they_are_most_and_do_not_sleep(world, option, count):
+    moving = "<body><freejoint/><geom size='.1'/><body><geom size='.1'/></body></body>"
+    xml = f"<mujoco>{option}<worldbody>{world}{moving}</worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(xml)
+    costs = model_costs.static_costs(model, {Stage.KINEMATICS: 0.5})
+    assert sum(cost.count for cost in costs) == count

@@ -1,0 +1,29 @@
+"""The time of a loop is divided once, however short what was timed is."""
+
+import pytest
+
+from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.loop_parts import Sample, loop_seconds, parts_of
+from mjbench.commands.run.loop_time import shares_of
+from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
+from mjbench.commands.run.source_loops import SourceLoop
+
+LOOP = SourceLoop("train.py", 10, 20)
+# What a clock says of calls that are shorter than what it costs to time them.
+UNSEEN = CallTime("mj_step", 1, 1, Place("train.py", 12, "main"), LOOP, 9, 0.0, 0, 0, 9, 9)
+STACK = [Frame("main", "train.py", 11)]
+SAMPLE = Sample(ThreadSamples(Thread(1, 1, "MainThread"), [], 0.02), STACK, STACK, Activity.PYTHON)
+
+
+@pytest.mark.parametrize(
+    ("samples", "rest"), [(0, Activity.REST), (3, Activity.REST), (100, Activity.PYTHON)]
+)
+def test_calls_that_the_clock_did_not_see_leave_the_loop_to_the_rest(samples, rest):
+    sampled = [SAMPLE] * samples
+    seconds = loop_seconds(sampled, [UNSEEN])
+    assert seconds > 0
+    parts = [(part.activity, part.seconds) for part in parts_of(sampled, [UNSEEN], seconds, 0.0)]
+    assert shares_of(parts, seconds) == pytest.approx({Activity.PHYSICS: 0.0, rest: 1.0})
+    collected = parts_of(sampled, [UNSEEN], seconds, 0.1)
+    assert sum(part.seconds for part in collected) == pytest.approx(seconds)
