@@ -32,7 +32,8 @@ _MESSAGES_ADVICE: Mapping[Activity, str] = {
     " threads and mujoco.batch.Batch gain",
 }
 _COLLECTION_ADVICE = (
-    "call gc.disable() before the loop, and gc.collect() where a pause does no harm"
+    "garbage collection: call gc.disable() before the loop, and gc.collect() where a pause does no"
+    " harm"
 )
 # What to do where JAX compiles again, by what differs in an argument.
 _RECOMPILED_ADVICE: Mapping[str, str] = {
