@@ -5,6 +5,7 @@ crash, a hang or an exit ends the child alone is tested where children are start
 """
 
 import contextlib
+import math
 import pickle
 import sys
 import tempfile
@@ -41,6 +42,7 @@ def run(
     import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
+    end_s: float = math.inf,
 ) -> Ended:
     """Stand in for `isolate.run`."""
     assert not environment, "a variable that a child reads as it starts"

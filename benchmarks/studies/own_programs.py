@@ -240,15 +240,14 @@ class ProgramResult:
         return self.measured is not None and self.reach > _MOST_DIFFERENCE
 
     @property
-    def row(self) -> str:
-        """The row of a table."""
+    def shares(self) -> str:
+        """The predicted and the measured share, as cells of a table."""
         shares = [
             _with_interval(self.predicted, self.reach),
             _with_interval(self.measured, self.measured_reach),
         ]
         shares[0] = f"≥ {shares[0]}" if self.is_bound else shares[0]
-        text = self.advice.replace("|", "\\|")
-        return f"| `{self.name}` | {text} | {' | '.join(shares)} |"
+        return " | ".join(shares)
 
 
 @dataclass(frozen=True)
@@ -280,21 +279,18 @@ class ProgramTally:
         wide = sum(each.is_wide for each in predicted)
         count = len(self.programs)
         yield (
-            "The right change, and the right line where there is one, is named first for"
+            "The report names the right change and line first for"
             f" {count - len(wrong)} of {count} programs{_named(' (not ', wrong, ')')}. Of"
             f" {len(predicted)} predictions, {len(predicted) - len(far)} are within"
-            f" {_MOST_DIFFERENCE} of what was measured, or hold it in the interval that {wide} of"
-            f" them show{_named(' (not ', far, ')')}; of {len(bounds)} bounds, {sum(bounds)} hold."
-            " Programs without times have wrong results."
-        )
-        yield (
-            f"(MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a load of {self.load:g}"
-            f" at the beginning; {self.rounds} rounds.)"
+            f" {_MOST_DIFFERENCE} of the measured time or contain it in their interval, which"
+            f" {wide} of them have{_named(' (not ', far, ')')}. Of {len(bounds)} bounds,"
+            f" {sum(bounds)} hold. (MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a"
+            f" load of {self.load:g} at the beginning; {self.rounds} rounds.)"
         )
         yield ""
-        yield "| program | first advice | predicted | measured |"
-        yield "|---|---|---:|---:|"
-        yield from (each.row for each in self.programs)
+        yield "| program | predicted | measured |"
+        yield "|---|---:|---:|"
+        yield from (f"| `{each.name}` | {each.shares} |" for each in timed)
 
 
 def _with_interval(share: float | None, reach: float) -> str:
@@ -302,7 +298,7 @@ def _with_interval(share: float | None, reach: float) -> str:
         return "–"
     if reach <= _MOST_DIFFERENCE:
         return f"{share:.2f}"
-    return f"{share:.2f} ({max(0.0, share - reach):.2f} to {share + reach:.2f})"
+    return f"{share:.2f} ({max(0.0, share - reach):.2f}–{share + reach:.2f})"
 
 
 def _named(before: str, names: Sequence[str], after: str = "") -> str:
@@ -322,7 +318,7 @@ def main() -> None:
     results = []
     for program in chosen:
         results.append(ProgramResult.of(program, arguments.count, arguments.rounds))
-        print(results[-1].row, flush=True)
+        print(f"{results[-1].name} | {results[-1].advice} | {results[-1].shares}", flush=True)
     tally = ProgramTally(
         here.versions["mujoco"],
         here.cpu,

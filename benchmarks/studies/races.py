@@ -204,19 +204,18 @@ def lines(tally: RaceTally) -> list[str]:
     below = {row.model: share for row in rows if (share := _covered(row)) < CONFIDENCE}
     itself = max(row.faster_than_itself for row in rows)
     return [
-        f"In {races} races of each of {len(rows)} models, {_percent(decided)} of all loops are"
-        f" decided within the budget, and fewer than half on {_listed(undecided)}. On average over"
-        " the races of a model, the"
-        f" advised path is slower than the fastest by {_percent(regret, 2)} at most; in one race of"
-        f" a hundred, by {_percent(worst.worst_regret, 1)} ({worst.model}). The fastest path is"
-        f" dropped in {_percent(dropped, 1)} of the races at most. Of the intervals, 95 % should"
-        f" hold; fewer do on {_listed(below, 1)}. A path that enters twice is called faster or"
-        f" slower than itself in {_percent(itself, 1)} of the races at most.",
-        f"(MuJoCo {tally.mujoco}, {tally.cpu}.)",
+        f"In {races} replayed races of each of {len(rows)} models, {_percent(decided)} of all loops"
+        f" are decided, and fewer than half on {_listed(undecided)}. The advised path is slower"
+        f" than the fastest by at most {_percent(regret, 2)} on average, and by at most"
+        f" {_percent(worst.worst_regret, 1)} ({worst.model}) in 99 of 100 replays. The fastest path"
+        f" is dropped in at most {_percent(dropped, 1)} of them. Of the intervals, 95 % should"
+        f" hold. Fewer do on {_listed(below, 1)}. A path that enters twice is called faster or"
+        f" slower than itself in at most {_percent(itself, 1)} of replays."
+        f" (MuJoCo {tally.mujoco}, {tally.cpu}.)",
         "",
-        "| model | paths | regret, % | in 1 of 100, % | dropped, % | decided, % |"
-        " wrong, % | holds, left, % | holds, final, % | ±, % | launches | seconds |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| model | regret in 1 of 100, % | decided, % | wrong, % | holds, left, % | holds, final, %"
+        " | launches | seconds |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|",
         *(_line(row) for row in rows),
     ]
 
@@ -238,19 +237,10 @@ def _listed(shares: Mapping[str, float], digits: int = 0) -> str:
 
 
 def _line(row: ModelTally) -> str:
-    shares = (
-        row.regret,
-        row.worst_regret,
-        row.dropped,
-        row.decided,
-        row.wrong,
-        row.covered_left,
-        row.covered_final,
-        row.half_width,
-    )
+    shares = (row.worst_regret, row.decided, row.wrong, row.covered_left, row.covered_final)
     cells = [f"{100 * share:.1f}" if math.isfinite(share) else "" for share in shares]
     numbers = f"{row.race_launches:.0f} | {row.race_s:.0f}"
-    return f"| {row.model} | {row.entrants} | {' | '.join(cells)} | {numbers} |"
+    return f"| {row.model} | {' | '.join(cells)} | {numbers} |"
 
 
 def load(file: Path) -> "tuple[dict[str, str], list[RaceRecord]]":

@@ -136,9 +136,9 @@ class TruthTally:
         differing = sum(each in (Verdict.SLOWER, Verdict.FASTER) for each in controls)
         yield (
             f"`mjbench versions` finds {len(found)} of {len(known)} changes that others have"
-            f" published{others}, {sum(beside)} of them beside a control that stays `same`:"
-            " other work in the same environments, or the same work in others. Of"
-            f" {len(controls)} controls, {differing} differ; whether rightly, is not known. Of"
+            f" published{others}. For {sum(beside)} of them a control stays `same`: different work"
+            f" in the same environments, or the same work in different ones. {differing} of"
+            f" {len(controls)} controls differ, and it is not known whether they should. Of"
             f" {len(sized)} published sizes, {sum(sized)} are found within a factor of"
             f" {ROUGHLY:g}."
         )

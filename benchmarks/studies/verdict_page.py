@@ -9,6 +9,7 @@ from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.verdict_tally import FAMILY, TOGETHER, FamilyRow, ScenarioRow, VerdictTally
 from mjbench.results import markdown
 
+_PLACED = ", placed"
 PART = PagePart("method/errors.md", "verdicts", "benchmarks.studies.verdict_page")
 
 
@@ -44,14 +45,20 @@ def lines(tally: VerdictTally) -> Iterator[str]:
     yield f"{_conclusion(tally.scenarios)} {_family_conclusion(tally.families)}"
     yield ""
     yield (
-        f"Shares of {tally.comparisons:,} comparisons, in percent: those called `slower` or"
-        " `faster` although nothing changed, those called `slower` at each true change, and the"
-        " least share of intervals that contain the truth."
+        f"Shares of {tally.comparisons:,} comparisons, in percent: called `slower` or `faster`"
+        " although nothing changed; called `slower` at each true change; and intervals that"
+        " contain the truth."
     )
     yield ""
     changes = sorted({row.change for row in tally.scenarios} - {0.0})
     columns = ["wrong at 0 %", *(f"found at {100 * c:g} %" for c in changes), "contain"]
-    names = dict.fromkeys(row.scenario for row in tally.scenarios)
+    scenarios = dict.fromkeys(row.scenario for row in tally.scenarios)
+    # placement hardly changes a scenario that is there without it, too
+    names = [
+        n
+        for n in scenarios
+        if n.removesuffix(_PLACED) == n or n.removesuffix(_PLACED) not in scenarios
+    ]
     rows = (_cells(name, [r for r in tally.scenarios if r.scenario == name]) for name in names)
     yield from markdown.table_lines(["launches", *columns], rows, columns)
 
@@ -68,20 +75,19 @@ def _conclusion(rows: Sequence[ScenarioRow]) -> str:
     held = [row for row in unchanged if _wrong(row) <= 0.01]
     beyond = [row for row in unchanged if row not in held]
     text = (
-        "Targets that do not differ are called slower or faster in at most"
-        f" {100 * max(map(_wrong, held)):.1f} % of comparisons, in {len(held)} of"
-        f" {len(unchanged)} scenarios."
+        f"In {len(held)} of {len(unchanged)} scenarios, at most"
+        f" {100 * max(map(_wrong, held)):.1f} % of equal targets are called slower or faster."
     )
     if beyond:
         listing = "; ".join(f"{row.scenario}: {100 * _wrong(row):.1f} %" for row in beyond)
-        text += f" The level of 1 % is not kept in {len(beyond)}: {listing}."
+        text += f" In {len(beyond)} scenarios it is more than 1 %: {listing}."
     return text
 
 
 def _family_conclusion(rows: Sequence[FamilyRow]) -> str:
     worst = max(row.wrong for row in rows if row.rule == TOGETHER)
     return (
-        f"Of {FAMILY} models that are decided together, an unchanged one is named slower in at most"
+        f"Of {FAMILY} models decided together, an unchanged one is named slower in at most"
         f" {100 * worst:.1f} % of comparisons."
     )
 

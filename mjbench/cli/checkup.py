@@ -60,7 +60,6 @@ def checkup(target: str, arguments: tuple[str, ...], options: CheckupOptions) ->
         each=show.part_sections,
         summary=show.summary,
         code=options.code,
-        has_results=False,  # parts are printed as they end
         to_stderr=isinstance(source, targets.ProgramFile),
     )
     if code_of_program := exit_code_of(run.session.run()):

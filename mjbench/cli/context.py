@@ -231,7 +231,6 @@ def measure_and_print(
     at_end: bool = False,
     code: bool | None = None,
     to_stderr: bool = False,
-    has_results: bool = True,
 ) -> RunContext:
     """Measure as the options of a command say; print and store what comes of it.
 
@@ -259,7 +258,7 @@ def measure_and_print(
     with RunContext(output, inputs, session, to_stderr) as run:
         try:
             with (
-                progress(run.out, has_results) as observer,
+                progress(run.out) as observer,
                 contextlib.closing(measurement.measure(session.earlier, observer)) as items,
             ):
                 _measure_items(run, items, observer, each, bool(code))

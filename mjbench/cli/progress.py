@@ -18,24 +18,11 @@ from mjbench.session import Observer
 
 
 class PhaseLines(Observer):
-    """Says in lines on standard error what begins, and the first results; without a terminal."""
-
-    def __init__(self, has_results: bool = True):
-        super().__init__()
-        self._awaits_results = has_results
+    """Says in lines on standard error what begins; without a terminal."""
 
     def begin(self, phase: str) -> None:
         """Say what begins now."""
         click.echo(printable(phase), err=True)
-
-    def show(self, section: Callable[[], Section | None] | None) -> None:
-        """Print what is known, the first time that anything is."""
-        so_far = section() if section and self._awaits_results else None
-        if so_far is not None:
-            self._awaits_results = False
-            click.echo(
-                f"First results; the final ones follow.\n{terminal.text_of([so_far])}\n", err=True
-            )
 
 
 class _TerminalBar(Observer):
@@ -96,14 +83,10 @@ def _logged_to(observer: Observer) -> Iterator[Observer]:
 
 
 @contextlib.contextmanager
-def progress(out: Console, has_results: bool = True) -> Iterator[Observer]:
-    """Yield what shows progress: a bar, which is gone at the end, or lines.
-
-    Args:
-      has_results: whether lines have the first results, too.
-    """
+def progress(out: Console) -> Iterator[Observer]:
+    """Yield what shows progress: a bar, which is gone at the end, or lines."""
     if not out.is_terminal or out.is_dumb_terminal:
-        with _logged_to(PhaseLines(has_results)) as observer:
+        with _logged_to(PhaseLines()) as observer:
             yield observer
         return
     name_column = Column(no_wrap=True, ratio=1)  # what does not fit is cut here, and not in times

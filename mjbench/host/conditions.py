@@ -161,8 +161,8 @@ def stolen() -> Condition | None:
     before = ProcessorTime.now()
     if not (machine.is_virtual() or before.stolen_s > 0):
         return None
-    end = time.process_time() + _STOLEN_S
-    while time.process_time() < end:  # a machine that asks for nothing gets all of it
+    end = time.monotonic() + _STOLEN_S
+    while time.monotonic() < end:  # a machine that asks for nothing gets all of it
         pass
     share = ProcessorTime.now().stolen_since(before)
     detail = f"a virtual machine; its host takes {100 * share:.0f} % of the processor time"

@@ -8,6 +8,7 @@ Messages have a connection of their own: all that the child writes to its output
 
 import contextlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from time import monotonic
 from typing import Any, TypeVar, TypeVarTuple
 
 from mjbench.errors import REFUSALS, MachineError, failure_of
@@ -97,6 +99,7 @@ def run(
     import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
+    end_s: float = math.inf,
 ) -> Ended:
     """Call a function of a module in a child.
 
@@ -109,6 +112,7 @@ def run(
       import_from: a further folder that the child may import from.
       environment: further environment variables of the child; None removes one.
       memory_bytes: the child is killed when it takes more.
+      end_s: the child is killed at this time of the monotonic clock.
     """
     with files.temporary_folder() as folder:
         connection = child_connection.start(
@@ -120,7 +124,8 @@ def run(
             env=_environment(import_from, environment or {}),
         )
         try:
-            end = _converse(connection, (function, arguments), on_message, limit_s, memory_bytes)
+            task = function, arguments
+            end = _converse(connection, task, on_message, limit_s, memory_bytes, end_s)
         finally:
             connection.end()
         # what the child was doing says nothing more of an end that is the user's to mend
@@ -134,13 +139,14 @@ def call(
     import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
+    end_s: float = math.inf,
     otherwise: Callable[[Ended], _Answer] | None = None,
 ) -> _Answer:
     """Return what a function returns in a child (see `run`), or `otherwise` if it did not end well.
 
     Without `otherwise`, that raises as `Ended.check` does.
     """
-    further = (import_from, environment, memory_bytes)
+    further = (import_from, environment, memory_bytes, end_s)
     ended = run(function, arguments, lambda message: None, limit_s, *further)
     if ended.status != Status.OK and otherwise is not None:
         return otherwise(ended)
@@ -155,18 +161,24 @@ def _converse(
     on_message: Callable[[Any], None],
     limit_s: float,
     memory_bytes: int | None,
+    end_s: float = math.inf,
 ) -> Ended:
+    seconds = end_s - monotonic()
+
     def watch() -> None:
+        if monotonic() > end_s:
+            cause = f"killed after {max(0.0, seconds):.0f} s (its share of --budget)"
+            raise connection.failure(Status.TIMEOUT, cause)
         if memory_bytes and child.memory_bytes(connection.process.pid) > memory_bytes:
             cause = f"took more than {memory_bytes / 2**30:.1f} GiB of memory, killed"
             raise connection.failure(Status.FAILED, cause)
 
     with contextlib.suppress(OSError):  # a dead child is reported when its answer is read
         connection.connection.send(to_call)
-    limit = limit_s
+    limit, is_watched = limit_s, memory_bytes is not None or end_s < math.inf
     try:
         while True:
-            content = connection.receive(limit, watch=watch if memory_bytes else None)
+            content = connection.receive(limit, watch=watch if is_watched else None)
             message = connection.unpickled(content)
             if isinstance(message, Ended):
                 return message
@@ -176,7 +188,8 @@ def _converse(
                 limit = limit_s
                 on_message(message)
     except ChildError as error:
-        hint = ", killed (--time-limit)" if error.ending == Status.TIMEOUT else ""
+        is_silent = error.ending == Status.TIMEOUT and monotonic() <= end_s
+        hint = ", killed (--time-limit)" if is_silent else ""
         return Ended(error.ending, error.cause + hint)
 
 

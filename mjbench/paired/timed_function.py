@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import InputError, MachineError, UnavailableError, describe
+from mjbench.formats import listed
 from mjbench.measuring import calls
 from mjbench.measuring.calls import Compilation
 from mjbench.measuring.timing import LEAST_S
@@ -137,9 +138,15 @@ class TimedFunction:
         *owners, last = source.name.split(".")
         for name in (*owners, last):
             if not hasattr(self._owner, name):
-                raise UnavailableError(f"{source.module} has no {source.name}")
+                raise UnavailableError(f"{source.module} has no {source.name}{self._others()}")
             if name != last:
                 self._owner = getattr(self._owner, name)
+
+    def _others(self) -> str:
+        """Return which functions the module has, as the end of a sentence."""
+        named = vars(self._module).items()
+        own = [name for name, each in named if inspect.isfunction(each) and name[0] != "_"]
+        return f", but it has {listed(own)}" if own else ""
 
     def fresh(self) -> calls.Function:
         """Set up anew; return what is to be called. InputError where it takes arguments."""

@@ -68,6 +68,7 @@ class ComparisonPlan:
       nbatch: simulations; None lets each model have as many as its budget allows.
       nstep: steps per simulation; None likewise.
       budget_s: seconds for a model, agreement included, that paths which run C may take.
+      must_end: whether paths that compile, too, end within budget_s.
       limit_s: a child process that is silent for longer is killed.
       named: paths that the user asked for by name; they are tried even where that is slow.
       total_steps: steps that the user will take in all, within which compiling must pay; None for
@@ -82,6 +83,7 @@ class ComparisonPlan:
     starts: StartPlan = DEFAULT_STARTS
     returns: Product = Product.FINAL
     budget_s: float = BUDGET_S
+    must_end: bool = False
     limit_s: float = TIME_LIMIT_S
     import_from: str | None = None
     named: tuple[str, ...] = ()

@@ -259,6 +259,19 @@ def test_an_extension_never_shortens_the_limit(connect: Connect) -> None:
     assert received(connection) == ["in time", "timeout"]
 
 
+def test_a_child_is_killed_when_its_share_of_the_time_ends(
+    connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connection = connect((5.0, Text("in time")), (9.0, Text("late")))
+    monkeypatch.setattr(isolate, "monotonic", child_connection.monotonic)
+    texts: list[str] = []
+    ended = isolate._converse(
+        connection, None, lambda message: texts.append(message.text), 60.0, None, end_s=8.0
+    )
+    assert texts == ["in time"]
+    assert ended == Ended(Status.TIMEOUT, "killed after 8 s (its share of --budget)")
+
+
 def test_a_child_that_takes_too_much_memory_is_killed(
     connect: Connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:

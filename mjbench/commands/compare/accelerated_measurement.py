@@ -5,6 +5,7 @@ of the reference run, checks them against C, and only then times the steady prog
 """
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -65,6 +66,7 @@ class AcceleratedRequest:
     Attributes:
       is_named: whether the user asked for this path; others are not tried where they are slow.
       limit_s: seconds of silence after which the child is killed; its compiler gets more.
+      end_s: when it is killed, by the monotonic clock.
     """
 
     source: ModelSource
@@ -72,6 +74,7 @@ class AcceleratedRequest:
     workload_file: Path
     is_named: bool = True
     limit_s: float = TIME_LIMIT_S
+    end_s: float = math.inf
 
 
 def run(
@@ -89,6 +92,7 @@ def run(
         import_from,
         accelerated_path(request.variant.path).environment(),
         memory_bytes=int(CHILD_MEMORY_SHARE * machine.available_memory_bytes()),
+        end_s=request.end_s,
     )
 
 
@@ -137,7 +141,8 @@ class _Measurement:
         self._send(
             memory_bytes=machine.peak_memory_bytes(), gpu_memory_bytes=compiled.gpu_memory_bytes()
         )
-        if self._record.agrees and request.is_named:
+        has_time = compiled.compile_s < request.end_s - time.monotonic()
+        if self._record.agrees and request.is_named and has_time:
             self._begin(f"compiling {path.name} again, with its cache", COMPILER_PATIENCE)
             self._send(cached_compile_s=compiled.cached_compile_s())
         resources.close()

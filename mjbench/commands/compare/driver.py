@@ -8,6 +8,7 @@ do the verified work (see `paired.race`). Accelerated paths, which compile first
 """
 
 import itertools
+import math
 import sys
 import time
 from collections.abc import Callable, Collection, Sequence
@@ -60,6 +61,7 @@ def plans_of(options: CompareOptions) -> list[ComparisonPlan]:
         starts=options.starts,
         returns=Product(options.returns),
         budget_s=options.budget.each_s,
+        must_end=options.budget_s is not None,
         limit_s=options.time_limit_s,
         import_from=_own_path_folder(names),
         named=tuple(name for name in names if name != selection.USUAL_PATHS),
@@ -232,7 +234,8 @@ class ComparedModel:
         if 0 not in agreeing:  # the plain loop
             return
         variants = [self._plan.variants[i] for i in agreeing]
-        budget = RaceBudget(self._begin_s + self._plan.budget_s)
+        compiling = len(self._plan.accelerated) if self._plan.must_end else 0
+        budget = RaceBudget(self._begin_s + self._plan.budget_s / (1 + compiling))
         # a launch takes about as long as the agreement check: each runs every path a few times
         expected_s = max(1.0, verified_s, budget.left_s())
         racing = f"racing {len(variants)} paths, about {expected_s:.0f} s"
@@ -260,11 +263,15 @@ class ComparedModel:
         self._show_known()
 
     def _run_accelerated(self) -> None:
-        for index in self._plan.accelerated:
+        for number, index in enumerate(self._plan.accelerated):
+            now_s, end_s = time.monotonic(), math.inf
+            if self._plan.must_end:
+                left_s = self._begin_s + self._plan.budget_s - now_s
+                end_s = now_s + left_s / (len(self._plan.accelerated) - number)
             phase = f"{self._name}: {self._plan.variants[index]}"
             self._observer.begin(phase)
             self._show_progress(phase, 1.0)
-            self._children.run_accelerated(index)
+            self._children.run_accelerated(index, end_s)
             self._show_known()
 
     def _show_verifying(self) -> None:
@@ -359,8 +366,12 @@ class ModelChildren:
             record = replace(record, agrees=False, agreement=detail)
         self.measured[position] = replace(record, status=status, detail=detail)
 
-    def run_accelerated(self, position: int) -> None:
-        """Measure one accelerated path alone; whatever becomes of it costs its own row."""
+    def run_accelerated(self, position: int, end_s: float = math.inf) -> None:
+        """Measure one accelerated path alone; whatever becomes of it costs its own row.
+
+        Args:
+          end_s: when it must have ended, by the monotonic clock.
+        """
         variant = self.plan.variants[position]
 
         def receive(record: VariantRecord) -> None:
@@ -372,6 +383,7 @@ class ModelChildren:
             self.files.accelerated,
             is_named=variant.path in self.plan.named,
             limit_s=self.plan.limit_s,
+            end_s=end_s,
         )
         try:
             ended = accelerated_measurement.run(request, receive, self.plan.import_from)
@@ -380,7 +392,7 @@ class ModelChildren:
             ended = isolate.Ended(failure.status, failure.detail)
         if ended.status != Status.OK:
             compiled = self.measured.get(position)
-            is_silent = ended.status == Status.TIMEOUT
+            is_silent = ended.status == Status.TIMEOUT and time.monotonic() < end_s
             if is_silent and (compiled is None or compiled.compile_s is None):
                 ended = replace(
                     ended, detail=accelerated_measurement.not_compiled(self.plan.limit_s)

@@ -13,6 +13,7 @@ number of environments in `sized_forms`.
 import contextlib
 import dataclasses
 import functools
+import math
 import random
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -82,13 +83,15 @@ def added(
     step_s = float(np.median(record.step_ns)) * 1e-9
     repeats = record.facts is not None and record.facts.repeats
     rule = _VectorRule(plan)
-    targets = _VectorLaunches(VectorRequest(source, plan, step_s, repeats, ()))
+    end_s = time.monotonic() + plan.budget_s if plan.must_end else math.inf
+    targets = _VectorLaunches(VectorRequest(source, plan, step_s, repeats, ()), end_s)
     ending = launch(targets, rule)
     if ending.status == Status.INTERRUPTED:
         detail = "in vectorised forms"
         record = dataclasses.replace(record, status=ending.status, detail=detail)
         ending = Failure(ending.status, "stopped before it was timed")
-    if ending.status == Status.INPUT and not rule.launches and not rule.wrong:
+    is_refused = ending.status == Status.INPUT or time.monotonic() >= end_s
+    if is_refused and not rule.launches and not rule.wrong:
         return dataclasses.replace(record, no_vectors=ending.detail)
     return dataclasses.replace(record, vectors=rule.samples(ending))
 
@@ -96,12 +99,14 @@ def added(
 @dataclass
 class _VectorLaunches(Targets[VectorLaunch]):
     request: VectorRequest
+    end_s: float
 
     def launch(self, positions: Sequence[int]) -> VectorLaunch:
         return isolate.call(
             measure_in_child,
             dataclasses.replace(self.request, positions=positions),
             limit_s=self.request.plan.limit_s,
+            end_s=self.end_s,
             otherwise=_without_figures,
         )
 

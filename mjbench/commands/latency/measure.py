@@ -9,6 +9,7 @@ count as one slow tick; G. Tene calls that mistake coordinated omission).
 
 import enum
 import gc
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -281,7 +282,9 @@ def measure_in_child(
             count = max(LEAST_NTICK, min(ntick, affordable))
         total = count + WARM_UP_NTICK
         channel.allow_silence(_PATIENCE * tick_step_s * total + 2 * total / rate_hz)
-        measured = record_ticks(sample.workload, count, 1e9 / rate_hz if is_paced else 0.0)
+        end_ns = 1e9 * end_s if options.nstep is None else math.inf
+        period_ns = 1e9 / rate_hz if is_paced else 0.0
+        measured = record_ticks(sample.workload, count, period_ns, end_ns=end_ns)
         of_pace = pace, rate_hz if is_paced else None, timestep_s, options.tick
         samples.append(
             TickSamples(*of_pace, sample.observation.work, *measured, starts=sample.starts)
@@ -293,17 +296,23 @@ def record_ticks(
     workload: Workload,
     ntick: int,
     period_ns: float,
-    clock: Callable[[], int] = time.perf_counter_ns,
+    clock: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], None] = time.sleep,
+    end_ns: float = math.inf,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return (ntick,) latencies in ns, and features by name; a period of 0 ns is for no pace."""
+    """Return (ntick,) latencies in ns, and features by name; a period of 0 ns is for no pace.
+
+    Args:
+      end_ns: after this time of the clock, they are as few as allowed.
+    """
     model, data = workload.model, mujoco.MjData(workload.model)
     total = ntick + WARM_UP_NTICK
     latency_ns, counters = np.zeros(total), np.zeros((total, len(_FEATURES)))
     usage_now = _usage_function()
     with _Collections() as collections:
         k = 0
-        while k < total:
+        least = WARM_UP_NTICK + LEAST_NTICK
+        while k < total and (k < least or end_ns == math.inf or clock() < end_ns):
             run = (k // workload.ncontrol) % workload.nbatch
             compat.restart(model, data, workload.initial_state[run])
             due = clock() + period_ns
@@ -329,7 +338,7 @@ def record_ticks(
                 )
                 due += period_ns
                 k += 1
-    counted = slice(WARM_UP_NTICK, None)
+    counted = slice(WARM_UP_NTICK, k)
     features = {name: counters[counted, i] for i, name in enumerate(_FEATURES)}
     return latency_ns[counted], features
 

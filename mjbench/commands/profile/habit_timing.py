@@ -129,8 +129,8 @@ def measure(
         begin_s = clock()
         if seed >= LEAST_LAUNCHES and begin_s + longest_s > end_s:
             break
-        blocks_s = budget_s / launches
-        measured.append(isolate.call(launch, source, starts, seed, blocks_s, limit_s=limit_s))
+        share_s = (end_s - begin_s) / (launches - seed)
+        measured.append(isolate.call(launch, source, starts, seed, share_s, limit_s=limit_s))
         longest_s = max(longest_s, clock() - begin_s)
     bare_ns = statistics.median(launch.bare_ns for launch in measured)
     added_ns = {
@@ -169,6 +169,8 @@ def measure(
 def launch(
     source: ModelSource, plan: StartPlan, seed: int, budget_s: float, channel: Channel
 ) -> Launch:
+    """Time all habits once; loading and warming up are part of the seconds that it has."""
+    end_s = time.perf_counter() + budget_s
     model, file = models.load(source), str(source.path)
     nstep = max(LEAST_NSTEP, int(BLOCK_S / reference_run.step_s(model)))
     starts = LoopStarts(model, plan, nstep, seed)
@@ -182,15 +184,16 @@ def launch(
     bare_ns: list[float] = []
     added_ns: dict[str, float] = {}
     gc.disable()
-    for name in random.sample(sorted(runs), len(runs)):
+    for number, name in enumerate(random.sample(sorted(runs), len(runs))):
         channel.doing(f"timing {name}")
         warm_s = [timing.block_s(timing.Contender(run)) for run in (run_bare, runs[name])]
         start.count = len(bare_ns) * _BLOCKS_PER_QUAD  # all blocks of a quad start from one state
-        orders = timing.draw_orders(quads(budget_s / len(runs), 2 * sum(warm_s)))
+        habit_s = (end_s - time.perf_counter()) / (len(runs) - number)
+        orders = timing.draw_orders(quads(habit_s, 2 * sum(warm_s)))
         seconds = np.array(timing.block_times(run_bare, runs[name], orders))
-        bare_s, habit_s = (s.mean(axis=1) for s in stats.blocks_by_target(orders, seconds))
+        bare_s, other_s = (s.mean(axis=1) for s in stats.blocks_by_target(orders, seconds))
         bare_ns += (1e9 * bare_s / nstep).tolist()
-        added_ns[name] = float(np.median(1e9 * (habit_s - bare_s) / nstep))
+        added_ns[name] = float(np.median(1e9 * (other_s - bare_s) / nstep))
     return Launch(nstep, statistics.median(bare_ns), added_ns, starts.starts)
 
 

@@ -53,7 +53,7 @@ _START_LOOK_S, _LOOK_S = 0.01, 0.03
 _START_S = 10.0
 # Seconds for the program to end after Ctrl-C, and again after SIGTERM; and after a signal that ends
 # the run, too.
-_END_S, _INTERRUPTED_S = 10.0, 0.3
+_END_S, _INTERRUPTED_S = 2.0, 0.3
 _ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 _SIGNALS = (*_ENDING_SIGNALS, "SIGUSR1", "SIGUSR2")
 # A frame of a stack that Python's `faulthandler` writes.

@@ -187,6 +187,14 @@ class _Decision:
     def run(self) -> VerdictRecord:
         baseline, candidate = self.targets
         if _code(baseline) == _code(candidate):
+            try:
+                observe(self.pool, baseline, "baseline")
+            except ENDING_ERRORS as error:
+                failure = ending_of(error)
+                is_missing = failure.status == Status.UNAVAILABLE
+                return self._record(
+                    replace(failure, status=Status.INPUT) if is_missing else failure
+                )
             same = "revisions have the same files" if baseline.revision else "environments are one"
             detail = f"both {same}, so nothing was timed"
             return self._record(Failure(Status.OK, detail), Verdict.SAME)

@@ -64,7 +64,7 @@ def test_a_prediction_is_near_within_five_points_or_its_own_interval(
     monkeypatch.setattr(own_programs, "measured", lambda *_: share)
     result = own_programs.ProgramResult.of(program, 60, 9)
     assert result.is_near == is_near
-    assert (" to " in result.row.split("|")[-2]) == (measured_error > 0)
+    assert ("–" in result.shares.split("|")[-1]) == (measured_error > 0)
 
 
 def test_the_uncertainty_of_a_measured_share_is_of_the_median_of_its_rounds(

@@ -66,4 +66,4 @@ def test_the_lead_names_models_that_are_rarely_decided_or_whose_intervals_hold_t
     hard = replace(row, model="cloth", decided=0.25, covered_final=0.931)
     lead = races.lines(races.RaceTally("a processor", "4.0.0", [row, hard]))[0]
     assert "fewer than half on cloth (25 %)" in lead
-    assert "fewer do on cloth (93.1 %)" in lead
+    assert "Fewer do on cloth (93.1 %)" in lead

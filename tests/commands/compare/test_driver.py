@@ -6,6 +6,7 @@ Also how a comparison ends where it is interrupted between its steps.
 import contextlib
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -441,13 +442,19 @@ def test_a_path_that_did_not_race_says_that_it_was_not_timed(
 
 
 @pytest.mark.parametrize(
-    ("compile_s", "detail"), [(None, "not compiled within 300 s"), (12.0, "no answer, killed")]
+    ("compile_s", "end_s", "detail"),
+    [
+        (None, math.inf, "not compiled within 300 s"),
+        (None, 0.0, "no answer, killed"),
+        (12.0, math.inf, "no answer, killed"),
+    ],
 )
 def test_a_compiler_that_takes_too_long_bounds_what_the_path_costs(
     tmp_path: Path,
     contact_file: str,
     monkeypatch: pytest.MonkeyPatch,
     compile_s: float | None,
+    end_s: float,
     detail: str,
 ) -> None:
     of_model = children(tmp_path, contact_file, "mjx", limit_s=60.0)
@@ -459,7 +466,7 @@ def test_a_compiler_that_takes_too_long_bounds_what_the_path_costs(
         return isolate.Ended(Status.TIMEOUT, "no answer, killed (--time-limit)")
 
     monkeypatch.setattr(accelerated_measurement, "run", run)
-    of_model.run_accelerated(1)
+    of_model.run_accelerated(1, end_s)
     row = of_model.measured[1]
     assert (row.status, row.samples_s) == (Status.TIMEOUT, ())
     assert detail in row.detail

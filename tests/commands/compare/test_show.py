@@ -9,7 +9,7 @@ from example_races import BATCH_STEP, CLEAR, ROLLOUT, derived, raced
 from example_records import measurement
 from rich.console import Console
 
-from mjbench.cli.progress import PhaseLines, progress
+from mjbench.cli.progress import progress
 from mjbench.commands.compare import show as comparison
 from mjbench.commands.compare.results import ModelResults
 from mjbench.paired.race_record import MAX_LAUNCHES, UnableVariant
@@ -155,22 +155,6 @@ def test_results_so_far_stand_above_the_bar_of_a_terminal() -> None:
         shown_by(bar, derived(raced(cores=1.2)))
     text = out.file.getvalue()  # type: ignore[attr-defined]
     assert text.index("Disturbed: ") < text.index("For RL") < text.index(str(ROLLOUT))
-
-
-def test_without_a_terminal_the_first_results_are_lines_on_standard_error(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    lines = PhaseLines()
-    shown_by(lines, derived(replace(raced(), launches=())))
-    assert capsys.readouterr() == ("", "")
-    shown_by(lines, derived(raced()))
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("First results; the final ones follow.\n")
-    assert str(ROLLOUT) in err
-    shown_by(lines, derived(raced()))
-    shown_by(PhaseLines(has_results=False), derived(raced()))
-    assert capsys.readouterr() == ("", "")
 
 
 def test_nothing_is_advised_before_a_race_has_a_few_launches() -> None:

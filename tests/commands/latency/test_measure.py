@@ -12,7 +12,13 @@ from commands import mjbench
 from hdrh.histogram import HdrHistogram
 
 from mjbench.commands.latency import measure as latency
-from mjbench.commands.latency.measure import RUN_NSTEP, WARM_UP_NTICK, Pace, TickSamples
+from mjbench.commands.latency.measure import (
+    LEAST_NTICK,
+    RUN_NSTEP,
+    WARM_UP_NTICK,
+    Pace,
+    TickSamples,
+)
 from mjbench.commands.latency.options import LatencyOptions
 from mjbench.errors import InputError
 from mjbench.simulation import models, workload
@@ -100,6 +106,16 @@ def test_every_free_running_tick_is_recorded_and_the_warm_up_is_not() -> None:
     np.testing.assert_array_equal(latency_ns, 10)
     assert {values.shape for values in features.values()} == {(30,)}
     assert set(features) >= {"contacts", "page faults"}
+
+
+def test_ticks_end_with_the_time_once_there_are_enough() -> None:
+    model = models.load(models.resolve("cartpole"))
+    work = workload.make(model, nbatch=2, nstep=RUN_NSTEP, hold=1)
+    clock = Clock(10)
+    latency_ns, features = latency.record_ticks(
+        work, 10_000, 0.0, clock, clock.sleep, end_ns=clock() + 1.0
+    )
+    assert len(latency_ns) == len(features["contacts"]) == LEAST_NTICK
 
 
 def test_a_paced_tick_is_waited_for_and_its_latency_counts_from_when_it_was_due() -> None:

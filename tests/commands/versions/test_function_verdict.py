@@ -239,12 +239,25 @@ def test_a_budget_is_for_the_control_as_well(decided: Decided) -> None:
     assert "a verdict with its control needs at least 16 launches, 400 s in all" in (record.detail)
 
 
-def test_revisions_with_the_same_files_are_the_same() -> None:
+def test_revisions_with_the_same_files_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     pool: Any = None
+    monkeypatch.setattr(function_verdict, "observe", lambda *_: FACTS)
     targets = BASELINE, replace(CANDIDATE, tree=BASELINE.tree)
     record = function_verdict.decide_function(pool, targets, VerdictPlan())
     assert (record.verdict, record.ratio) == (Verdict.SAME, None)
     assert "the same files" in record.detail
+
+
+def test_a_function_that_the_same_files_lack_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def observe(*_: object) -> None:
+        raise UnavailableError("bench.py has no nosuch, but it has step")
+
+    monkeypatch.setattr(function_verdict, "observe", observe)
+    pool: Any = None
+    targets = BASELINE, replace(CANDIDATE, tree=BASELINE.tree)
+    record = function_verdict.decide_function(pool, targets, VerdictPlan())
+    assert (record.status, record.verdict) == (Status.INPUT, None)
+    assert record.detail == "bench.py has no nosuch, but it has step"
 
 
 @pytest.mark.parametrize(("cores", "nthread_is_one"), [(1.0, True), (1.9, False)])
