@@ -213,7 +213,7 @@ def _observation(
         steps=step_times.read_all(folder),
         rate_hz=py_spy.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
         problem=problem,
-        calls=call_times.read_all(folder, step_times.read_headers(folder)),
+        calls=call_times.read_all(folder, step_times.read_headers(folder), end_s),
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
         exception=_exception(folder / f"{pid}.exception"),
