@@ -44,8 +44,8 @@ def _check_kind(run: Run) -> None:
     """Refuse a run that is neither of `compare` nor of paired comparisons of time."""
     if not any(isinstance(record, ModelRecord | VerdictRecord) for record in run.records):
         raise InputError(
-            f"this run of `{run.header.command}` has no such form, only runs that compare times"
-            " have: of compare, or of versions, ab or bisect without --metric instructions; write --csv"
+            f"this run of `{run.header.command}` has no such form: give one of compare, or one of"
+            " versions or ab that did not count instructions; or write --csv"
         )
 
 
