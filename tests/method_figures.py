@@ -78,7 +78,6 @@ def timing() -> Iterator[str]:
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
     ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)
     yield f"launched {ours} times on each of our models, {others} times on others"
-    yield f"whose advised path is slower by more than {margin}"
 
 
 def history() -> Iterator[str]:
