@@ -138,13 +138,13 @@ class CSearch:
         plan = self._plan
         self._advance(0, "what there is to try", 0.0)
         computing_s = min(MAX_COMPUTING_S, SURVEY_SHARE * plan.budget_s)
-        settings, meshes = self._measure.survey(plan.seed, computing_s)
+        settings = self._measure.survey(plan.seed, computing_s)
         self._advance(0, "the present settings", 0.5)
         begin_s = self._clock()
         present, stages, collision, self._reference_s = self._measure.present(plan.trials(0))
         self._present_s = self._clock() - begin_s
         self._second_look_s = min(2 * self._present_s, SECOND_LOOK_PART * self._left_s)
-        self._set(meshes=meshes, present=present, stages=stages, collision=collision)
+        self._set(present=present, stages=stages, collision=collision)
         wanted = [each for each in settings if each.knob in plan.knobs]
         return [(each,) for each in sorted(wanted, key=lambda s: knobs.order(s, stages))]
 
