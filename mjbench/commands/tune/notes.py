@@ -7,7 +7,7 @@ from mjbench.commands.profile.step_parts import Stage
 from mjbench.commands.tune import knobs
 from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.reference import REFINEMENT, CurrentSettings
-from mjbench.commands.tune.result import TuneRecord, saves_time
+from mjbench.commands.tune.result import TuneRecord
 from mjbench.commands.tune.settings import label
 from mjbench.formats import count_of, listed, plain, short_percent
 from mjbench.results.starts import starts_lines
@@ -47,19 +47,18 @@ def notes(record: TuneRecord) -> list[str]:
 
 
 def untouched_stage(record: TuneRecord) -> Iterator[str]:
-    """Yield which stage takes most of a step while no setting shortens it, and what would."""
+    """Yield which stage takes most of a step while no allowed setting shortens it; what would."""
     stage, share = step_parts.longest(record.stages or {})
     if share < _MOST_OF_STEP or stage not in _HELPS:
         return
     stages = step_parts.COLLISION if stage == Stage.COLLISION else (stage,)
-    known = {one for each in record.front for one in each.settings} | {*record.untried_halving}
-    alone = [each for each in record.attempts if each.ratio and saves_time(each.ratio)]
-    for one in known | {one for each in alone for one in each.settings}:
+    allowed = {one for each in record.front if each.is_allowed for one in each.settings}
+    for one in allowed | {*record.untried_halving}:
         if one.saves or not {*stages}.isdisjoint(knobs.find(one.knob).stages):
             return
     yield (
         f"{stage.capitalize()} takes {short_percent(share)} of a step, and no setting that was"
-        f" tried shortens it: {_HELPS[stage]} would"
+        f" tried shortens it without a larger error: {_HELPS[stage]} would"
     )
 
 
