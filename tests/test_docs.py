@@ -41,7 +41,7 @@ LIMITS = {
     "docs/history.md": 1500,
     "docs/lab.md": 220,
     "docs/lint.md": 1020,
-    "docs/method/*.md": 10_000,
+    "docs/method/*.md": 7000,
     "docs/python.md": 730,
     "docs/results.md": 1600,
 }

@@ -1,9 +1,9 @@
-"""Write what pages have of the code: commands, rules of lint, settings of tune, lines of files.
+"""Write what pages have of the code: commands, rules of lint, lines of files.
 
     python -m benchmarks.studies.reference_pages
 
-writes parts of docs/commands.md, docs/lint.md, docs/method/tune.md and docs/formats.md. Do it
-again when a command's options, a rule, a setting or a record changed; a test compares.
+writes parts of docs/commands.md, docs/lint.md and docs/formats.md. Do it again when a command's
+options, a rule or a record changed; a test compares.
 """
 
 import copy
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 WRITER = "benchmarks.studies.reference_pages"
 COMMANDS = PagePart("commands.md", "commands", WRITER)
 LINT_RULES = PagePart("lint.md", "rules", WRITER)
-SETTINGS = PagePart("method/tune.md", "settings", WRITER)
 RECORDS = PagePart("formats.md", "records", WRITER)
 # Characters of a line of help, or of an example.
 WIDTH = 96
@@ -38,7 +37,6 @@ def main() -> None:
     """Write all parts."""
     COMMANDS.write(command_lines())
     LINT_RULES.write(rule_lines())
-    SETTINGS.write(setting_lines())
     RECORDS.write(record_lines())
 
 
@@ -139,14 +137,6 @@ def rule_lines() -> Iterator[str]:
         for rule in ordered
     )
     yield from markdown.table_lines(["code", "what lint reports", "about"], rows)
-
-
-def setting_lines() -> Iterator[str]:
-    """Yield the table of what `tune` may change."""
-    from mjbench.commands.tune.knobs import KNOBS
-
-    rows = ((knob.name, _cell(knob.changes), knob.since) for knob in KNOBS)
-    yield from markdown.table_lines(["setting", "what it may change", "since MuJoCo"], rows)
 
 
 def record_lines() -> Iterator[str]:

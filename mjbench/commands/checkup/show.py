@@ -385,7 +385,9 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
             yield from filter(None, [_combined(run)])
         case CheckupPart.PROGRAM:
             for row in run.of_type(ProgramRow):
-                yield from filter(None, (program.ending(row), program.conclusion(row)))
+                ended = program.ending(row)
+                concluded = "" if row.has_crashed else program.conclusion(row)
+                yield from filter(None, (ended, concluded))
                 yield from program.end_lines(row, ", without --budget and --quick,")
         case CheckupPart.SOURCE:
             yield f"lint has {count_of(len(part.findings), 'finding')}"

@@ -363,9 +363,14 @@ def test_a_program_that_does_not_step_has_no_verdict() -> None:
 def test_after_an_error_only_that_comes_first() -> None:
     error = UncaughtException("ValueError: no", None)
     failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, [], [], exception=error)
-    seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    findings = [Finding("n.py", 4, 1, "MJB002", "a name", 1300.0)]
+    source = replace(part(CheckupPart.SOURCE, TargetKind.PROGRAM), findings=findings)
+    seen = run(source, part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    assert ranking.items(seen) == []
     (conclusion,) = checkup.list_section(seen).conclusions
     assert conclusion.text == f"{TARGET}: it raised ValueError: no"
+    _, of_program = checkup.part_sections(seen)
+    assert of_program.facts == ["it raised ValueError: no"]
 
 
 def test_what_costs_most_and_has_no_remedy_comes_first_as_in_run() -> None:
