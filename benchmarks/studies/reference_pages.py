@@ -29,6 +29,8 @@ LINT_RULES = PagePart("lint.md", "rules", WRITER)
 RECORDS = PagePart("formats.md", "records", WRITER)
 # Characters of a line of help, or of an example.
 WIDTH = 96
+# Characters of a value in an example of a record.
+VALUE_WIDTH = 24
 # Commands that have an option before the page describes it once.
 SHARED_BY = 2
 # How the paragraphs of help begin that the page has, besides each first one.
@@ -133,22 +135,26 @@ def _help(command: "click.Command", name: str, shared: dict[tuple[str, str], int
 
 
 def rule_lines() -> Iterator[str]:
-    """Yield the table of rules: those about wrong results first."""
+    """Yield the tables of rules: those about wrong results first."""
     from mjbench.commands.lint.rules import RULES
 
-    ordered = sorted(RULES, key=lambda rule: not rule.is_wrong_result)
-    rows = (
-        (rule.code, _cell(rule.message), "result" if rule.is_wrong_result else "time")
-        for rule in ordered
-    )
-    yield from markdown.table_lines(["code", "what lint reports", "about"], rows)
+    for title, is_wrong_result in (("Wrong results", True), ("Time", False)):
+        rows = (
+            (rule.code, _cell(rule.message))
+            for rule in RULES
+            if rule.is_wrong_result == is_wrong_result
+        )
+        yield f"### {title}"
+        yield ""
+        yield from markdown.table_lines(["code", "what lint reports"], rows)
+        yield ""
 
 
 def record_lines() -> Iterator[str]:
     """Yield an example of each line of a run file, below the command that writes it.
 
-    Each is the first good one of the committed reference runs, in today's form. A record that none
-    of these has is shown by its keys.
+    Each is the first good one of the committed reference runs, in today's form. Keys without
+    a value, and all keys of a record that none of these has, stand together at the end.
     """
     from mjbench.commands.show.kinds import KINDS
     from mjbench.host.disturbance import Disturbance
@@ -156,20 +162,28 @@ def record_lines() -> Iterator[str]:
 
     examples = _examples()
     sections: list[tuple[str, tuple[type[Any], ...]]] = [
-        ("every command", (RunHeader, Disturbance))
+        ("Every command", (RunHeader, Disturbance))
     ]
     sections += [(" and ".join(f"`{name}`" for name in k.commands), k.records) for k in KINDS]
     for title, records in sections:
-        yield f"### Of {title}"
+        yield f"### {title}"
         yield ""
+        yield "```text"
         for kind in records:
-            keys = examples.get(kind, {each.name: ... for each in fields(kind)})
-            yield "```text"
-            yield f'{{"type": "{kind.record_type}",'
-            yield from (f' "{key}": {_short(value)},' for key, value in keys.items())
-            yield "}"
-            yield "```"
-            yield ""
+            yield from _record_lines(kind, examples.get(kind))
+        yield "```"
+        yield ""
+
+
+def _record_lines(kind: type[Any], example: dict[str, Any] | None) -> Iterator[str]:
+    yield f'{{"type": "{kind.record_type}",'
+    values = example or {each.name: None for each in fields(kind)}
+    filled = {key: value for key, value in values.items() if value or value == 0}
+    lines = [f' "{key}": {_short(value)},' for key, value in filled.items()]
+    empty = ", ".join(f'"{key}"' for key in values if key not in filled)
+    lines += textwrap.wrap(empty, WIDTH, initial_indent=" ", subsequent_indent=" ")
+    yield from lines[:-1]
+    yield f"{lines[-1].removesuffix(',')}}}"
 
 
 def _examples() -> dict[type[Any], dict[str, Any]]:
@@ -187,9 +201,8 @@ def _examples() -> dict[type[Any], dict[str, Any]]:
 
 def _short(value: Any) -> str:
     """Return a value as JSON that fits a line: of a list its beginning, of a text as well."""
-    text = "…" if value is ... else json.dumps(_first(value), ensure_ascii=False)
-    text = text.replace('"…"', "…")
-    return text if len(text) <= WIDTH - 20 else f"{text[: WIDTH - 21]}…"
+    text = json.dumps(_first(value), ensure_ascii=False).replace('"…"', "…")
+    return text if len(text) <= VALUE_WIDTH else f"{text[:VALUE_WIDTH]}…"
 
 
 def _first(value: Any) -> Any:
