@@ -37,7 +37,7 @@ LIMITS = {
     "docs/faults.md": 420,
     "docs/formats.md": 1350,
     "docs/glossary.md": 300,
-    "docs/guides/*.md": 7340,
+    "docs/guides/*.md": 6500,
     "docs/history.md": 1500,
     "docs/lab.md": 220,
     "docs/lint.md": 1020,
