@@ -32,7 +32,7 @@ LIMITS = {
     "results/README.md": 510,
     "docs/architecture.md": 1330,
     "docs/asv.md": 410,
-    "docs/commands.md": 5500,
+    "docs/commands.md": 3500,
     "docs/faq.md": 2050,
     "docs/faults.md": 420,
     "docs/formats.md": 1350,
@@ -41,7 +41,7 @@ LIMITS = {
     "docs/history.md": 1500,
     "docs/lab.md": 220,
     "docs/lint.md": 1020,
-    "docs/method/*.md": 10_000,
+    "docs/method/*.md": 7000,
     "docs/python.md": 730,
     "docs/results.md": 1600,
 }

@@ -20,6 +20,7 @@ from importlib import metadata
 from pathlib import Path
 
 from benchmarks.studies import tally_command, tally_file
+from benchmarks.verdicts.planted import slowed_run
 from mjbench.commands.versions import accelerated_environments, function_verdict
 from mjbench.commands.versions.accelerated_environments import AcceleratedComparison
 from mjbench.commands.versions.function_sides import FunctionTargets
@@ -118,7 +119,7 @@ def planted(folder: Path, metrics: Sequence[Metric]) -> Iterator[Case]:
     comment = "<!--" + " word" * (COMMENT_BYTES // 5) + "-->"
     file.write_text(text.replace("</mujoco>", f"{comment}</mujoco>"))
     longer = replace(same, model=ModelSource(MODEL, file))
-    heavier = replace(same, callback=CALLBACK)
+    heavier = replace(same, prepare_run=slowed_run(callback=CALLBACK))
     for metric in metrics:
         if metric == Metric.COMPILE:
             slower = CompiledModel(SLOWLY_TRACED)

@@ -17,7 +17,7 @@ from typing import Any
 import click
 
 from benchmarks.studies import tally_command
-from benchmarks.verdicts import section, trials
+from benchmarks.verdicts import planted, section, trials
 from benchmarks.verdicts.records import TrialRecord
 from mjbench.cli.context import measure_and_print
 from mjbench.cli.shared import Text, takes
@@ -27,7 +27,6 @@ from mjbench.commands.versions.options import JudgingOptions
 from mjbench.options import COUNT
 from mjbench.results.content import Section, after_disturbances
 from mjbench.results.runs import Run
-from mjbench.simulation import engine_library
 
 RESULTS = Path("results/verdicts")
 
@@ -61,11 +60,11 @@ class TrialOptions(JudgingOptions, RunFileOptions):
 @click.option(
     "--inside-step",
     "functions",
-    type=click.Choice(list(engine_library.FUNCTIONS)),
+    type=click.Choice(list(planted.FUNCTIONS)),
     multiple=True,
     metavar="FUNCTION",
     help="Slow the candidate down inside mj_step, by one more call of this C function of MuJoCo:"
-    f" {', '.join(engine_library.FUNCTIONS)}. May be repeated.",
+    f" {', '.join(planted.FUNCTIONS)}. May be repeated.",
 )
 @click.option(
     "--between-builds",

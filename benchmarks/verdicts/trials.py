@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from benchmarks.history.speed_series import NO_CHANGE_PAIRS, NoChangePair
-from benchmarks.verdicts import records
+from benchmarks.verdicts import planted, records
 from benchmarks.verdicts.records import Arm, CaseRow, CaseSummary, TrialRecord
 from benchmarks.verdicts.section import describe_case
 from mjbench.errors import Failure, InputError, MachineError, failure_of
@@ -43,13 +43,15 @@ class Case:
     arm: Arm
     baseline: Target
     candidate: Target
+    slowdown: float = 0.0
+    callback: str = ""
 
     def row(self) -> CaseRow:
         return CaseRow(
             arm=self.arm,
             model=self.candidate.model.name,
-            slowdown=None if self.arm == Arm.INSIDE_STEP else self.candidate.slowdown,
-            callback=self.candidate.callback,
+            slowdown=None if self.arm == Arm.INSIDE_STEP else self.slowdown,
+            callback=self.callback,
             old=self.baseline.release.version,
             new=self.candidate.release.version,
         )
@@ -63,13 +65,15 @@ def slowed(model: ModelSource, slowdown: float) -> Case:
     is 0, the targets are identical.
     """
     baseline = _installed(model)
-    return Case(Arm.SLOWDOWN, baseline, replace(baseline, slowdown=slowdown))
+    slower = planted.slowed_run(slowdown) if slowdown else None
+    return Case(Arm.SLOWDOWN, baseline, replace(baseline, prepare_run=slower), slowdown)
 
 
 def inside_step(model: ModelSource, function: str) -> Case:
     """Return a case in which every step of the candidate calls a function of the engine."""
     baseline = _installed(model)
-    return Case(Arm.INSIDE_STEP, baseline, replace(baseline, callback=function))
+    candidate = replace(baseline, prepare_run=planted.slowed_run(callback=function))
+    return Case(Arm.INSIDE_STEP, baseline, candidate, callback=function)
 
 
 def between_builds(model: ModelSource, pair: NoChangePair) -> Case:

@@ -45,9 +45,7 @@ class TargetRow:
 
     Attributes:
       model_options: fields of `model.opt` that were set, by name.
-      slowdown: share of its time by which each block lasts longer; 0 in a real comparison.
       build: tells builds of one version apart; empty where it is unknown.
-      callback: function of the engine called inside each step; empty in a real comparison.
       has_timer: whether steps read the timer of MuJoCo's Python package.
       revision: of the user's code, as it was named; empty where releases are compared.
       commit: its full hash; empty where it is not committed.
@@ -60,9 +58,7 @@ class TargetRow:
     path: str
     options: Mapping[str, Any]
     model_options: Mapping[str, str]
-    slowdown: AnyFloat = 0.0
     build: str = ""
-    callback: str = ""
     has_timer: bool = True
     revision: str = ""
     commit: str = ""

@@ -150,13 +150,11 @@ class StepPair(TargetPair):
     def _prepare_blocks(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         target = self._targets[i]
         return process.call(
-            Worker.prepare_run,
+            target.prepare_run or Worker.prepare_run,
             target.path,
             dict(target.options),
             allowed,
             self._drawn,
-            callback=target.callback,
-            slowdown=target.slowdown,
             has_timer=target.has_timer,
             returns=self._sizes.returns,
             nsection=self.nsection,

@@ -3,7 +3,7 @@
 A target is written as settings, such as `path=rollout,threads=2` (see `parse`).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,8 @@ class Target:
     """One of the two things that a paired comparison compares.
 
     Attributes:
-      slowdown: share of its time by which each block lasts longer, a slowdown of known size.
-      callback: function of the engine that every timed step calls (see `engine_library`), a
-        slowdown of unknown size; empty for none.
       has_timer: whether steps read the timer of MuJoCo's Python package.
+      prepare_run: task that prepares a run; None for `Worker.prepare_run`.
     """
 
     release: release_names.ReleaseSpec
@@ -38,9 +36,8 @@ class Target:
     path: str = paths.BASE
     options: Mapping[str, Any] = field(default_factory=dict)
     model_options: Mapping[str, str] = field(default_factory=dict)
-    slowdown: float = 0.0
-    callback: str = ""
     has_timer: bool = True
+    prepare_run: Callable[..., int] | None = None
 
     @property
     def nthread(self) -> int:
@@ -58,9 +55,7 @@ class Target:
             path=self.path,
             options=dict(self.options),
             model_options=dict(self.model_options),
-            slowdown=self.slowdown,
             build=self.release.key,
-            callback=self.callback,
             has_timer=self.has_timer,
             packages=self.release.name if self.release.has_packages else "",
         )

@@ -84,7 +84,6 @@ class Worker:
         self.connection = connection
         self.resources: Resources | None = None
         self._extensions: dict[type, object] = {}
-        self.slowdown = 0.0
         self.sections: Sequence[LoopSection] = ()
         self.padding: list[Any] = []
         self.scattered: deque[list[object]] = deque(maxlen=_SCATTERED_LAYOUTS)
@@ -239,8 +238,6 @@ class Worker:
         options: Mapping[str, Any],
         cores: Sequence[int],
         simulations: Sequence[int],
-        callback: str = "",
-        slowdown: float = 0.0,
         returns: "Product | None" = None,
         nsection: int = 1,
         has_timer: bool = True,
@@ -249,8 +246,6 @@ class Worker:
 
         Args:
           simulations: rows of the workload to do.
-          callback: function of the engine that steps call (see `engine_library`).
-          slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
           nsection: sections of the run, which blocks time one after the other (see
             `loop_sections`); 1 with any path but the plain loop.
 
@@ -260,7 +255,6 @@ class Worker:
         from mjbench import paths
         from mjbench.paired import loop_sections
         from mjbench.paths import States
-        from mjbench.simulation import engine_library
         from mjbench.simulation.engine_clock import engine_clock
         from mjbench.simulation.workload import Product, Workload
 
@@ -279,15 +273,9 @@ class Worker:
         path = paths.find(path_name)
         if reason := path.cannot_run(selected, options):
             raise InputError(reason)
-        if callback:
-            engine_library.install_callback(model, callback)
         if not has_timer:
             engine_clock(False)
-        self.slowdown = slowdown
         self.resources = paths.Resources(selected)
-        name = f"path {path_name}"
-        if callback:
-            name += f" with {callback} called inside each step"
         if nsection > 1:
             self.sections = loop_sections.sections(self.resources, nsection)
             states = States(self.resources.final_state())
@@ -298,7 +286,7 @@ class Worker:
             prepared = path.prepare(selected, options, self.resources)
             self.sections = [loop_sections.LoopSection(prepared.run)]
             states = prepared.verified_states()
-        self._check_final_states(name, states, rows)
+        self._check_final_states(f"path {path_name}", states, rows)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
             previous.close()
         collect_garbage()
@@ -378,19 +366,13 @@ class Worker:
         return calibration.cores(min(seconds[0::2]), min(seconds[1::2]))
 
     def _block(self, section: "LoopSection") -> int:
-        """Run one block; return its reading, or its nanoseconds, slowdown included."""
+        """Run one block; return its reading, or its nanoseconds."""
         run, clock = section.run, time.perf_counter_ns
         section.warm_up()
         begin = clock()
         run()
         ns = clock() - begin
-        if section.reading is not None:
-            return section.reading()
-        if self.slowdown:
-            ns = round((1 + self.slowdown) * ns)
-            while clock() < begin + ns:
-                pass
-        return ns
+        return ns if section.reading is None else section.reading()
 
 
 def collect_garbage() -> None:

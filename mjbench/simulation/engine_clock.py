@@ -7,15 +7,17 @@ its stages. Nothing that a step computes depends on it; only `mjData.timer` does
 
 import ctypes
 import functools
+import os
 import sys
 import weakref
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import mujoco
 
 from mjbench.errors import MachineError, one_line, wrong_argument
-from mjbench.simulation import compat, engine_library
+from mjbench.simulation import compat
 from mjbench.simulation.process_wide import ProcessWide
 
 TIMER_NAME = "the timer of MuJoCo's Python package"
@@ -119,9 +121,24 @@ _CALLS: ProcessWide[_Switch] = ProcessWide(_TIMER.set)
 
 
 @functools.cache  # a timed block may ask for it
+def engine_library() -> ctypes.CDLL:
+    """Return the library that `mujoco` uses; MachineError where it lies elsewhere than usual."""
+    from mujoco import _functions
+
+    # The library is not everywhere beside the extension modules, but they find its symbols.
+    file = _functions.__file__
+    if sys.platform == "win32":
+        file = str(Path(file).with_name("mujoco.dll"))
+    try:
+        return ctypes.CDLL(file, mode=getattr(os, "RTLD_NOLOAD", ctypes.DEFAULT_MODE))
+    except OSError as error:
+        raise MachineError(f"{file} is not loaded: {one_line(error)}") from error
+
+
+@functools.cache  # a timed block may ask for it
 def _mjcb_time() -> ctypes.c_void_p:
     try:
-        return ctypes.c_void_p.in_dll(engine_library.loaded(), "mjcb_time")
+        return ctypes.c_void_p.in_dll(engine_library(), "mjcb_time")
     except ValueError as error:
         raise MachineError(f"MuJoCo's library has no mjcb_time: {one_line(error)}") from error
 

@@ -53,20 +53,20 @@ def planted(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("program", "arguments", "activity"),
+    ("program", "arguments", "activity", "action"),
     [
-        ("collector.py", ["2000"], "garbage collection"),
-        ("vector_env.py", ["1500", "fork"], "waiting for other processes"),
+        ("collector.py", ["2000"], "garbage collection", "call gc.disable()"),
+        ("vector_env.py", ["1500", "fork"], "waiting for other processes", "waiting for other"),
     ],
 )
-def test_the_planted_cause_comes_first(planted, program, arguments, activity):
+def test_the_planted_cause_comes_first(planted, program, arguments, activity, action):
     done, row, _ = planted(program, *arguments)
     assert done.returncode == 0, done.stderr
     first = row["loops"][0]["remedies"][0]
     assert first["activity"] == activity
     assert first["gain"] > 0.1
     (conclusion, *_) = [line for line in done.stderr.splitlines() if line.startswith(program)]
-    assert f"first, {activity}" in conclusion
+    assert f"first, {action}" in conclusion
     shares = row["loops"][0]["time"]["activities"].values()
     assert sum(shares) == pytest.approx(1.0)
 

@@ -1,30 +1,23 @@
 """What one worker does: what it imports, what it sets, and what it refuses."""
 
-import functools
 import importlib
 import subprocess
 import sys
-import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import cast
 
 import mujoco
-import numpy as np
 import pytest
 from commands import ROOT
-from paired_examples import CUBES, INSTALLED
+from paired_examples import INSTALLED
 
 from mjbench.errors import MachineError
 from mjbench.host.child_connection import ChildError
-from mjbench.paired.loop_sections import LoopSection
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.moved_install import ImmovableError
-from mjbench.releases.placement import Placement
 from mjbench.simulation import models, reference_run, workload
 from mjbench.simulation.engine_clock import engine_clock, has_clock
-from mjbench.simulation.workload_sampling import SampleRequest
 from mjbench.status import Status
 
 
@@ -55,30 +48,6 @@ def test_a_task_whose_module_is_missing_in_the_release_is_a_failure_that_names_i
     assert raised.value.ending == Status.FAILED
 
 
-@pytest.mark.parametrize("placement", [None, Placement(16, 32)], ids=["as shipped", "moved"])
-def test_steps_call_a_function_of_the_engine_that_they_step_with(
-    pool: WorkerPool, placement: Placement | None
-) -> None:
-    """One that does not change states passes the check of final states; one that does fails it."""
-    try:
-        process = pool.start(INSTALLED, placement=placement)
-    except ImmovableError as error:
-        pytest.skip(str(error))
-    model_file = pool.new_file(".mjb")
-    process.wait()
-    process.call(Worker.load_model, CUBES.model.name, CUBES.model.path, {})
-    process.call(Worker.save_model, model_file)
-    workload = process.call(Worker.make_workload, SampleRequest(nbatch=2, nstep=3)).workload
-    observed = process.call(Worker.observe, pool.save(workload))
-    workload = workload.only(np.arange(2), observed.final_state)
-    process.call(Worker.equip, model_file, pool.save(workload), "python_loop")
-    prepare = functools.partial(process.call, Worker.prepare_run, "python_loop", {}, (), (0, 1))
-    assert prepare(callback="mj_factorM") > 0
-    with pytest.raises(ChildError, match="with mj_Euler called inside each step does not reach"):
-        prepare(callback="mj_Euler")
-    pool.end([process])
-
-
 def test_a_run_can_be_prepared_without_the_timer_of_the_python_package() -> None:
     worker = Worker(cast(Connection, None))
     worker.model = models.load(models.resolve("cartpole"))
@@ -93,20 +62,6 @@ def test_a_run_can_be_prepared_without_the_timer_of_the_python_package() -> None
         assert not has_clock(worker.model)
     finally:
         engine_clock(True)
-
-
-def test_a_slowed_block_lasts_longer_by_the_share_asked_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The clock is injected: 1000 ns pass in the block, and 3 ns between two looks at the clock.
-
-    How late the last look is does not belong to the slowdown.
-    """
-    worker, readings = Worker(cast(Connection, None)), iter([0, 1000, *range(1003, 1100, 3)])
-    monkeypatch.setattr(time, "perf_counter_ns", lambda: next(readings))
-    worker.slowdown = 0.01
-    assert worker._block(LoopSection(lambda: None)) == 1010
-    assert next(readings) == 1015
 
 
 def test_a_model_that_a_full_disk_cuts_short_is_an_error_of_the_machine(

@@ -15,7 +15,6 @@ from mjbench.commands.run.remedies import listing
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.steps_show import steps_section
-from mjbench.errors import with_help
 from mjbench.formats import count_of, duration, plain, whole_percent
 from mjbench.interval import Interval
 from mjbench.results import charts
@@ -106,7 +105,7 @@ def ending(row: ProgramRow) -> str:
     if row.exception is not None:
         place = row.exception.place
         at_place = f" at {place}: {place.text}" if place else ""
-        return f"it raised {with_help(row.exception.text)}{at_place}"
+        return f"it raised {row.exception.text}{at_place}"
     return f"it was ended by {name}" if name else f"it ended with exit code {row.exit_code}"
 
 

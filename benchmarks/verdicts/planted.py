@@ -1,17 +1,18 @@
-"""The C library of MuJoCo that this process has loaded, for what Python does not offer."""
+"""Slowdowns of the candidate: of known size around each block, or inside each step."""
 
 import ctypes
 import functools
-import os
-import sys
-from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
-from mjbench.errors import InputError, MachineError, one_line
+import mujoco
 
-if TYPE_CHECKING:
-    import mujoco
+from mjbench.errors import InputError
+from mjbench.paired.loop_sections import LoopSection
+from mjbench.paired.worker import Worker, activity
+from mjbench.simulation.engine_clock import engine_library
 
 # Functions that steps can call (see `install_callback`), and what each computes. All take a model
 # and its data, and leave the states of a step as they are. Not every such function does: mj_crb
@@ -29,22 +30,42 @@ FUNCTIONS: Mapping[str, str] = {
 _PROTOTYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 
 
-@functools.cache  # a timed block may ask for it
-def loaded() -> ctypes.CDLL:
-    """Return the library that `mujoco` uses; MachineError where it lies elsewhere than usual."""
-    from mujoco import _functions
+def slowed_run(slowdown: float = 0.0, callback: str = "") -> Callable[..., int]:
+    """Return the task that prepares a slower run.
 
-    # The library is not everywhere beside the extension modules, but they find its symbols.
-    file = _functions.__file__
-    if sys.platform == "win32":
-        file = str(Path(file).with_name("mujoco.dll"))
-    try:
-        return ctypes.CDLL(file, mode=getattr(os, "RTLD_NOLOAD", ctypes.DEFAULT_MODE))
-    except OSError as error:
-        raise MachineError(f"{file} is not loaded: {one_line(error)}") from error
+    Args:
+      slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
+      callback: function of the engine that steps call (see `install_callback`).
+    """
+    task = functools.partial(_prepare_run, slowdown=slowdown, callback=callback)
+    return activity("preparing a run")(task)
 
 
-def install_callback(model: "mujoco.MjModel", name: str) -> None:
+def _prepare_run(
+    worker: Worker, *arguments: Any, slowdown: float, callback: str, **named: Any
+) -> int:
+    if callback:
+        install_callback(worker.model, callback)
+    ns = worker.prepare_run(*arguments, **named)
+    worker.sections = [slowed_section(section, slowdown) for section in worker.sections]
+    return round((1 + slowdown) * ns)
+
+
+def slowed_section(section: LoopSection, slowdown: float) -> LoopSection:
+    """Return a section that takes longer by a share."""
+
+    def run() -> None:
+        begin = time.perf_counter_ns()
+        section.run()
+        end = time.perf_counter_ns()
+        end += round(slowdown * (end - begin))
+        while time.perf_counter_ns() < end:
+            pass
+
+    return replace(section, run=run)
+
+
+def install_callback(model: mujoco.MjModel, name: str) -> None:
     """Have every further step of this process call a function of the engine: a slower `mj_step`.
 
     MuJoCo calls `mjcb_control` in every step, after everything that follows from positions and
@@ -56,14 +77,12 @@ def install_callback(model: "mujoco.MjModel", name: str) -> None:
       InputError: this release has no such function, or steps of the model call no callback.
       MachineError: the engine's library is not where the package has it.
     """
-    import mujoco
-
     if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION):
         raise InputError(
             f"cannot call {name} inside a step: the model disables actuation, and with it callbacks"
         )
     try:
-        function = _PROTOTYPE((name, loaded()))
+        function = _PROTOTYPE((name, engine_library()))
     except AttributeError:
         raise InputError(f"MuJoCo {mujoco.__version__} has no function {name}") from None
     mujoco.set_mjcb_control(function)
