@@ -32,7 +32,7 @@ LIMITS = {
     "results/README.md": 510,
     "docs/architecture.md": 1330,
     "docs/asv.md": 410,
-    "docs/commands.md": 5500,
+    "docs/commands.md": 3500,
     "docs/faq.md": 2050,
     "docs/faults.md": 420,
     "docs/formats.md": 1350,

@@ -50,7 +50,7 @@ class Planted:
         self.settings = [setting(label) for label in self.effects]
 
     def survey(self, seed, computing_s):
-        return self.settings, []
+        return self.settings
 
     def present(self, plan):
         self.seed, self.has_reference = plan.seed, False
