@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt, Version
+from mjbench.bounds import AnyFloat, NonNegativeFloat, NonNegativeInt, PositiveFloat, Version
 from mjbench.paired.records import Pair, VerdictRow
 from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import Starts
@@ -108,7 +108,7 @@ class ExplainRecord:
     old: Version
     new: Version
     status: Status
-    instructions_per_step: Pair[NonNegativeFloat | None]
+    instructions_per_step: Pair[PositiveFloat | None]
     outside_per_step: Pair[NonNegativeFloat | None]
     work: Pair[Work | None]
     stages: Mapping[str, Pair[AnyFloat | None]]
