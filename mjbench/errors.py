@@ -68,6 +68,8 @@ def writing(file: Path, remark: str = "") -> Iterator[None]:
         raise MachineError(f"cannot write {file}: {reason(error)}{remark}") from error
 
 
+# How Python and MuJoCo say that a model cannot be compiled.
+_REFUSED = ("ValueError: XML Error: ", "ValueError: Error: ")
 # How MuJoCo says that a step needs more memory than a model reserves, and what helps.
 _ARENA_FULL = "mj_stackAlloc: out of memory"
 _ARENA_HELP = (
@@ -93,8 +95,12 @@ def failure_of(error: BaseException) -> Failure:
     if line := foreign_module(error):
         return Failure(Status.FAILED, line)
     text = describe(error)
-    is_of_model = _ARENA_FULL in text
-    return Failure(Status.INPUT if is_of_model else Status.FAILED, with_help(text))
+    return Failure(Status.INPUT if is_of_model(text) else Status.FAILED, text)
+
+
+def is_of_model(text: str) -> bool:
+    """Return whether an exception's type and message say that MuJoCo refuses a model."""
+    return _ARENA_FULL in text or text.startswith(_REFUSED)
 
 
 def with_help(text: str) -> str:
@@ -109,7 +115,7 @@ def describe(error: BaseException) -> str:
         message = one_line(error)
     except Exception:  # an exception of the user's own whose __str__ raises
         message = ""
-    return f"{name}: {message}" if message else name
+    return with_help(f"{name}: {message}") if message else name
 
 
 def describe_unforeseen(error: Exception) -> str:

@@ -1,6 +1,5 @@
 """Phrases with figures on the pages of the method, from committed files and from the code."""
 
-import functools
 import json
 import math
 import statistics
@@ -9,19 +8,18 @@ from collections.abc import Callable, Iterator
 from commands import ROOT
 from committed_trials import RUNS, trial_counts
 
-from benchmarks.history import change_points, release_ratios, tables
+from benchmarks.history import change_points, tables
 from benchmarks.studies import gpu, tally_file
 from benchmarks.studies.odd_programs import ODD_PROGRAMS
-from benchmarks.studies.simulated_launches import Scenario
-from mjbench.commands.compare import accelerated_agreement, accelerated_single_steps, advice
+from mjbench.commands.compare import accelerated_agreement, advice
 from mjbench.commands.compare import accelerated_tolerances as tolerances
 from mjbench.commands.compare.options import CompareOptions
-from mjbench.commands.compare.results import PathResult, derive_all
+from mjbench.commands.compare.results import derive_all
 from mjbench.commands.env import show as environment
 from mjbench.commands.latency import measure as latency
 from mjbench.commands.latency import show as latency_section
 from mjbench.commands.profile import habit_timing
-from mjbench.commands.run import loop_time, measure, py_spy
+from mjbench.commands.run import measure, py_spy
 from mjbench.commands.run.hook import call_bursts, step_clock
 from mjbench.commands.run.remedies import remedy
 from mjbench.commands.show.kinds import RECORD_TYPES
@@ -29,12 +27,11 @@ from mjbench.commands.tune import reference, solver_convergence, trajectories
 from mjbench.commands.tune import result as records
 from mjbench.counts import explain
 from mjbench.host import conditions, disturbance
-from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import calls, stats
 from mjbench.paired import outcomes, race, race_record
 from mjbench.releases import placement
 from mjbench.results import runs
-from mjbench.simulation import changed_work, engine_clock, starts, workload, workload_sampling
+from mjbench.simulation import changed_work, engine_clock, starts, workload
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.testing import callables, fixture
 from mjbench.verification import plan
@@ -60,9 +57,7 @@ def errors() -> Iterator[str]:
     yield f"No false alarm in {counts.alarms_alike.all} excludes a rate above {rate} %"
     yield f"for a build with itself ({percent(stats.CONFIDENCE)})"
     yield f"cannot show a rate of {percent(1 - outcomes.CONFIDENCE)}"
-    yield f"{percent(Scenario('').deviation, 2)} where none is given"
     yield "for which errors exceed 1 %"  # docs/method/errors.md lists them
-    yield "a launch is off by 0.8 % to one side or the other"  # the scenario's name has it
 
 
 def timing() -> Iterator[str]:
@@ -83,16 +78,13 @@ def timing() -> Iterator[str]:
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
     ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)
     yield f"launched {ours} times on each of our models, {others} times on others"
-    yield f"whose advised path is slower by more than {margin}"
 
 
 def history() -> Iterator[str]:
     """Yield what other tests do not: those run the commands that print the figures."""
-    yield f"once the standard error is {percent(release_ratios.TARGET_DEVIATION, 1)}"
-    yield f"nine more would take longer than {release_ratios.TARGET_S:.0f} s"
     yield f"A *change* of {percent(math.expm1(change_points.MIN_CHANGE))} or more"
     yield f"of at most {percent(change_points._MAX_SLOPE, 1)} each"
-    yield f"tables have those of {percent(math.expm1(tables.MIN_CHANGE))} or more for steps"
+    yield f"tables have changes of {percent(math.expm1(tables.MIN_CHANGE))} or more for steps"
     yield f"of {percent(math.expm1(tables.MIN_OPERATION_CHANGE))} or more for operations"
     page = " ".join((ROOT / "docs/method/history.md").read_text().split())
     start, end = page.index("A release takes"), page.index("## Which changes are listed")
@@ -105,12 +97,11 @@ def paired() -> Iterator[str]:
     yield "does not contain 0 %"
     yield "closer to `--min-effect` than to 0 %"
     yield f"at most {percent(1 - outcomes.CONFIDENCE)} are expected to be false alarms"
-    yield f"does not answer for {TIME_LIMIT_S:.0f} s"
 
 
 def run() -> Iterator[str]:
     calls_of_burst = call_bursts.BURST_CALLS
-    yield f"in bursts of {calls_of_burst} calls, or of 0.1 s"
+    yield f"**In bursts** of {calls_of_burst} calls, or of 0.1 s"
     cost = percent(call_bursts.MAX_COST_SHARE, 1)
     yield f"at most {cost} of the processor time after the first 10 ms"
     yield f"in less than {step_clock.FASTEST_PASSED_NS / 1000:.0f} µs"
@@ -119,9 +110,6 @@ def run() -> Iterator[str]:
     yield f"savings of {percent(remedy.LEAST_GAIN)} of the loop or more"
     yield f"A saving whose {percent(stats.CONFIDENCE)} interval includes 0"
     yield f"runs again for up to {measure.SECOND_S:.0f} s"
-    physics = percent(loop_time.MOSTLY_PHYSICS)
-    rest = percent(1 - loop_time.MOSTLY_PHYSICS)
-    yield f"If physics takes {physics} of the loop and nothing saves {rest}"
     yield f"runs {len(ODD_PROGRAMS)} programs under Python alone"
 
 
@@ -131,8 +119,6 @@ def tune() -> Iterator[str]:
     yield f"by more than {percent(trajectories.SENSOR_SHARE)} of its largest value"
     yield f"in more than {percent(solver_convergence.MOST_LIMITED)} of the steps"
     yield f"with {percent(records.CONFIDENCE)} confidence, nine runs in ten"
-    yield f"would take more than {reference.REFERENCE_S:.0f} s"
-    yield "a timestep of 2, 4 or 8 times yours"
     same, none = percent(records.SAME_ERROR), percent(records.NO_ERROR, 1)
     yield f"{same} more counts as the same, and {none} of the motion counts as none"
 
@@ -143,8 +129,6 @@ def work() -> Iterator[str]:
     yield f"a correlation time of {workload.CONTROL_TIME_S} s"
     yield f"The default is {plan.NBATCH} × {plan.NSTEP}"
     yield f"more than {1000 * plan.LONG_BLOCK_S:.0f} ms"
-    first, second = (round(1 / spread) for spread in workload_sampling.SPREADS[1:3])
-    yield f"is made {first}, then {second} times smaller"
 
 
 def loop() -> Iterator[str]:
@@ -172,7 +156,6 @@ def accelerated() -> Iterator[str]:
     states, simulations = accelerated_agreement.JUDGED_STATES, accelerated_agreement.FOLLOWED
     yield f"up to {states} states of {simulations} simulations"
     yield f"at most {percent(tolerances.MAX_ROUNDING_EFFECT, 1)}"
-    yield "off by 1 % is an error of about 0.01"
     yield f"ten times C's, or {percent(tolerances.SETTINGS_LIMIT, 1)}"
     yield f"within {percent(tolerances.TOGETHER_SHARE)} of C"
     yield f"the same, or {percent(tolerances.FIGURE_ROUNDING[Precision.FLOAT32], 1)}"
@@ -186,14 +169,12 @@ def accelerated() -> Iterator[str]:
     yield f"more than {percent(tolerances.ONE_ANSWER_EFFECT, 1)} off for spheres"
     yield f"more than {percent(tolerances.LACKING_EFFECT)} off, with points missing"
     yield f"less than {percent(tolerances.CLOSE_EFFECT)} off in nine of ten states"
-    yield from on_gpus()
+    yield from on_gpu()
     yield "a force off by 1 %"  # planted by tests/commands/compare/test_accelerated_agreement.py
-    yield "a stiffness off by 2 %"
-    yield f"for at most {2 * accelerated_single_steps.JUDGING_S:.0f} seconds"
 
 
-def on_gpus() -> Iterator[str]:
-    """On an H100, `humanoid`; on an H200, `cartpole`."""
+def on_gpu() -> Iterator[str]:
+    """On an H100, `humanoid`."""
     tally = tally_file.load(gpu.RESULTS / "gpu.json", gpu.GpuTally, "a GPU")
     timed = {row.starts: row for row in tally.over_by_hand if row.path_ns_per_step is not None}
     own, other = timed[gpu.Starts.STORED], timed[gpu.Starts.TESTSPEED]
@@ -206,40 +187,6 @@ def on_gpus() -> Iterator[str]:
         f" | {statistics.median(by_step):.0f} |"
     )
     yield f"| our benchmarks' | {warp_ns:.0f} | {warp_ns * own.ratio:.0f} |"
-    means = [speed.ns_per_step for speed in tally.testspeed]
-    yield f"prints {min(means):.0f} to {max(means):.0f} ns"
-    yield f"the first launch, of {by_step[0]:.0f} ns"
-    yield f"one launch of Warp took {on_gpu_machine('warp', 8192, 'h100'):.0f} ns"
-    mjx_ns, warp_ns = (on_gpu_machine(path, 8192) for path in ("mjx", "warp"))
-    yield f"one launch of MJX took {mjx_ns:.0f} ns and one of Warp {warp_ns:.0f} ns"
-    mjx, warp = (gpu_compile_s(path) for path in ("mjx", "warp"))
-    yield f"MJX compiled in {mjx[0]:.0f} seconds, Warp in {warp[0]:.0f}"
-
-
-@functools.cache
-def gpu_results(machine: str = "h200") -> list[PathResult]:
-    """Return the results on the machine of a GPU."""
-    return [
-        row
-        for file in sorted(RUNS.glob(f"reference-gpu-{machine}*.jsonl"))
-        for group in derive_all(runs.load(file, RECORD_TYPES).records)
-        for row in group.results
-    ]
-
-
-def on_gpu_machine(path: str | None, nbatch: int, machine: str = "h200") -> float | None:
-    """Return nanoseconds per step of a path there; None for the fastest of C."""
-    rows = (
-        row
-        for row in gpu_results(machine)
-        if row.nbatch == nbatch and path == (row.path if row.compile_s is not None else None)
-    )
-    return min((row.step_ns for row in rows if row.step_ns), default=None)
-
-
-def gpu_compile_s(path: str) -> list[float]:
-    """Return the seconds that a path compiled on the H200's machine, from the shortest on."""
-    return sorted(r.compile_s for r in gpu_results() if r.path == path and r.compile_s is not None)
 
 
 PHRASES: dict[str, Callable[[], Iterator[str]]] = {

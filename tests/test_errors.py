@@ -69,3 +69,5 @@ def test_a_model_that_reserves_too_little_memory_is_the_users_to_mend() -> None:
     assert failure.detail.startswith("FatalError: mj_stackAlloc: out of memory at mj_step: the")
     assert "fusestatic" in failure.detail
     assert failure_of(FatalError("mj_step: no")).status == Status.FAILED
+    assert failure_of(ValueError("XML Error: no such attribute")).status == Status.INPUT
+    assert failure_of(ValueError("no XML Error: ")).status == Status.FAILED

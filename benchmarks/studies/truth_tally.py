@@ -149,7 +149,3 @@ class TruthTally:
                 f" {self.cpu}, {self.cores} cores, with a load of {min(loads):.0f} to"
                 f" {max(loads):.0f} at the beginning of comparisons.)"
             )
-        yield ""
-        yield "| what changed | published: candidate / baseline | found | control |"
-        yield "|---|---|---|---|"
-        yield from (each.row(truth) for truth, each in known)

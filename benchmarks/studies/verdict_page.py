@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 
 from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.verdict_tally import FAMILY, TOGETHER, FamilyRow, ScenarioRow, VerdictTally
-from mjbench.results import markdown
+from mjbench import formats
+from mjbench.paired.outcomes import CONFIDENCE
 
-_PLACED = ", placed"
+# Scenarios in which launches are limited.
+_LIMITED = "at most"
 PART = PagePart("method/errors.md", "verdicts", "benchmarks.studies.verdict_page")
 
 
@@ -41,33 +43,30 @@ def family_line(row: FamilyRow) -> str:
 
 
 def lines(tally: VerdictTally) -> Iterator[str]:
-    """Yield the conclusion, then a row for each scenario."""
+    """Yield the conclusion, then how often changes are found."""
     yield f"{_conclusion(tally.scenarios)} {_family_conclusion(tally.families)}"
     yield ""
-    yield (
-        f"Shares of {tally.comparisons:,} comparisons, in percent: called `slower` or `faster`"
-        " although nothing changed; called `slower` at each true change; and intervals that"
-        " contain the truth."
+    yield _power(tally)
+
+
+def _power(tally: VerdictTally) -> str:
+    """Return how often each change is called slower, and how often intervals hold."""
+    rows = [row for row in tally.scenarios if row.change]
+    unlimited = [row for row in rows if not row.scenario.startswith(_LIMITED)]
+    changes = sorted({row.change for row in rows})
+    least = [min(row.slower for row in unlimited if row.change == change) for change in changes]
+    found = formats.listed(
+        [f"one of {100 * c:g} % in {100 * n:.1f} %" for c, n in zip(changes, least, strict=True)]
     )
-    yield ""
-    changes = sorted({row.change for row in tally.scenarios} - {0.0})
-    columns = ["wrong at 0 %", *(f"found at {100 * c:g} %" for c in changes), "contain"]
-    scenarios = dict.fromkeys(row.scenario for row in tally.scenarios)
-    # placement hardly changes a scenario that is there without it, too
-    names = [
-        n
-        for n in scenarios
-        if n.removesuffix(_PLACED) == n or n.removesuffix(_PLACED) not in scenarios
-    ]
-    rows = (_cells(name, [r for r in tally.scenarios if r.scenario == name]) for name in names)
-    yield from markdown.table_lines(["launches", *columns], rows, columns)
-
-
-def _cells(name: str, rows: Sequence[ScenarioRow]) -> list[str]:
-    unchanged, *changed = sorted(rows, key=lambda row: row.change)
-    least = min(row.covered for row in rows)
-    shares = [_wrong(unchanged), *(row.slower for row in changed), least]
-    return [name, *(f"{100 * share:.1f}" for share in shares)]
+    few = max(row.slower for row in rows if row.scenario.startswith(f"{_LIMITED} 8"))
+    worst = min(tally.scenarios, key=lambda row: row.covered)
+    return (
+        "A slowdown is called `slower` in at least this share of"
+        f" {tally.comparisons:,} comparisons: {found}. That is without a limit of launches. With"
+        f" eight launches, at most {100 * few:.0f} % are. {100 * CONFIDENCE:g} % of the intervals"
+        f" should contain the truth. In the worst scenario ({worst.scenario}),"
+        f" {100 * worst.covered:.1f} % do."
+    )
 
 
 def _conclusion(rows: Sequence[ScenarioRow]) -> str:

@@ -37,7 +37,7 @@ def checkup(target: str, arguments: tuple[str, ...], options: CheckupOptions) ->
     Each item shows what it gains, what it changes in results, and which command looks closer. Wrong
     results come first.
 
-    Exit code: the program's, if it fails.
+    Exit code: the program's, if it fails; 2 if MuJoCo refuses its model.
 
     \b
     Examples:

@@ -20,7 +20,7 @@ def run(program: tuple[str, ...], options: RunOptions) -> None:
     after --seconds. The report goes to standard error. `mjbench PROGRAM`, the check-up, prints only
     what to change.
 
-    Exit code: the program's; 0 if mjbench ended it.
+    Exit code: the program's; 2 if MuJoCo refuses its model; 0 if mjbench ended it.
 
     \b
     Examples:

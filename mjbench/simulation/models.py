@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench.errors import InputError, MachineError, one_line, shown, suggestion
+from mjbench.errors import InputError, MachineError, one_line, shown, suggestion, with_help
 
 if TYPE_CHECKING:
     import mujoco
@@ -116,7 +116,7 @@ def load(source: ModelSource) -> "mujoco.MjModel":
     try:
         model = from_file(str(source.path))
     except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
-        reason = one_line(error)
+        reason = with_help(one_line(error))
         raise InputError(
             f"{source.name}: MuJoCo cannot load it: {reason}{_advice(source.path, reason)}"
         ) from error

@@ -1,6 +1,7 @@
 """`mjbench sweep` as a user types it: what it prints, stores and measures again; without Ray."""
 
 import contextlib
+import functools
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -44,6 +45,7 @@ def use(monkeypatch: pytest.MonkeyPatch, measure: Measure) -> None:
     monkeypatch.setattr(sweep, "measure", measure)
 
 
+@functools.cache
 def measured() -> CellResult:
     from mjbench.host import machine
 

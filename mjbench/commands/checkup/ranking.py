@@ -329,7 +329,7 @@ def placed(remedy: Remedy) -> str:
 
 def _of_source(findings: Sequence[Finding], rows: Sequence[ProgramRow]) -> Iterator[CheckupItem]:
     """Yield what `lint` finds, unless the program ran: `run` then says what it costs."""
-    if any(row.loops or row.wrong for row in rows):
+    if any(row.loops or row.wrong or row.has_crashed for row in rows):
         return
     for finding in findings:
         place = finding_place(replace(finding, file=short_name(finding.file)))

@@ -287,6 +287,7 @@ def _notes(
     for record in run.of_type(TuneRecord):
         yield from ranking.far_settings(record, shlex.quote(file_argument(parts[0].target)))
         yield from tuning_notes.left_out(record)
+        yield from tuning_notes.untouched_stage(record)
     yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
     is_open = not _is_certain(run) and all(item.gain is None for item in listed_items)
     if is_open and parts[0].kind == TargetKind.MODEL and run.of_type(ProfileRow):
@@ -384,7 +385,9 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
             yield from filter(None, [_combined(run)])
         case CheckupPart.PROGRAM:
             for row in run.of_type(ProgramRow):
-                yield from filter(None, (program.ending(row), program.conclusion(row)))
+                ended = program.ending(row)
+                concluded = "" if row.has_crashed else program.conclusion(row)
+                yield from filter(None, (ended, concluded))
                 yield from program.end_lines(row, ", without --budget and --quick,")
         case CheckupPart.SOURCE:
             yield f"lint has {count_of(len(part.findings), 'finding')}"

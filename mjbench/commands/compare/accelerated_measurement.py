@@ -236,10 +236,14 @@ def _steady_s(compiled: Compiled) -> Iterator[tuple[float, ...]]:
         yield samples_s
 
 
-def not_compiled(limit_s: float) -> str:
-    """Return why a path that has not compiled in time has no speed, and what helps."""
+def not_compiled(seconds: float, more_time: str) -> str:
+    """Return why a path that has not compiled in time has no speed, and what helps.
+
+    Args:
+      more_time: what to give for more, such as `--time-limit 120`.
+    """
     return (
-        f"not compiled within {COMPILER_PATIENCE * limit_s:g} s, and killed: its"
-        " first step comes later than that, and no speed of its is known. Paths of C need no"
-        f" compiler; --time-limit {2 * limit_s:g} gives this one twice the time"
+        f"not compiled after {seconds:.0f} s, and killed, so its speed is not known: give"
+        f" {more_time} or more, or a model with fewer bodies and contacts; paths of C need no"
+        " compiler"
     )

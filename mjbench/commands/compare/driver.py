@@ -372,7 +372,7 @@ class ModelChildren:
         Args:
           end_s: when it must have ended, by the monotonic clock.
         """
-        variant = self.plan.variants[position]
+        variant, begin_s = self.plan.variants[position], time.monotonic()
 
         def receive(record: VariantRecord) -> None:
             self.measured[position] = record
@@ -392,11 +392,15 @@ class ModelChildren:
             ended = isolate.Ended(failure.status, failure.detail)
         if ended.status != Status.OK:
             compiled = self.measured.get(position)
-            is_silent = ended.status == Status.TIMEOUT and time.monotonic() < end_s
-            if is_silent and (compiled is None or compiled.compile_s is None):
-                ended = replace(
-                    ended, detail=accelerated_measurement.not_compiled(self.plan.limit_s)
+            has_compiled = compiled is not None and compiled.compile_s is not None
+            if ended.status == Status.TIMEOUT and not has_compiled:
+                now_s = time.monotonic()
+                is_silent = now_s < end_s
+                more = (
+                    f"--time-limit {2 * self.plan.limit_s:g}" if is_silent else "twice the --budget"
                 )
+                detail = accelerated_measurement.not_compiled(now_s - begin_s, more)
+                ended = replace(ended, detail=detail)
             self.revise(position, ended.status, ended.detail)
 
     def model_record(self) -> ModelRecord:

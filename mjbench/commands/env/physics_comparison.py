@@ -19,7 +19,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.commands.env.recording import Recording, StepTrace
-from mjbench.errors import MachineError
+from mjbench.errors import InputError
 from mjbench.formats import listed
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
@@ -209,7 +209,7 @@ def prepare(
     """Verify every path, the plain loop first, and add a report of each."""
     workload, observation = reference_run.observe_healthy(physics.workload)
     if workload.nbatch < physics.workload.nbatch:
-        raise MachineError(f"the physics diverges ({observation.diagnosis()})")
+        raise InputError(f"the physics diverges ({observation.diagnosis()})")
     workload = dataclasses.replace(
         workload, initial_state=workload.initial_state.copy(), control=workload.control.copy()
     )

@@ -257,7 +257,8 @@ def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
                 start(model, data)
                 before = np.array(data.timer.duration)
                 mujoco.mj_step(model, data, block.nstep)
-                seconds += np.array(data.timer.duration) - before
+                taken = np.array(data.timer.duration) - before
+                seconds += taken if taken.min() >= 0 else 0  # a divergence resets them
             blocks.append(seconds)
     finally:
         if needs_clock:

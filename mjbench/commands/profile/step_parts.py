@@ -66,6 +66,7 @@ TIMERS: Mapping[Stage, str] = {
     Stage.SOLVER: "CONSTRAINT",
     Stage.INTEGRATION: "ADVANCE",
 }
+COLLISION = (Stage.BROAD_PHASE, Stage.NARROW_PHASE, Stage.COLLISION)
 WHOLE_STEP = "STEP"  # the timer of all of a step
 
 
@@ -160,10 +161,9 @@ def stages(
 
 def longest(shares: Mapping[str, float]) -> tuple[str, float]:
     """Return the stage that takes most of a step, and its share; collision is one stage here."""
-    of_collision = (Stage.BROAD_PHASE, Stage.NARROW_PHASE, Stage.COLLISION)
-    whole = {stage: share for stage, share in shares.items() if stage not in of_collision}
+    whole = {stage: share for stage, share in shares.items() if stage not in COLLISION}
     whole.pop(Stage.OTHER, None)
-    whole[Stage.COLLISION] = sum(shares.get(stage, 0.0) for stage in of_collision)
+    whole[Stage.COLLISION] = sum(shares.get(stage, 0.0) for stage in COLLISION)
     return max(whole.items(), key=lambda item: item[1])
 
 

@@ -150,6 +150,7 @@ class Incident:
       count: how often it was seen; of IN_TURN, how many simulations there are.
       seconds: that it took.
       changes: of RECOMPILED, how the arguments of the first differ; empty if they do not.
+      is_unfinished: of RECOMPILED, whether the program ended before it.
     """
 
     name: str
@@ -157,6 +158,7 @@ class Incident:
     count: int
     seconds: float = 0.0
     changes: Sequence[ArgumentChange] = ()
+    is_unfinished: bool = False
 
     @property
     def is_wrong(self) -> bool:
@@ -177,14 +179,17 @@ class ProgramCalls:
     memory_growth_bytes: int | None = None
 
 
-def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
+def read_all(
+    folder: Path, headers: Mapping[int, Header], end_s: float | None = None
+) -> ProgramCalls:
+    """Return the calls of all processes of a program, which ended at `end_s`, a monotonic time."""
     names = read_engine(folder).warnings
     calls: list[CallTime] = []
     incidents: list[Incident] = []
     growth: list[int] = []
     for file in sorted(folder.glob("*.calls")):
         with contextlib.suppress(OSError, ValueError, LookupError, TypeError, struct.error):
-            of_process = _read(file, headers.get(int(file.stem)), names)
+            of_process = _read(file, headers.get(int(file.stem)), names, end_s)
             calls += of_process.calls
             incidents += of_process.incidents
             if of_process.memory_growth_bytes is not None:
@@ -221,7 +226,9 @@ class _Slot:
     passed_steps: int
 
 
-def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> ProgramCalls:
+def _read(
+    file: Path, header: Header | None, warnings: Mapping[int, str], end_s: float | None
+) -> ProgramCalls:
     raw = file.read_bytes()
     slots = [_Slot(*values) for values in call_clock.SLOT.iter_unpack(raw)]
     timed: list[tuple[CallTime, _Slot]] = []
@@ -238,7 +245,13 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
             incidents.append(Incident(callee, places[0], simulations))
         elif callee == call_clock.RECOMPILED:
             changes = [ArgumentChange(*change) for change in site.get("detail", ())]
-            incidents.append(Incident(callee, places[0], slot.calls, 1e-9 * slot.ns, changes))
+            is_unfinished = slot.calls < slot.steps
+            seconds = 1e-9 * slot.ns
+            if is_unfinished and end_s is not None:
+                seconds += max(0.0, end_s - 1e-9 * slot.last_ns)
+            incidents.append(
+                Incident(callee, places[0], slot.steps, seconds, changes, is_unfinished)
+            )
         else:
             detail, is_renderer = site.get("detail"), callee == "Renderer"
             height, width, backend = detail if detail and is_renderer else (0, 0, "")

@@ -12,6 +12,7 @@ from mjbench.errors import InputError
 from mjbench.options import stored
 from mjbench.results.runs import Record, Run
 from mjbench.session import Item, Items, Measurement, Observer
+from mjbench.status import ExitCode
 
 
 def measurement(program: Sequence[str], options: RunOptions) -> Measurement:
@@ -31,6 +32,13 @@ def measurement(program: Sequence[str], options: RunOptions) -> Measurement:
 
 
 def exit_code_of(run: Run) -> int | None:
-    """Return that of the program, 0 where mjbench ended it; None where it was not measured."""
-    codes = [0 if row.was_ended else row.exit_code for row in run.of_type(ProgramRow)]
-    return codes[0] if codes else None
+    """Return that of the program, of a fault of its model, or 0 where mjbench ended it.
+
+    None where it was not measured.
+    """
+    for row in run.of_type(ProgramRow):
+        if row.was_ended:
+            return ExitCode.OK
+        is_of_model = row.exception is not None and row.exception.is_of_model
+        return ExitCode.USAGE if is_of_model else row.exit_code
+    return None

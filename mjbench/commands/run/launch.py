@@ -36,7 +36,15 @@ from mjbench.commands.run.recorded_models import RecordedModel
 from mjbench.commands.run.sampling import ProcessorClock, ProcessorUse, Profiling
 from mjbench.commands.run.step_times import StepTimes
 from mjbench.commands.run.thread_pools import ThreadPools
-from mjbench.errors import InputError, MachineError, file_argument, one_line, shown
+from mjbench.errors import (
+    InputError,
+    MachineError,
+    file_argument,
+    is_of_model,
+    one_line,
+    shown,
+    with_help,
+)
 from mjbench.host import files
 
 # Seconds between looks at the program: until Python has started it, and then.
@@ -73,10 +81,17 @@ class Program:
 
 @dataclass(frozen=True)
 class UncaughtException:
-    """What ended a program: its type and its message, and the user's line that raised it."""
+    """What ended a program.
+
+    Attributes:
+      text: its type and its message.
+      place: the user's line that raised it.
+      is_of_model: whether MuJoCo refuses the model.
+    """
 
     text: str
     place: Place | None
+    is_of_model: bool = False
 
 
 @dataclass(frozen=True)
@@ -198,7 +213,7 @@ def _observation(
         steps=step_times.read_all(folder),
         rate_hz=py_spy.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
         problem=problem,
-        calls=call_times.read_all(folder, step_times.read_headers(folder)),
+        calls=call_times.read_all(folder, step_times.read_headers(folder), end_s),
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
         exception=_exception(folder / f"{pid}.exception"),
@@ -221,7 +236,8 @@ def _exception(file: Path) -> UncaughtException | None:
     if not file.exists():
         return None
     text = file.read_text(encoding="utf-8", errors="replace")
-    return UncaughtException(one_line(text.partition("\n")[0]), _innermost_own(text))
+    raised = one_line(text.partition("\n")[0])
+    return UncaughtException(with_help(raised), _innermost_own(text), is_of_model(raised))
 
 
 def _innermost_own(text: str) -> Place | None:

@@ -41,11 +41,11 @@ def cautions(stored: Iterable[Run]) -> list[str]:
 
 
 def _check_kind(run: Run) -> None:
-    """Refuse a run that is neither of `compare` nor of paired comparisons."""
+    """Refuse a run that is neither of `compare` nor of paired comparisons of time."""
     if not any(isinstance(record, ModelRecord | VerdictRecord) for record in run.records):
         raise InputError(
-            f"a run of `{run.header.command}` has no such form: give one of compare, versions or"
-            " ab, or write --csv"
+            f"this run of `{run.header.command}` has no such form: give one of compare, or one of"
+            " versions or ab that did not count instructions; or write --csv"
         )
 
 

@@ -12,7 +12,6 @@
 A part has a share of the time that is left, and what does not fit is not begun.
 """
 
-import math
 import random
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -21,7 +20,13 @@ from typing import Any
 
 from mjbench.commands.tune import knobs, pareto_front, setting_names
 from mjbench.commands.tune.measurements import CMeasurements, summary, with_figures
-from mjbench.commands.tune.pareto_front import change_of, effect_of, error_of, is_allowed
+from mjbench.commands.tune.pareto_front import (
+    change_of,
+    effect_of,
+    error_of,
+    is_allowed,
+    time_ratio_of,
+)
 from mjbench.commands.tune.reference import HOLD, REFERENCE_S, CurrentSettings, TrialPlan
 from mjbench.commands.tune.result import (
     Attempt,
@@ -138,13 +143,13 @@ class CSearch:
         plan = self._plan
         self._advance(0, "what there is to try", 0.0)
         computing_s = min(MAX_COMPUTING_S, SURVEY_SHARE * plan.budget_s)
-        settings, meshes = self._measure.survey(plan.seed, computing_s)
+        settings = self._measure.survey(plan.seed, computing_s)
         self._advance(0, "the present settings", 0.5)
         begin_s = self._clock()
         present, stages, collision, self._reference_s = self._measure.present(plan.trials(0))
         self._present_s = self._clock() - begin_s
         self._second_look_s = min(2 * self._present_s, SECOND_LOOK_PART * self._left_s)
-        self._set(meshes=meshes, present=present, stages=stages, collision=collision)
+        self._set(present=present, stages=stages, collision=collision)
         wanted = [each for each in settings if each.knob in plan.knobs]
         return [(each,) for each in sorted(wanted, key=lambda s: knobs.order(s, stages))]
 
@@ -152,13 +157,13 @@ class CSearch:
         """Return the settings that are certainly faster and do what they may."""
         self._advance(1, f"{len(settings)} settings", 0.0)
         first = self._noted(self._launch(settings, SCREEN_PART))
-        hopeful = [each.settings for each in first if _ratio(each) < 1 + MOST_LOSS]
+        hopeful = [each.settings for each in first if time_ratio_of(each) < 1 + MOST_LOSS]
         again = self._launch(hopeful, SCREEN_PART, nrun=FEW_NRUN)
         by_settings = {each.settings: each for each in first}
         seen = self._noted(summary([by_settings[each.settings], each]) for each in again)
-        faster = [each for each in seen if _ratio(each) <= 1 - LEAST_GAIN]
+        faster = [each for each in seen if time_ratio_of(each) <= 1 - LEAST_GAIN]
         allowed = [each for each in faster if self._may_change_so_much(each)]
-        allowed = sorted(allowed, key=pareto_front.time_ratio_of)[:MOST_ALONE]
+        allowed = sorted(allowed, key=time_ratio_of)[:MOST_ALONE]
         if any(map(self._needs_error, allowed)):
             self._advance(1, "the reference", 0.4)
             self._set(present=self._reference() or self._present)
@@ -195,13 +200,12 @@ class CSearch:
         takes_s = self._present_s + (1 + LEAST_LAUNCHES) * self._expected_s(len(front))
         if takes_s > self._left_s:
             self._set(no_second_look=self._no_time(takes_s))
-            for each in self._front([each for each in attempts if each.ratio]):
-                self._recommend(each, each)
+            self._recommend_at_once(attempts, front)
             return
         self._advance(3, "present settings from new starts", 0.0)
         error = self._present_again(any(map(self._needs_error, front)))
         others = [each for each in attempts if each not in front]
-        looked = [*front, *sorted(others, key=pareto_front.time_ratio_of)][:MOST_AGAIN]
+        looked = [*front, *sorted(others, key=time_ratio_of)][:MOST_AGAIN]
         self._advance(3, f"{len(looked)} settings from new starts", 0.3)
         again = self._launch([each.settings for each in looked], AGAIN_PART, nrun=None)
         self._leave_untried([each.settings for each in front[len(again) :] if not each.ratio])
@@ -227,6 +231,17 @@ class CSearch:
                     self._recommend(first, with_figures(second, rows))
                 elif first.ratio:  # there was no time for more than one launch
                     self._recommend(first, replace(second, ratio=first.ratio))
+
+    def _recommend_at_once(self, attempts: Sequence[Attempt], front: Sequence[Attempt]) -> None:
+        """Recommend what is certainly faster; of the front, time what has no figures yet."""
+        launched = {each.settings: [replace(each, launches=())] for each in front if not each.ratio}
+        try:
+            self._repeat(launched, LEAST_LAUNCHES + 1, 1.0)
+        finally:  # as above
+            figures = [with_figures(rows[0], rows) for rows in launched.values() if len(rows) > 2]
+            certain = [each for each in figures if each.ratio and saves_time(each.ratio)]
+            for each in self._front([*(each for each in attempts if each.ratio), *certain]):
+                self._recommend(each, each)
 
     def _front(self, attempts: Sequence[Attempt]) -> list[Attempt]:
         return pareto_front.pareto_front(attempts, self._plan.limits, self._tolerated_error)
@@ -402,11 +417,6 @@ class CSearch:
         others = [each for each in self._record.attempts if label(each.settings) not in names]
         self._set(attempts=[*others, *new])
         return new
-
-
-def _ratio(attempt: Attempt) -> float:
-    """Return the time of settings over that of the present ones; infinity where they failed."""
-    return math.inf if attempt.time_ratio is None else attempt.time_ratio
 
 
 def _with_error(attempt: Attempt, first: Attempt) -> Attempt:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from mjbench.commands.profile import model_costs
 from mjbench.commands.profile.evaluations import Evaluations
 from mjbench.commands.tune import model_features as features
 from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting, option
@@ -37,8 +38,6 @@ _FASTER_INTEGRATORS = {
 }
 # A timestep up to this one, MJCF's own, is no larger than usual.
 _USUAL_TIMESTEP_S = 0.002
-# Geoms of a model, of which more than this share are static, are mostly so.
-_MOST_STATIC = 0.5
 # A convex hull of more vertices has more than its shape needs; and how many to try.
 _MANY_VERTICES, _FEW_VERTICES = 500, 64
 # From so many degrees of freedom on, `jacobian="auto"` is sparse (mj_isSparse).
@@ -191,14 +190,13 @@ def disabled(name: str, applies: Condition = _always, loses: str = "") -> Values
 
 def sleep(observed: ObservedModel) -> list[Setting]:
     """Return sleep, where bodies may sleep, or where most geoms are static: it skips those."""
-    model, static = observed.model, features.static_share(observed.model)
-    if static < _MOST_STATIC:
+    model = observed.model
+    if not (count := model_costs.static_geoms(model)):
         return flag("sleep", lambda _: features.can_sleep(model))(observed)
-    count = round(static * model.ngeom)
     evidence = f"{count} of {model.ngeom} geoms are static, and skipped with it"
     return [
-        replace(each, evidence=evidence, saves=static, stages=("kinematics",))
-        for each in flag("sleep", lambda o: not compat.flag_enabled(o.model, "sleep"))(observed)
+        replace(each, evidence=evidence, saves=count / model.ngeom, stages=("kinematics",))
+        for each in flag("sleep")(observed)
     ]
 
 

@@ -7,7 +7,7 @@ release has. To add one, write a row of KNOBS, and its name in `setting_names.GR
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.commands.profile.step_parts import Stage
+from mjbench.commands.profile.step_parts import COLLISION, Stage
 from mjbench.commands.tune import knob_values as values
 from mjbench.commands.tune import model_features as features
 from mjbench.commands.tune.setting_names import NAMES
@@ -15,7 +15,6 @@ from mjbench.commands.tune.settings import Setting
 from mjbench.commands.tune.usual_regime import ObservedModel
 from mjbench.errors import InputError, shown, suggestion
 
-_COLLISION = (Stage.BROAD_PHASE, Stage.NARROW_PHASE, Stage.COLLISION)
 _CONSTRAINTS = (Stage.CONSTRAINT_MAKING, Stage.CONSTRAINT_PROJECTION, Stage.SOLVER)
 _SOLVER = (Stage.SOLVER,)
 _SLOW_SLIP = "what is held or stacked may slip over many seconds: let your longest task run"
@@ -85,7 +84,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "excludes",
         values.excludes,
-        _COLLISION,
+        COLLISION,
         "These bodies pass through each other, should they ever meet.",
     ),
     Knob(
@@ -119,7 +118,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "multiccd",
         values.disabled("multiccd", _is_convex),
-        (*_COLLISION, *_CONSTRAINTS),
+        (*COLLISION, *_CONSTRAINTS),
         "Flat faces of meshes touch at one point instead of several.",
     ),
     Knob(
@@ -221,7 +220,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "speculative",
         values.disabled("speculative", _has_contacts),
-        (*_COLLISION, *_CONSTRAINTS),
+        (*COLLISION, *_CONSTRAINTS),
         "Fast bodies may pass through thin ones.",
         since="4.0.0",
     ),

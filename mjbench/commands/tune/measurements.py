@@ -12,8 +12,7 @@ from dataclasses import replace
 
 from mjbench.commands.profile import model_costs
 from mjbench.commands.profile.model_costs import Cost
-from mjbench.commands.tune import edited_model, knobs, mesh_notes, reference, usual_regime
-from mjbench.commands.tune.mesh_notes import MeshNote
+from mjbench.commands.tune import edited_model, knobs, reference, usual_regime
 from mjbench.commands.tune.reference import HOLD, Baseline, CurrentSettings, TrialPlan
 from mjbench.commands.tune.result import Attempt, fresh_ratio, log_ratio
 from mjbench.commands.tune.setting_launch import (
@@ -60,8 +59,8 @@ class CMeasurements:
         model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
         self._files = SearchFiles(model, baseline, pool.new_folder())
 
-    def survey(self, seed: int, computing_s: float) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
-        """Return what there is to try, and meshes that nearly fill a primitive."""
+    def survey(self, seed: int, computing_s: float) -> Sequence[Setting]:
+        """Return what there is to try."""
         plan = seed, self._starts, self._hold, computing_s
         return isolate.call(look, self._source, *plan, limit_s=self._limit_s)
 
@@ -138,13 +137,12 @@ def look(
     hold: int,
     computing_s: float,
     channel: Channel,
-) -> tuple[Sequence[Setting], Sequence[MeshNote]]:
+) -> Sequence[Setting]:
     channel.doing(f"stepping {source.name}")
     seen = usual_regime.observe_model(
         models.load(source), usual_regime.is_mjcf(source.path), seed, starts, hold, computing_s
     )
-    settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
-    return settings, mesh_notes.mesh_notes(seen.model)
+    return [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
 
 
 def run_present(

@@ -5,8 +5,6 @@ import numpy as np
 
 from mjbench.simulation import compat, geom_pairs
 
-# The release from which on static bodies are skipped where bodies sleep.
-_SKIPS_STATIC = 400
 _TENDON_FORCES = (
     *("tendon_stiffness", "tendon_stiffnesspoly", "tendon_damping", "tendon_dampingpoly"),
     *("tendon_frictionloss", "tendon_armature"),
@@ -46,16 +44,6 @@ def can_sleep(model: mujoco.MjModel) -> bool:
     policies = mujoco.mjtSleepPolicy
     allowed = [getattr(policies, f"mjSLEEP_{name}") for name in ("AUTO_ALLOWED", "ALLOWED", "INIT")]
     return bool(np.isin(model.tree_sleep_policy, [int(policy) for policy in allowed]).any())
-
-
-def static_share(model: mujoco.MjModel) -> float:
-    """Return the share of the geoms that are welded to the world, and skipped where bodies sleep.
-
-    Before 4.0.0 none is.
-    """
-    if mujoco.mj_version() < _SKIPS_STATIC or not model.ngeom:
-        return 0.0
-    return float(np.mean(np.asarray(model.body_weldid)[model.geom_bodyid] == 0))
 
 
 def hull_vertices(model: mujoco.MjModel) -> int:

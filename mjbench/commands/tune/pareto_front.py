@@ -108,5 +108,5 @@ def change_of(attempt: Attempt) -> float:
 
 
 def time_ratio_of(attempt: Attempt) -> float:
-    assert attempt.time_ratio is not None, "it was timed"
-    return attempt.time_ratio
+    """Return the time of settings over that of the present ones; infinity where they failed."""
+    return math.inf if attempt.time_ratio is None else attempt.time_ratio

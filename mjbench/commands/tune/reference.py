@@ -20,7 +20,7 @@ import numpy as np
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt
 from mjbench.commands.tune import accuracy, trajectories
 from mjbench.commands.tune.accuracy import Distance, Motion
-from mjbench.commands.tune.solver_convergence import converged, mostly_converges
+from mjbench.commands.tune.solver_convergence import MOST_LIMITED, converged
 from mjbench.commands.tune.trajectories import Trajectories, Trials
 from mjbench.errors import InputError
 from mjbench.host import machine
@@ -123,7 +123,7 @@ class CurrentSettings:
     def is_converged(self) -> bool:
         """Whether the solver converges in nearly all steps, or as far as makes no difference."""
         is_near = self.solver is not None and self.solver.share <= SAME_SHARE
-        return is_near or mostly_converges(self.solver_limited)
+        return is_near or self.solver_limited <= MOST_LIMITED
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ import numpy as np
 from mjbench.bounds import AnyFloat, Int64, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from mjbench.commands.profile.model_costs import Cost
 from mjbench.commands.tune.accuracy import Distance
-from mjbench.commands.tune.mesh_notes import MeshNote
 from mjbench.commands.tune.reference import CurrentSettings
 from mjbench.commands.tune.settings import Setting
 from mjbench.interval import Interval
@@ -175,7 +174,6 @@ class TuneRecord:
       untried_combinations: for which there was no time.
       untried_halving: of `untried`, those that save half of a step or more by count.
       front: recommendations, the smallest effect first and the slowest first within it.
-      meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
       collision: the costliest collisions of height fields or meshes; None where they cost little.
     """
@@ -196,7 +194,6 @@ class TuneRecord:
     untried_halving: Sequence[Setting] = ()
     front: Sequence[Recommendation] = ()
     withdrawn: Sequence[Withdrawal] = ()
-    meshes: Sequence[MeshNote] = ()
     stages: Mapping[str, AnyFloat] | None = None
     collision: Cost | None = None
     seconds: NonNegativeFloat = 0.0

@@ -105,16 +105,12 @@ def slow_lines(settings: Sequence[Setting]) -> list[str]:
 
 def _front_figure(record: TuneRecord, present: CurrentSettings) -> Figure:
     """Return time against error: what was tried from all starts, and what was confirmed."""
-    judged = [(row, row.accuracy) for row in record.attempts if row.accuracy is not None]
-    most = max((len(accuracy.run_errors) for _, accuracy in judged), default=0)
     assert present.error is not None, "it has a reference"
     rows = [(label(()), 100 * present.error.share, 1.0, _PRESENT)]
     rows += [
-        (label(row.settings), 100 * accuracy.error.share, row.time_ratio, _TRIED)
-        for row, accuracy in judged
-        if accuracy.error is not None
-        and row.time_ratio is not None
-        and len(accuracy.run_errors) == most  # errors of fewer runs are of another kind
+        (label(row.settings), 100 * row.error.share, row.time_ratio, _TRIED)
+        for row in record.attempts
+        if row.error is not None and row.time_ratio is not None
     ]
     rows += [
         (label(each.settings), 100 * each.error.share, each.ratio.estimate, _CONFIRMED)

@@ -16,15 +16,6 @@ MOST_LIMITED = 0.05
 TOLERANCE, ITERATIONS, LS_ITERATIONS = 1e-15, 200, 100
 
 
-def mostly_converges(solver_limited: float) -> bool:
-    """Whether a solver converges in nearly all steps.
-
-    Args:
-      solver_limited: share of the steps in which it stopped at its limit of iterations.
-    """
-    return solver_limited <= MOST_LIMITED
-
-
 def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
     """Return the model with a solver that converges, at a fraction of its timestep."""
     tight = copy.copy(model)

@@ -126,8 +126,7 @@ def test_the_deviation_that_placement_adds_is_that_of_the_no_change_pairs() -> N
     assert averaged > release_ratios.MIN_DEVIATION
 
 
-def test_the_committed_page_has_a_row_of_a_thousand_histories_for_each_plan() -> None:
+def test_the_committed_page_is_of_a_thousand_histories_of_each_kind() -> None:
     text = history_simulation.PART.text()
-    assert f"Each line is {history_simulation.HISTORIES:,} histories of {RELEASES} releases" in text
-    rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| ")]
-    assert rows[1:] == [plan.name for plan in PLANS]
+    histories = f"{history_simulation.HISTORIES:,} histories of {RELEASES} releases"
+    assert f"Each kind of noise has {histories}" in text

@@ -14,7 +14,6 @@ from mjbench.commands.show.kinds import RECORD_TYPES
     [
         (reference_pages.COMMANDS, reference_pages.command_lines),
         (reference_pages.LINT_RULES, reference_pages.rule_lines),
-        (reference_pages.SETTINGS, reference_pages.setting_lines),
         (reference_pages.RECORDS, reference_pages.record_lines),
     ],
     ids=lambda each: getattr(each, "name", ""),

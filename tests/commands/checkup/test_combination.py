@@ -56,3 +56,12 @@ def test_settings_that_change_states_are_left_out() -> None:
     equivalent = recommended(Effect.EQUIVALENT, JACOBIAN)
     assert combination.free(TuneRecord(model="m", front=[equivalent])) is None
     assert combination.combined(None, TuneRecord(model="m", front=[equivalent])).count == 0
+
+
+def test_sleep_is_left_out_where_simulations_share_mjdata() -> None:
+    sleep = Setting("sleep", "sleep=enable", (Edit(Part.FLAG, "sleep", "enable"),))
+    tuned = TuneRecord(model="m", front=[recommended(Effect.FREE, JACOBIAN, sleep)])
+    assert combination.combined(raced([(ROLLOUT, 3.0)]), tuned).settings == [JACOBIAN]
+    plain = combination.combined(raced([(ROLLOUT, 0.5)]), tuned)
+    assert plain.variant == PLAIN
+    assert plain.settings == [JACOBIAN, sleep]

@@ -97,6 +97,39 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     assert listed[3].error == 0.03
 
 
+RK4 = Setting("integrator", "integrator=Euler", evidence="one evaluation", saves=0.75)
+
+
+def test_what_halves_the_work_by_count_comes_first_though_it_is_not_timed() -> None:
+    found = tuned(FREE, untried_halving=[RK4])
+    measured = run(*PATHS, part(CheckupPart.SETTINGS), found)
+    first, *others = ranking.items(measured)
+    assert (first.action, first.is_halving) == ("settings: integrator=Euler", True)
+    assert not any(each.is_halving for each in others)
+    assert checkup.list_section(measured).conclusions[0].text == (
+        f"{TARGET}: about 4 × as fast (not timed certainly) with settings: integrator=Euler;"
+        " changes in results: of unknown size"
+    )
+
+
+def test_a_recommendation_that_halves_the_work_is_as_important_as_one_that_keeps_results() -> None:
+    halving = recommended(Effect.APPROXIMATE, 0.2, 0.01, RK4)
+    actions = [item.action for item in ranking.items(run(*PATHS, tuned(FREE, halving)))]
+    assert actions[0] == "settings: integrator=Euler"
+    far = replace(halving, is_allowed=False)  # its error is larger than allowed
+    actions = [item.action for item in ranking.items(run(*PATHS, tuned(FREE, far)))]
+    assert actions[-1] == "settings: integrator=Euler"
+
+
+def test_what_is_measured_together_is_no_conclusion_where_less_halves_the_work() -> None:
+    verdict = replace(FASTER, ratio=Interval(0.3, 0.29, 0.31))
+    records = [*PATHS, tuned(untried_halving=[RK4]), combined(verdict)]
+    assert "about 4 × as fast" in checkup.list_section(run(*records)).conclusions[0].text
+    faster = combined(replace(FASTER, ratio=Interval(0.2, 0.19, 0.21)))
+    section = checkup.list_section(run(*records[:-1], faster))
+    assert "5.00 × as fast" in section.conclusions[0].text
+
+
 def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
     far = recommended(Effect.APPROXIMATE, 0.1, 0.6, TIMESTEP)
     section = checkup.list_section(run(tuned(FREE, LONGER, far), part(CheckupPart.SETTINGS)))
@@ -330,9 +363,14 @@ def test_a_program_that_does_not_step_has_no_verdict() -> None:
 def test_after_an_error_only_that_comes_first() -> None:
     error = UncaughtException("ValueError: no", None)
     failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, [], [], exception=error)
-    seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    findings = [Finding("n.py", 4, 1, "MJB002", "a name", 1300.0)]
+    source = replace(part(CheckupPart.SOURCE, TargetKind.PROGRAM), findings=findings)
+    seen = run(source, part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    assert ranking.items(seen) == []
     (conclusion,) = checkup.list_section(seen).conclusions
     assert conclusion.text == f"{TARGET}: it raised ValueError: no"
+    _, of_program = checkup.part_sections(seen)
+    assert of_program.facts == ["it raised ValueError: no"]
 
 
 def test_what_costs_most_and_has_no_remedy_comes_first_as_in_run() -> None:

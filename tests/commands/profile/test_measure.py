@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 from step_profiles import step_profile
 
@@ -33,6 +35,17 @@ def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
         assert sum(stages.values()) == pytest.approx(1.0)
         assert all(share >= 0 for share in stages.values())
         assert stages["constraint solver"] > 0
+
+
+def test_steps_in_which_the_timers_are_reset_do_not_count() -> None:
+    def started(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        workload.reset_to_start(model, data)
+        data.timer.duration[:] = 1e9
+        data.qvel[:] = np.nan
+
+    model = models.load(models.resolve("cube_table"))
+    stages = profile.timer_shares(model, profile.Block(1, 20, lambda: started))
+    assert set(stages.values()) == {0.0, 1.0}
 
 
 @pytest.mark.parametrize(("steps_s", "shares_s"), [(4.0, [2.0, 3.5]), (9.5, [])])

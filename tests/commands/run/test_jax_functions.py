@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hook_clock import Clock
 
@@ -241,3 +242,22 @@ def test_a_function_that_is_compiled_again_is_noted_with_the_argument_that_diffe
     assert again.seconds > 0
     change = call_times.ArgumentChange("x", argument_types.SHAPE, "float32[3]", "float32[4]")
     assert again.changes == [change]
+    assert not again.is_unfinished
+
+
+def test_a_compilation_that_the_end_of_the_run_cuts_short_lasts_until_then(clock, tmp_path):
+    def compiles(x):
+        clock.note_event(jax_functions._LOWERED, 1e-3)
+        if x.ndim:
+            raise KeyboardInterrupt  # as the end of a run does
+
+    pytest.importorskip("jax")
+    function = jax_functions.CompiledFunction(compiles, clock)
+    function(np.zeros(()))
+    with pytest.raises(KeyboardInterrupt):
+        function(np.zeros(2))
+    begin_s = 1e-9 * clock._now_ns.now_ns
+    headers = step_times.read_headers(tmp_path)
+    (cut,) = call_times.read_all(tmp_path, headers, begin_s + 30.0).incidents
+    assert (cut.name, cut.count, cut.is_unfinished) == (call_clock.RECOMPILED, 1, True)
+    assert cut.seconds == pytest.approx(30.0, abs=0.1)

@@ -126,6 +126,16 @@ def test_an_exception_that_ends_a_program_is_known_with_its_line(tmp_path, monke
     exception = launch.run(Program(["raises.py"])).exception
     assert exception.text == "ValueError: no such robot"
     assert (exception.place.file, exception.place.line) == ("raises.py", 4)
+    assert not exception.is_of_model
+
+
+def test_a_model_with_too_little_memory_is_told_what_helps(tmp_path):
+    file = tmp_path / "1.exception"
+    file.write_text("FatalError: mj_stackAlloc: out of memory, stack overflow max = 1\n")
+    exception = launch._exception(file)
+    assert exception.is_of_model
+    assert "fusestatic" in exception.text
+    assert "max = 1" not in exception.text
 
 
 def test_a_program_that_exits_has_no_exception(tmp_path):

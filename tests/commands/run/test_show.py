@@ -442,11 +442,9 @@ def test_iterations_that_take_longer_and_longer_are_said_unless_steps_do() -> No
 
 
 def test_after_an_error_the_report_is_about_the_error() -> None:
-    full = "FatalError: mj_stackAlloc: out of memory, stack overflow max = 1 narena = 2"
+    full = "FatalError: mj_stackAlloc: out of memory"
     failed = row(MIXED, remedy(), exception=UncaughtException(full, PLACE))
     (section,) = program.sections([replace(failed, exit_code=1)])
     (conclusion,) = section.conclusions
-    assert "fusestatic" in conclusion.text
-    assert "max =" not in conclusion.text
-    assert conclusion.text.endswith("at train.py:7: mj_step(model, data)")
+    assert conclusion.text.endswith(f"{full} at train.py:7: mj_step(model, data)")
     assert not section.facts

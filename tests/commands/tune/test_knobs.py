@@ -5,11 +5,13 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import mujoco
+import numpy as np
 import pytest
 from tuning_models import rods
 
 from mjbench.commands.profile.step_parts import Stage
 from mjbench.commands.tune import knob_values, knobs, usual_regime
+from mjbench.commands.tune import model_features as features
 from mjbench.commands.tune.pair_watch import IdlePair
 from mjbench.commands.tune.settings import NO_CHANGE, Edit, LoopChange, Part, Setting
 from mjbench.commands.tune.usual_regime import ObservedModel, Usage, observe_model
@@ -122,6 +124,45 @@ def test_tendons_that_nothing_uses_are_left_out() -> None:
     assert setting.evidence == "nothing uses 1 of 4 tendons"
     assert apply(mujoco.MjSpec.from_string(xml), [setting]).ntendon == 3
     assert offered(seen(model_xml()), "tendons") == []
+
+
+SIGNED_DISTANCE = """<mujoco><asset>
+  <mesh name='m' vertex='0 0 0 1 0 0 0 1 0 0 0 1'/>
+</asset><worldbody>
+  <body><freejoint/><geom type='{0}' mesh='m'/></body><geom type='plane' size='1 1 1'/>
+</worldbody></mujoco>"""
+
+
+def test_signed_distances_are_iterated_less_where_a_geom_has_them() -> None:
+    some, none = (seen(SIGNED_DISTANCE.format(kind)) for kind in ("sdf", "mesh"))
+    assert offered(some, "sdf_iterations") == ["sdf_iterations=5", "sdf_iterations=3"]
+    assert offered(some, "sdf_initpoints") == [
+        "sdf_initpoints=20",
+        "sdf_initpoints=10",
+        "sdf_initpoints=5",
+    ]
+    assert offered(none, "sdf_iterations") == offered(none, "sdf_initpoints") == []
+
+
+@pytest.mark.parametrize(("nvertex", "is_large"), [(400, False), (600, True)])
+def test_smaller_hulls_are_offered_where_a_mesh_has_many_vertices(
+    nvertex: int, is_large: bool
+) -> None:
+    points = np.random.default_rng(0).standard_normal((nvertex, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    vertices = " ".join(f"{value:.5f}" for value in points.ravel())
+    xml = (
+        f"<mujoco><asset><mesh name='m' vertex='{vertices}'/></asset><worldbody>"
+        "<body><freejoint/><geom type='mesh' mesh='m'/></body><geom type='plane' size='1 1 1'/>"
+        "</worldbody></mujoco>"
+    )
+    settings = knobs.settings(seen(xml)).get("maxhullvert", ())
+    assert [each.label for each in settings] == ["maxhullvert=64"] * is_large
+    for setting in settings:
+        assert setting.evidence == "the convex hull of a mesh that collides has 600 vertices"
+        smaller = apply(mujoco.MjSpec.from_string(xml), [setting])
+        assert features.hull_vertices(smaller) == 64
+    assert offered(seen(xml, is_mjcf=False), "maxhullvert") == []
 
 
 def test_sleep_is_offered_where_most_geoms_are_static() -> None:

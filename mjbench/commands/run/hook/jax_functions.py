@@ -12,15 +12,16 @@ from collections.abc import Callable, Mapping, Sequence
 from types import FrameType, MethodType, ModuleType
 from typing import Any
 
-from .argument_types import ArgumentTypes
+from .argument_types import ArgumentTypes, Change
 from .call_bursts import CallBursts, cold_cost_ns
 from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, RECOMPILED, TRACE, TRANSFER, CallClock
 from .function_replacement import named_like, suppress
 
-# What JAX calls its events, and the callee that each belongs to.
+# What JAX calls its events, and the callee that each belongs to; after the second it compiles.
+_LOWERED = "/jax/core/compile/jaxpr_to_mlir_module_duration"
 _EVENTS = {
     "/jax/core/compile/jaxpr_trace_duration": TRACE,
-    "/jax/core/compile/jaxpr_to_mlir_module_duration": TRACE,
+    _LOWERED: TRACE,
     "/jax/core/compile/backend_compile_duration": COMPILE,
 }
 # Seconds from which a compilation is that of a large function, such as steps of an environment that
@@ -169,21 +170,23 @@ class JaxFunctions:
         """Return how long JAX has traced and compiled in this thread."""
         return self._compiled_ns.get(get_ident(), 0)
 
-    def note_compiled(
-        self,
-        types: ArgumentTypes,
-        args: Sequence[Any],
-        kwargs: Mapping[str, Any],
-        compiled_ns: int,
-        frame: FrameType,
-    ) -> None:
-        """Note a call that compiled a function which was compiled before, and why."""
-        with suppress(Exception):
-            changes = types.note_compiled(args, kwargs)
+    def begin_compilation(self, frame: FrameType | None) -> None:
+        """Note that a function is compiled again, and why: it may take longer than the program."""
+        while frame is not None and frame.f_code is not CompiledFunction.__call__.__code__:
+            frame = frame.f_back
+        if frame is not None:
+            call = frame.f_locals
+            changes = call["self"].begin_compilation(
+                call["args"], call["kwargs"], call["earlier_ns"]
+            )
             if changes is not None:
-                end_ns = self._now_ns()
-                begin_ns = end_ns - compiled_ns
-                self._calls.add(RECOMPILED, frame, begin_ns, end_ns, detail=changes)
+                now_ns = self._now_ns()
+                line = frame.f_back
+                self._calls.add(RECOMPILED, line, now_ns, now_ns, 1, calls=0, detail=changes)
+
+    def end_compilation(self, compiled_ns: int, frame: FrameType) -> None:
+        end_ns = self._now_ns()
+        self._calls.add(RECOMPILED, frame, end_ns - compiled_ns, end_ns)
 
     def end(self) -> None:
         self.bursts.end()
@@ -218,6 +221,9 @@ class JaxFunctions:
         self._calls.add(callee, sys._getframe(1), begin_ns + inner_ns, end_ns, calls=count)
         if callee == COMPILE and seconds >= _LARGE_COMPILE_S:
             self._calls.note_compiled(end_ns)
+        if event == _LOWERED:
+            with suppress(Exception):
+                self.begin_compilation(sys._getframe(1))
 
 
 class CompiledFunction:
@@ -231,6 +237,8 @@ class CompiledFunction:
         self.__wrapped__ = getattr(function, "__wrapped__", function)
         self._function, self._clock = function, clock
         self._types = ArgumentTypes(self.__wrapped__)
+        # of the latest call that compiled it: what had been compiled before it, and whether again
+        self._begun_ns, self._is_again = -1, False
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         clock = self._clock
@@ -240,9 +248,24 @@ class CompiledFunction:
             result = self._function(*args, **kwargs)
         else:
             result = clock.count(self._function, args, kwargs, DISPATCH, sys._getframe(1))
-        if compiled_ns := clock.compiled_ns() - earlier_ns:
-            clock.note_compiled(self._types, args, kwargs, compiled_ns, sys._getframe(1))
+        if self._is_again and self._begun_ns == earlier_ns:
+            clock.end_compilation(clock.compiled_ns() - earlier_ns, sys._getframe(1))
+            self._is_again = False
         return result
+
+    def begin_compilation(
+        self, args: Sequence[Any], kwargs: Mapping[str, Any], earlier_ns: int
+    ) -> Sequence[Change] | None:
+        """Return how arguments of a call differ; None for a first compilation, or what is noted.
+
+        Args:
+          earlier_ns: for which JAX had compiled before the call.
+        """
+        if self._begun_ns == earlier_ns:
+            return None
+        changes = self._types.note_compiled(args, kwargs)
+        self._begun_ns, self._is_again = earlier_ns, changes is not None
+        return changes
 
     def __get__(self, owner: Any, kind: Any = None) -> Any:
         return self if owner is None else MethodType(self, owner)

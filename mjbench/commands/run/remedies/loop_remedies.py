@@ -32,7 +32,8 @@ _MESSAGES_ADVICE: Mapping[Activity, str] = {
     " threads and mujoco.batch.Batch gain",
 }
 _COLLECTION_ADVICE = (
-    "call gc.disable() before the loop, and gc.collect() where a pause does no harm"
+    "garbage collection: call gc.disable() before the loop, and gc.collect() where a pause does no"
+    " harm"
 )
 # What to do where JAX compiles again, by what differs in an argument.
 _RECOMPILED_ADVICE: Mapping[str, str] = {
@@ -81,7 +82,12 @@ def of_collection(loop: LoopTime) -> Iterator[Remedy]:
 
 
 def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
-    """Yield what to do about the share of a loop in which it waits, and nobody else works."""
+    """Yield what to do about the share of a loop in which it waits, and nobody else works.
+
+    Loops of workers wait for the program's own loop: what is said of that holds for them, too.
+    """
+    if not loop.in_main:
+        return
     for activity, text in _MESSAGES_ADVICE.items():
         if share := loop.activities.get(activity):
             idle = min(share, max(0.0, 1 - others_busy_s / loop.seconds))
@@ -123,19 +129,22 @@ def of_recompilations(loop: LoopTime, incidents: Sequence[Incident]) -> Iterator
     """Yield what makes JAX compile a function again, which was compiled before."""
     for incident in incidents:
         is_here = any(
-            call.callee == call_clock.COMPILE and call.place.position == incident.place.position
+            call.activity == Activity.COMPILING and call.place.position == incident.place.position
             for call in loop.calls
         )
         if incident.name != call_clock.RECOMPILED or not is_here:
             continue
         times = "" if incident.count == 1 else f" {incident.count:,} times"
+        seconds = f"for {formats.plain(incident.seconds, 2)} s"
+        compiled = f"JAX compiles this function again{times}, {seconds}"
+        if incident.is_unfinished:
+            compiled += " so far: the run ended before it had compiled it"
         share = min(1.0, incident.seconds / loop.seconds)
         yield Remedy(
             RemedyKind.CALL,
             Activity.COMPILING,
             incident.place,
-            f"JAX compiles this function again{times}, for {formats.plain(incident.seconds, 2)} s,"
-            f" {_why_recompiled(incident.changes)}",
+            f"{compiled}, {_why_recompiled(incident.changes)}",
             share,
             None,
             basis=Basis.TIMED,
