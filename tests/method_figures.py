@@ -149,7 +149,6 @@ def python() -> Iterator[str]:
     yield f"by a standard deviation of {percent(callables.PROCESS_SPREAD)}"
     least = callables.least_slowdown(outcomes.CONFIDENCE)
     yield f"so a `max_slowdown` below {percent(least, 1)} is refused"
-    yield f"finds {percent(outcomes.MIN_EFFECT)}"
 
 
 def accelerated() -> Iterator[str]:

@@ -232,9 +232,7 @@ class Machine:
       architecture: such as `x86_64`.
       cores: None when unknown.
       usable_cores: see `usable_cores`.
-      cgroup_quota_cores: CPU quota of the control group; None without one.
       load_1min: when the run began.
-      governor: how the processor's clock is chosen; empty when unknown.
       versions: of the packages that a result depends on, by name.
       flags: environment variables that change speed or results, by name.
       label: the user's name for this machine, from MJBENCH_MACHINE.
@@ -247,10 +245,8 @@ class Machine:
     system: str
     cores: NonNegativeInt | None
     usable_cores: PositiveInt
-    cgroup_quota_cores: NonNegativeFloat | None
     memory_bytes: NonNegativeInt
     load_1min: NonNegativeFloat
-    governor: str
     hypervisor: bool
     python: str
     versions: dict[str, str]
@@ -272,10 +268,8 @@ def describe() -> Machine:
         system=platform.platform(terse=True),
         cores=os.cpu_count(),
         usable_cores=usable_cores(),
-        cgroup_quota_cores=cgroup_quota(),
         memory_bytes=psutil.virtual_memory().total,
         load_1min=round(psutil.getloadavg()[0], 2),
-        governor=read_text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
         hypervisor=is_virtual(),
         python=platform.python_version(),
         versions=package_versions(_PACKAGES),

@@ -142,18 +142,12 @@ def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False
 def median_interval(
     samples: np.ndarray, confidence: float = CONFIDENCE
 ) -> tuple[float | None, float | None]:
-    return quantile_interval(samples, 0.5, confidence)
+    """Return the interval of the median of independent samples, by order statistics.
 
-
-def quantile_interval(
-    samples: np.ndarray, quantile: float, confidence: float = CONFIDENCE
-) -> tuple[float | None, float | None]:
-    """Return the interval of a quantile of independent samples, by order statistics.
-
-    The ends are None with fewer samples than the confidence needs (for the median, six for 95 %).
+    The ends are None with fewer samples than the confidence needs, such as six for 95 %.
     """
     from scipy import stats
 
-    interval = stats.quantile_test(samples, p=quantile).confidence_interval(confidence)
+    interval = stats.quantile_test(samples, p=0.5).confidence_interval(confidence)
     low, high = float(interval.low), float(interval.high)
     return (None if np.isnan(low) else low), (None if np.isnan(high) else high)

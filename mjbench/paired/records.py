@@ -383,15 +383,10 @@ def section_numbers(layouts: Sequence[int], runs: Sequence[int], nsection: int) 
 
 @dataclass(frozen=True, kw_only=True)
 class VerdictRecord(VerdictRow):
-    """A verdict as a run file stores it, with the raw times of every launch.
-
-    Attributes:
-      control_samples: launches of the baseline against itself.
-    """
+    """A verdict as a run file stores it, with the raw times of every launch."""
 
     record_type: ClassVar[str] = "verdict"
     samples: Sequence[LaunchRow] = ()
-    control_samples: Sequence[LaunchRow] = ()
 
     @classmethod
     def of(

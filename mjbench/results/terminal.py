@@ -50,14 +50,14 @@ def console(stderr: bool = False) -> Console:
     return out
 
 
-def text_of(sections: Iterable[Section], code: bool = False) -> str:
-    """Return sections as plain text; `code`: with their snippets."""
+def text_of(sections: Iterable[Section]) -> str:
+    """Return sections as plain text."""
     file = io.StringIO()
     # in a notebook, a console of Rich shows what it prints, whatever its file is
     out = _Console(
         file=file, width=_PLAIN_WIDTH, color_system=None, force_terminal=False, force_jupyter=False
     )
-    print_sections(out, sections, code)
+    print_sections(out, sections)
     return "\n".join(line.rstrip() for line in file.getvalue().strip("\n").split("\n"))
 
 

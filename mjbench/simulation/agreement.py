@@ -5,7 +5,6 @@ Engines that compile the step, MJX and Warp, are judged part by part: see
 `accelerated_judgement`.
 """
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -92,11 +91,6 @@ def first_differing_step(
     )
     assert difference is not None, "this step differs"
     return difference.at(step + 1)
-
-
-def digest(states: np.ndarray) -> str:
-    """Return 16 hexadecimal digits that identify the states, bit by bit."""
-    return hashlib.blake2b(np.ascontiguousarray(states).tobytes(), digest_size=8).hexdigest()
 
 
 def _bits(states: np.ndarray) -> np.ndarray:

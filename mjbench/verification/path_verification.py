@@ -18,7 +18,6 @@ from mjbench.errors import describe, one_line
 from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import (
-    agreement,
     input_probe,
     models,
     reference_run,
@@ -176,7 +175,6 @@ def _model_record(name: str, own: Workload, sizes: BlockSizes, sample: Sample) -
         spread=sample.spread,
         starts=sample.starts,
         workload_digest=own.digest(),
-        state_digest=agreement.digest(observation.final_state),
         start_contacts=observation.start_contacts,
         work=observation.work,
     )

@@ -40,7 +40,6 @@ class ModelRecord:
       divergence: the warnings they raised.
       warnings: how many of the simulations that did not diverge raised each other warning.
       workload_digest: names start states, controls and hold.
-      state_digest: names the reference run's final states.
       start_contacts: contacts at the first simulation's start.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       usable_cores: cores that this process may use.
@@ -64,7 +63,6 @@ class ModelRecord:
     spread: AnyFloat | None = None
     starts: Starts | None = None
     workload_digest: str | None = None
-    state_digest: str | None = None
     start_contacts: NonNegativeInt | None = None
     work: Work | None = None
     nbatch_asked: PositiveInt | None = None

@@ -53,20 +53,20 @@ def planted(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("program", "arguments", "activity", "action"),
+    ("program", "arguments", "activity"),
     [
-        ("collector.py", ["2000"], "garbage collection", "call gc.disable()"),
-        ("vector_env.py", ["1500", "fork"], "waiting for other processes", "waiting for other"),
+        ("collector.py", ["2000"], "garbage collection"),
+        ("vector_env.py", ["1500", "fork"], "waiting for other processes"),
     ],
 )
-def test_the_planted_cause_comes_first(planted, program, arguments, activity, action):
+def test_the_planted_cause_comes_first(planted, program, arguments, activity):
     done, row, _ = planted(program, *arguments)
     assert done.returncode == 0, done.stderr
     first = row["loops"][0]["remedies"][0]
     assert first["activity"] == activity
     assert first["gain"] > 0.1
     (conclusion, *_) = [line for line in done.stderr.splitlines() if line.startswith(program)]
-    assert f"first, {action}" in conclusion
+    assert f"first, {activity}" in conclusion
     shares = row["loops"][0]["time"]["activities"].values()
     assert sum(shares) == pytest.approx(1.0)
 

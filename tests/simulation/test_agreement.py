@@ -48,12 +48,6 @@ def test_other_shapes_are_an_error() -> None:
         agreement.first_differing_entry(states()[:2], states(), COLUMNS)
 
 
-def test_the_digest_depends_on_every_bit() -> None:
-    other = states()
-    other[2, 4] = np.nextafter(other[2, 4], 99)
-    assert agreement.digest(states()) == agreement.digest(states()) != agreement.digest(other)
-
-
 def test_a_relative_error_counts_what_is_not_finite_as_the_largest_number() -> None:
     want = {"qpos": np.array([[1.0, 200.0], [0.5, 0.0], [0.0, 0.0]])}
     got = {"qpos": np.array([[2.0, 200.0], [0.75, 0.0], [np.nan, 0.0]])}

@@ -40,7 +40,7 @@ _FALLING = (
 # Facts of the model that the JSON form of each of its results has.
 _OF_MODEL = (
     *("nbatch", "nstep", "hold", "returns", "seed", "starts", "diverged", "warnings"),
-    *("workload_digest", "state_digest", "work"),
+    *("workload_digest", "work"),
 )
 
 

@@ -32,7 +32,6 @@ from mjbench.commands.shared_options import check_holds
 from mjbench.errors import InputError, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
-from mjbench.measuring import stats
 from mjbench.options import stored
 from mjbench.session import Measurement, of_each_model
 from mjbench.simulation import compat, models, reference_run, starts, workload_sampling
@@ -93,12 +92,10 @@ class TickSamples:
 
 @dataclass(frozen=True)
 class Quantile:
-    """A quantile of latency, in nanoseconds, with its 95 % interval; None without enough ticks."""
+    """A quantile of latency, in nanoseconds."""
 
     quantile: Share
     ns: NonNegativeFloat
-    low_ns: NonNegativeFloat | None
-    high_ns: NonNegativeFloat | None
 
 
 @dataclass(frozen=True)
@@ -212,10 +209,7 @@ def row(model: str, samples: TickSamples, deadline_s: float | None) -> LatencyRo
         rate_hz=samples.rate_hz,
         deadline_s=deadline_s,
         missed=int((latency_ns > 1e9 * deadline_s).sum()),
-        quantiles=[
-            Quantile(q, float(np.quantile(latency_ns, q)), *stats.quantile_interval(latency_ns, q))
-            for q in QUANTILES
-        ],
+        quantiles=[Quantile(q, float(np.quantile(latency_ns, q))) for q in QUANTILES],
         max_ns=float(latency_ns.max()),
         slow=[
             SlowFeature(name, float(values[slow].mean()), float(values.mean()))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench import formats
 from mjbench.commands.run import costly_places, late_iterations
-from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.activities import WAITING, Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.costly_places import CostlyPlaces
 from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
@@ -176,13 +176,19 @@ def _no_loop(row: ProgramRow) -> str:
 
 
 def first_loop(row: ProgramRow) -> LoopReport:
-    """Return the first loop that does something, or whose waiting can be made shorter."""
-    does_something = (
-        each
-        for each in row.loops
-        if each.time.waiting_share < _MOSTLY_WAITING or listing.first(each.remedies) is not None
-    )
-    return next(does_something, row.loops[0])
+    """Return the first loop; where that waits for others, the one in which most can be saved."""
+    if row.loops[0].time.waiting_share < _MOSTLY_WAITING:
+        return row.loops[0]
+
+    def saved(report: LoopReport) -> float:
+        remedy = listing.first(report.remedies)
+        if (
+            remedy is None or remedy.gain is None
+        ):  # one that works is worth more than one that waits
+            return -report.time.waiting_share
+        return remedy.gain
+
+    return max(row.loops, key=saved)
 
 
 def _waiting_lines(row: ProgramRow) -> Iterator[str]:
@@ -219,7 +225,8 @@ def _outside(row: ProgramRow) -> str:
     loops take next to nothing.
     """
     loops = sum(report.time.seconds for report in row.loops if report.time.in_main) / row.wall_s
-    apart = (Activity.IMPORT, Activity.KERNELS)
+    has_workers = any(not report.time.in_main for report in row.loops)
+    apart = (Activity.IMPORT, Activity.KERNELS, *(WAITING if has_workers else ()))
     lines = [line for line in row.outside_loops if line.main_activity not in apart]
     kernels = sum(line.activities.get(Activity.KERNELS, 0.0) for line in row.outside_loops)
     imports = [line for line in row.outside_loops if line.main_activity == Activity.IMPORT]

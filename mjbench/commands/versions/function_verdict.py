@@ -283,7 +283,6 @@ class _Decision:
             slowing=statistics.median(each.slowing for each in launches) if is_timed else None,
             packages=package_versions(baseline.release, candidate.release),
             compiling=self._compiling(observed) if observed else None,
-            control_samples=self.control,
         )
 
 

@@ -59,10 +59,6 @@ def test_quantiles_missed_deadlines_and_the_longest_tick() -> None:
     row = latency.row("m", samples(latency_ns), deadline_s=0.009)
     assert [quantile.quantile for quantile in row.quantiles] == [0.5, 0.99, 0.999]
     assert row.quantiles[1].ns == pytest.approx(9.9e6, rel=1e-3)
-    for quantile in row.quantiles:
-        assert quantile.low_ns is not None
-        assert quantile.high_ns is not None
-        assert quantile.low_ns <= quantile.ns <= quantile.high_ns
     assert (row.missed, row.max_ns) == (1_000, 1e7)
 
 

@@ -397,6 +397,7 @@ CALL_REMEDIES = (
         is_bound=True,
         codes=("MJB022",),
         needs_finding=True,
+        is_of_loop=True,
         is_of_line=True,
     ),
     CallRemedy(

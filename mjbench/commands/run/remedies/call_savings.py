@@ -117,9 +117,9 @@ class CallRemedy:
             if pair.functions == ():  # the call is not needed at all
                 basis = Basis.TIMED
         if self.is_of_line:
-            position = calls.place.position
-            of_line = (line for line in calls.loop.lines if line.place.position == position)
-            share = max([share, *(line.share for line in of_line)])
+            positions = {call.place.position for call in calls.calls}
+            lines = (line for line in calls.loop.lines if line.place.position in positions)
+            share = max(share, sum(line.share for line in lines))
         return Saving(share, share, basis)
 
 

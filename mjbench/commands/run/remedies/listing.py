@@ -128,6 +128,12 @@ def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRe
         for call in loop.calls:
             if call.callee in remedy.callees:
                 by_place[call.place].append(call)
+        if remedy.needs_finding:
+            by_place = {
+                place: calls
+                for place, calls in by_place.items()
+                if _finding_of(remedy, place, loop, findings) is not None
+            }
         if remedy.is_of_loop and by_place:
             place = max(by_place, key=lambda each: seconds_of(by_place[each]))
             by_place = {place: [call for calls in by_place.values() for call in calls]}
@@ -137,10 +143,10 @@ def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRe
                 continue
             finding = _finding_of(remedy, place, loop, findings)
             if finding is not None:
-                said.add((remedy.callees, place))
+                said.update((remedy.callees, call.place) for call in calls)
                 place_of_finding = Place(finding.file, finding.line, "")
                 yield remedy, CallsInLoop(calls, loop, place_of_finding, finding)
-            elif count_of(calls) >= LEAST_REPEATS and not remedy.needs_finding:
+            elif count_of(calls) >= LEAST_REPEATS:
                 yield remedy, CallsInLoop(calls, loop, place)
 
 

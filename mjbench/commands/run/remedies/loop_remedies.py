@@ -82,7 +82,12 @@ def of_collection(loop: LoopTime) -> Iterator[Remedy]:
 
 
 def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
-    """Yield what to do about the share of a loop in which it waits, and nobody else works."""
+    """Yield what to do about the share of a loop in which it waits, and nobody else works.
+
+    Loops of workers wait for the program's own loop: what is said of that holds for them, too.
+    """
+    if not loop.in_main:
+        return
     for activity, text in _MESSAGES_ADVICE.items():
         if share := loop.activities.get(activity):
             idle = min(share, max(0.0, 1 - others_busy_s / loop.seconds))
