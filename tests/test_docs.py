@@ -30,7 +30,7 @@ LIMITS = {
     "CONTRIBUTING.md": 890,
     "models/README.md": 440,
     "results/README.md": 510,
-    "docs/architecture.md": 1330,
+    "docs/architecture.md": 1100,
     "docs/asv.md": 360,
     "docs/commands.md": 3500,
     "docs/faq.md": 1860,
