@@ -96,8 +96,8 @@ def compare(
       *models: names as on the command line, paths, MjModels or MjSpecs.
       on_progress: called with what is measured now, and the share of all work that is done.
       paths: Ways of stepping to compare, such as rollout, batch_step, mjx, warp (see `mjbench
-        paths`), or MODULE:CLASS of your own; python_loop is always added. `c` stands for all C
-        paths, `usual` for those and, where installed, mjx. Default: c.
+        paths`), or MODULE:CLASS of your own; python_loop, with and without its timer, is always
+        added. `c` stands for all C paths, `usual` for those and, where installed, mjx. Default: c.
       threads: Thread counts. Default: 1 and usable cores.
       options: Values of any other option of a path, such as pool=new, or chunk=1,4: simulations
         that a thread takes at a time.
@@ -163,7 +163,7 @@ def latency(
         deadline and latency are of ticks.
       deadline_s: Time by which a tick should end. In seconds. Default: the time between two paced
         ticks; free-running, the simulated time of a tick.
-      rate_hz: Paced ticks per second. Default: real time.
+      rate_hz: Paced ticks per second. Default: 1 / (timestep × --tick).
       nstep: Steps measured at each pace. Default: 10,000 ticks, or what the budget allows.
       budget_s: Time of the whole command, divided among its models. In seconds. Default: 15s for
         each model.

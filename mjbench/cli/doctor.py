@@ -17,7 +17,8 @@ def doctor(options: DoctorOptions) -> None:
     It looks at the processor, its clock, the load, the host, Python, valgrind and rendering, and
     then compares the cart-pole with itself.
 
-    Exit code: 1 if something is bad, or changes of 1 % cannot be decided within a minute.
+    Exit code: 1 if something is bad, or changes of 1 % cannot be decided within a minute; 3 if it
+    could not measure.
 
     \b
     Example:

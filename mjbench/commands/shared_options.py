@@ -275,7 +275,9 @@ def top_option() -> Any:
 
 def code_option() -> Any:
     """Return the option `--code`."""
-    return option(False, FLAG, "Print the Python code, too.", of_functions=False)
+    return option(
+        False, FLAG, "Print the Python code of what is advised, to paste.", of_functions=False
+    )
 
 
 def threads_option(of: str = "") -> Any:

@@ -29,8 +29,8 @@ class CompareOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         None,
         NAMES,
         "Ways of stepping to compare, such as rollout, batch_step, mjx, warp (see `mjbench"
-        " paths`), or MODULE:CLASS of your own; python_loop is always added. `c` stands for all C"
-        " paths, `usual` for those and, where installed, mjx",
+        " paths`), or MODULE:CLASS of your own; python_loop, with and without its timer, is always"
+        " added. `c` stands for all C paths, `usual` for those and, where installed, mjx",
         unset="c",
     )
     threads: list[int] | None = threads_option()

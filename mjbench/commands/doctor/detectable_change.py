@@ -87,7 +87,9 @@ def noise(pool: WorkerPool, seconds: float) -> Noise:
     if result.status != Status.OK:
         raise MachineError(result.detail)
     if len(ratios) < MIN_LAUNCHES:
-        raise MachineError(f"{len(ratios)} launches are too few: give a longer --budget")
+        raise MachineError(
+            f"{len(ratios)} of at least {MIN_LAUNCHES} launches: give a longer --budget"
+        )
     return Noise(
         launches=len(ratios),
         deviation=statistics.stdev(ratios),

@@ -36,12 +36,15 @@ class LatencyOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         "Time by which a tick should end",
         unset="the time between two paced ticks; free-running, the simulated time of a tick",
     )
-    rate_hz: float | None = option(None, HERTZ, "Paced ticks per second", unset="real time")
+    rate_hz: float | None = option(
+        None, HERTZ, "Paced ticks per second", unset="1 / (timestep × --tick)"
+    )
     nstep: int | None = nstep_option(
         "10,000 ticks, or what the budget allows", of="measured at each pace"
     )
     findings: Sequence[str] | None = fail_on_option(
-        ["missed"], "`missed`: a tick ends after its deadline, free-running or paced."
+        ["missed"],
+        "`missed`: a tick, even one of 10,000, ends after its deadline, free-running or paced.",
     )
 
     def exit_code(self, rows: Sequence["LatencyRow"]) -> ExitCode:
