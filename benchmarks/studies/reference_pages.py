@@ -30,7 +30,7 @@ RECORDS = PagePart("formats.md", "records", WRITER)
 # Characters of a line of help, or of an example.
 WIDTH = 96
 # Characters of a value in an example of a record.
-VALUE_WIDTH = 24
+VALUE_WIDTH = 22
 # Commands that have an option before the page describes it once.
 SHARED_BY = 2
 # How the paragraphs of help begin that the page has, besides each first one.
