@@ -30,7 +30,7 @@ RECORDS = PagePart("formats.md", "records", WRITER)
 # Characters of a line of help, or of an example.
 WIDTH = 96
 # Characters of a value in an example of a record.
-VALUE_WIDTH = 22
+VALUE_WIDTH = 30
 # Commands that have an option before the page describes it once.
 SHARED_BY = 2
 # How the paragraphs of help begin that the page has, besides each first one.
@@ -202,7 +202,10 @@ def _examples() -> dict[type[Any], dict[str, Any]]:
 def _short(value: Any) -> str:
     """Return a value as JSON that fits a line: of a list its beginning, of a text as well."""
     text = json.dumps(_first(value), ensure_ascii=False).replace('"…"', "…")
-    return text if len(text) <= VALUE_WIDTH else f"{text[:VALUE_WIDTH]}…"
+    if len(text) <= VALUE_WIDTH:
+        return text
+    whole_words = text[:VALUE_WIDTH].rpartition(" ")[0]
+    return f"{whole_words or text[:VALUE_WIDTH]}…"
 
 
 def _first(value: Any) -> Any:
