@@ -77,7 +77,7 @@ def test_a_model_whose_steps_call_no_callback_is_bad_input() -> None:
 def test_a_slowed_section_lasts_longer_by_the_share_asked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The clock is injected: 1000 ns pass in the section, and 3 ns between two looks at the clock."""
+    """1000 ns of an injected clock pass in the section, and 3 ns between two looks at it."""
     readings = iter([0, 1000, *range(1003, 1100, 3)])
     monkeypatch.setattr(time, "perf_counter_ns", lambda: next(readings))
     slowed = planted.slowed_section(LoopSection(lambda: None), 0.01)
