@@ -1,5 +1,8 @@
 """Small models that several tests share."""
 
+import mujoco
+import numpy as np
+
 # The least that moves: an engine that compiles needs no solver of constraints for it.
 PENDULUM_XML = """
 <mujoco>
@@ -30,3 +33,25 @@ CONTACT_XML = """
   <keyframe><key qpos="0 0 .098 1 0 0 0 .1" ctrl=".2" mpos="0 0 3"/></keyframe>
 </mujoco>
 """
+
+
+# Boxes that touch, a sphere apart, and sensors of which one kind casts rays.
+COSTS_XML = """
+<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1"/>
+    <body pos="0 0 .1"><freejoint/><geom name="a" type="box" size=".1 .1 .1"/></body>
+    <body pos=".15 0 .25"><freejoint/><geom name="b" type="box" size=".1 .1 .1"/></body>
+    <body pos="3 0 .1"><freejoint/><geom name="c" size=".1"/><site name="s"/></body>
+  </worldbody>
+  <sensor><gyro site="s"/><rangefinder site="s"/><rangefinder site="s"/></sensor>
+</mujoco>"""
+
+
+def initial_states(model: mujoco.MjModel, count: int) -> np.ndarray:
+    """Return the state that the model begins with, (count, nstate) times."""
+    data, spec = mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
+    rows = np.empty((count, mujoco.mj_stateSize(model, spec)))
+    for row in rows:
+        mujoco.mj_getState(model, data, row, spec)
+    return rows

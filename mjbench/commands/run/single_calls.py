@@ -10,7 +10,7 @@ from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook.call_clock import THREADED_ROLLOUT
 from mjbench.formats import count_of, duration, plain
 
-# `mujoco.rollout` divides the simulations into so many chunks for each thread, unless it is told.
+# Without `chunk_size`, `mujoco.rollout` divides the simulations into this many chunks per thread.
 _CHUNKS_OF_THREAD = 10
 
 

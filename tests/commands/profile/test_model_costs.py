@@ -3,36 +3,21 @@
 import mujoco
 import numpy as np
 import pytest
+from example_models import COSTS_XML, initial_states
 
 from mjbench.commands.profile import model_costs, step_parts
 from mjbench.commands.profile.model_costs import Cost, CostKind
 from mjbench.commands.profile.step_parts import Stage
 
-XML = """
-<mujoco>
-  <worldbody>
-    <geom name="floor" type="plane" size="5 5 .1"/>
-    <body pos="0 0 .1"><freejoint/><geom name="a" type="box" size=".1 .1 .1"/></body>
-    <body pos=".15 0 .25"><freejoint/><geom name="b" type="box" size=".1 .1 .1"/></body>
-    <body pos="3 0 .1"><freejoint/><geom name="c" size=".1"/><site name="s"/></body>
-  </worldbody>
-  <sensor><gyro site="s"/><rangefinder site="s"/><rangefinder site="s"/></sensor>
-</mujoco>"""
-
 
 @pytest.fixture
 def model():
-    return mujoco.MjModel.from_xml_string(XML)
+    return mujoco.MjModel.from_xml_string(COSTS_XML)
 
 
 @pytest.fixture
 def states(model):
-    data = mujoco.MjData(model)
-    spec = mujoco.mjtState.mjSTATE_INTEGRATION
-    rows = np.empty((2, mujoco.mj_stateSize(model, spec)))
-    for row in rows:
-        mujoco.mj_getState(model, data, row, spec)
-    return rows
+    return initial_states(model, 2)
 
 
 def time_by(monkeypatch, seconds):
