@@ -199,6 +199,11 @@ def timer_is_installed_at_import() -> bool:
     return (int(major), int(minor)) >= (3, 14)
 
 
+def sleep_skips_static() -> bool:
+    """Return whether sleep leaves out what no joint moves, as from 4.0.0 on."""
+    return mujoco.mj_version() >= 400
+
+
 def has_sleep(model: mujoco.MjModel) -> bool:
     """Return whether the model enables sleep, which is not part of mjSTATE_INTEGRATION."""
     bit = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)

@@ -25,8 +25,6 @@ PAIRS_OF_GROUP, MOST_PAIRS = 8, 64
 MOST_COSTS = 6
 # A smaller share of a step is within what the times vary by.
 LEAST_SHARE = 0.02
-# The release from which on sleep leaves out what no joint moves.
-_SKIPS_STATIC = 400
 # Geoms whose collisions cost by how finely they are divided.
 _HFIELD, _MESH = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_MESH)
 
@@ -111,7 +109,7 @@ def collision_costs(
 
 def static_geoms(model: mujoco.MjModel) -> int:
     """Return how many geoms no joint moves, where sleep would leave out most of all geoms; or 0."""
-    if mujoco.mj_version() < _SKIPS_STATIC or compat.flag_enabled(model, "sleep") is not False:
+    if not compat.sleep_skips_static() or compat.flag_enabled(model, "sleep") is not False:
         return 0
     count = int(np.count_nonzero(np.asarray(model.body_weldid)[model.geom_bodyid] == 0))
     return count if 2 * count > model.ngeom else 0
