@@ -201,7 +201,7 @@ def timer_is_installed_at_import() -> bool:
 
 def sleep_skips_static() -> bool:
     """Return whether sleep leaves out what no joint moves, as from 4.0.0 on."""
-    return mujoco.mj_version() >= 400
+    return bool(mujoco.mj_version() >= 400)
 
 
 def has_sleep(model: mujoco.MjModel) -> bool:
