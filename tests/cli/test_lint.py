@@ -45,7 +45,7 @@ def test_it_prints_like_a_linter_and_exits_1(tmp_path: Path) -> None:
 def test_a_clean_folder_exits_0(tmp_path: Path) -> None:
     (tmp_path / "good.py").write_text(GOOD)
     done = lint(".")
-    assert (done.exit_code, done.output) == (0, "")
+    assert (done.exit_code, done.output) == (0, "No findings in 1 file.\n")
 
 
 @pytest.mark.parametrize(

@@ -463,6 +463,11 @@ def test_tracebacks_do_not_show_the_clock(tmp_path):
     assert "hook" not in done.stderr
 
 
+def test_a_program_that_is_interrupted_ends_without_a_traceback(tmp_path):
+    done, _ = program(tmp_path, STEPS + "\nimport _thread\n_thread.interrupt_main()")
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
 def test_what_a_program_does_with_the_engines_functions_works_as_before(tmp_path):
     text = (
         STEPS
