@@ -74,9 +74,7 @@ def test_two_runs_that_are_no_pair_say_why() -> None:
     text = side_by_side.of_two_subjects([verdict, profiled])
     assert text == "Not compared: one run is of `versions`, the other of `profile`"
     text = side_by_side.of_two_subjects([verdict, named(of_model(SAME, "other"))])
-    assert (
-        text == "Not compared: one run is of humanoid, the other of other; --across compares them"
-    )
+    assert text == "Not compared: one run is of m, the other of other; --across compares them"
     assert side_by_side.of_two_subjects([verdict, verdict]) == ""
     assert side_by_side.of_two_subjects([verdict, named()]) == "", "it measured nothing"
 
