@@ -236,6 +236,13 @@ def test_a_model_that_is_built_leaves_the_loop_with_all_that_this_takes():
     assert (remedy.place.line, remedy.gain, remedy.basis) == (15, 0.9, Basis.BOUND)
 
 
+@pytest.mark.parametrize("loads", [0, 2])
+def test_models_that_are_built_before_the_steps_are_no_remedy(loads):
+    building = LineTime(Place("train.py", 15, "main", "scene()"), 0.9, {Activity.BUILDING: 0.9})
+    time = loop_of(step(seconds=1.0), call("compile", calls=loads, seconds=1.0))
+    assert listing.remedies(replace(time, building=building)) == []
+
+
 @pytest.mark.parametrize("loads", [2, 4])
 def test_only_an_mjdata_of_each_new_model_needs_no_advice(loads):
     loading = call("from_xml_path", number=13, calls=loads, seconds=1.0)

@@ -9,7 +9,7 @@ from mjbench import formats
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import ArgumentChange, Incident
 from mjbench.commands.run.hook import argument_types, call_clock
-from mjbench.commands.run.loop_time import FEW_SAMPLES, LoopTime
+from mjbench.commands.run.loop_time import FEW_SAMPLES, LEAST_REPEATS, LoopTime
 from mjbench.commands.run.remedies.call_savings import (
     count_of,
     seconds_of,
@@ -114,11 +114,14 @@ def of_pools(loop: LoopTime, pools: ThreadPools | None) -> Iterator[Remedy]:
 
 
 def of_building(loop: LoopTime) -> Remedy | None:
-    """Return what to do where samples show more of models that are built than calls that load."""
+    """Return what to do where samples show more of models that are built than calls that load.
+
+    Models that are built before the first steps, or beside each other, are the set-up of a loop.
+    """
     line = loop.building
-    if line is None or loop.samples < FEW_SAMPLES:
-        return None
     loading = [call for call in loop.calls if call.activity == Activity.LOADING]
+    if line is None or loop.samples < FEW_SAMPLES or count_of(loading) < LEAST_REPEATS:
+        return None
     is_call = any(call.place.position == line.place.position for call in loading)
     if is_call and line.activities.get(Activity.BUILDING, 0.0) < LEAST_GAIN:
         return None
