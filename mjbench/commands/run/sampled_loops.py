@@ -29,7 +29,7 @@ from mjbench.commands.run.loop_time import (
 from mjbench.commands.run.py_spy import Frame, ThreadSamples
 from mjbench.commands.run.source_loops import SourceLoop, program_loop
 
-# Loops with a smaller share of the time of all loops that step are left out.
+# Loops with a smaller share of the time of all loops that step, on a thread, are left out.
 LEAST_LOOP_SHARE = 0.05
 # Share of a line's samples that may show a step that it does not make; of a few, one sample may.
 _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
@@ -140,8 +140,9 @@ def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime
         and time.in_main
         and not _waits_for_ends(time)
     ]
-    total_s = sum(time.seconds for time in stepping + waiting)
-    return [time for time in stepping + waiting if time.seconds >= LEAST_LOOP_SHARE * total_s]
+    # workers that wait do not hide the loop that they wait for, however many there are
+    least_s = LEAST_LOOP_SHARE * sum(time.seconds_of_thread for time in stepping + waiting)
+    return [time for time in stepping + waiting if time.seconds_of_thread >= least_s]
 
 
 def _waits_for_ends(time: LoopTime) -> bool:

@@ -146,7 +146,7 @@ def beside_remedies(row: ProgramRow) -> str | None:
     costly = costly_places.costliest(time, loop.remedies)
     physics = time.activities.get(Activity.PHYSICS, 0.0)
     if outside := _outside(row):
-        loops_s = sum(report.time.seconds for report in row.loops)
+        loops_s = sum(report.time.seconds_of_thread for report in row.loops)
         return (
             f"first, look outside the loops that step, which take {plain(loops_s, 2)} s of the"
             f" program's {plain(row.wall_s, 2)} s: {outside}"

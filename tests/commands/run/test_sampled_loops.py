@@ -160,6 +160,14 @@ def test_a_loop_that_waits_for_threads_that_step_comes_first_unless_it_joins_the
     assert [(time.loop.first, time.loop.last) for time in times] == loops
 
 
+def test_many_workers_do_not_hide_a_short_loop_of_the_main_process(file):
+    Path(file).write_text(f"{SOURCE}\nfor _ in range(9):\n    step()\n")
+    stepping = [Frame("work", file, 14), ENGINE]
+    workers = [samples([stepping] * 40, pid, pid) for pid in range(2, 10)]
+    times = sampled_loops.loop_times([samples([stacks(file)["step"]] * 4), *workers], 1)
+    assert [time.in_main for time in times] == [True, False]
+
+
 def test_a_forked_process_has_loops_of_its_own(file):
     import multiprocessing.process
 
