@@ -66,11 +66,23 @@ def loop_times(
     for call in calls:
         if call.loop is not None:
             calls_by_loop[call.loop].append(call)
+    stepping_s = defaultdict[int, Counter[SourceLoop]](Counter)  # by process
+    for loop, samples in by_loop.items():
+        steps = any(sample.activity == Activity.PHYSICS for sample in samples)
+        if steps or any(call.is_step for call in calls_by_loop[loop]):
+            for sample in samples:
+                stepping_s[sample.thread.thread.pid][loop] += sample.seconds
     times = []
     for loop in dict.fromkeys([*by_loop, *calls_by_loop]):
         samples, timed = by_loop[loop], calls_by_loop[loop]
+        # which of several loops a collection interrupts is not known
+        collected_s = {
+            pid: seconds
+            for pid, seconds in (collections_s or {}).items()
+            if stepping_s[pid][loop] >= (1 - LEAST_LOOP_SHARE) * stepping_s[pid].total()
+        }
         if samples or any(call.is_step or call.callee in _SHOWN for call in timed):
-            times.append(_loop_time(loop, samples, timed, main_pid, collections_s or {}))
+            times.append(_loop_time(loop, samples, timed, main_pid, collected_s))
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )

@@ -558,6 +558,13 @@ def test_a_wait_for_others_saves_no_steps_of_theirs(waits_for):
     assert listing.remedies(time, others_busy_s=9.9) == [], "somebody works all the time"
 
 
+@pytest.mark.parametrize(("package", "says"), [("gymnasium", "SyncVectorEnv"), ("", "message")])
+def test_environments_in_processes_can_be_stepped_in_one(package, says):
+    waiting = line(13, {Activity.PROCESSES: 0.9}, package=package)
+    (wait,) = listing.remedies(loop(line(12, {PHYSICS: 0.1}), waiting))
+    assert says in wait.text
+
+
 def test_processes_that_are_started_again_and_again_cost_their_whole_line():
     """The end of a pool is on the line that starts it, and the loop waits while they begin."""
     pool = line(15, {Activity.STARTING: 0.1, PYTHON: 0.2})

@@ -374,6 +374,13 @@ def test_garbage_collections_are_an_activity_of_their_own(file):
     )
 
 
+def test_which_of_two_loops_collections_interrupt_is_not_known(file):
+    Path(file).write_text(f"{SOURCE}\nfor _ in range(9):\n    step()\n")
+    seen = [[Frame("<module>", file, 14), ENGINE], stacks(file)["step"]] * 20
+    both = sampled_loops.loop_times([samples(seen)], 1, collections_s={1: 1.0})
+    assert [time.activities for time in both] == [{Activity.PHYSICS: 1.0}] * 2
+
+
 def test_a_comprehension_is_a_part_of_its_line(file):
     inner = [Frame("main", file, 9), Frame("<listcomp>", file, 9)]
     seen = [inner] * 2 + [inner[:1]] + [stacks(file)["step"]] * 7
