@@ -66,12 +66,13 @@ def loop_times(
     for call in calls:
         if call.loop is not None:
             calls_by_loop[call.loop].append(call)
-    stepping_s = defaultdict[int, Counter[SourceLoop]](Counter)  # by process
+    stepping_s = defaultdict[int, dict[SourceLoop, float]](dict)  # by process
     for loop, samples in by_loop.items():
         steps = any(sample.activity == Activity.PHYSICS for sample in samples)
         if steps or any(call.is_step for call in calls_by_loop[loop]):
             for sample in samples:
-                stepping_s[sample.thread.thread.pid][loop] += sample.seconds
+                of_process = stepping_s[sample.thread.thread.pid]
+                of_process[loop] = of_process.get(loop, 0.0) + sample.seconds
     times = []
     for loop in dict.fromkeys([*by_loop, *calls_by_loop]):
         samples, timed = by_loop[loop], calls_by_loop[loop]
@@ -79,7 +80,8 @@ def loop_times(
         collected_s = {
             pid: seconds
             for pid, seconds in (collections_s or {}).items()
-            if stepping_s[pid][loop] >= (1 - LEAST_LOOP_SHARE) * stepping_s[pid].total()
+            if stepping_s[pid].get(loop, 0.0)
+            >= (1 - LEAST_LOOP_SHARE) * sum(stepping_s[pid].values())
         }
         if samples or any(call.is_step or call.callee in _SHOWN for call in timed):
             times.append(_loop_time(loop, samples, timed, main_pid, collected_s))
