@@ -1,9 +1,10 @@
-"""One environment of each of five suites, for `mjbench env`.
+"""Environments of two suites that `mjbench env` has no names for.
 
     cd docs/examples
-    pip install dm_control gymnasium-robotics metaworld robosuite
-    mjbench env Humanoid-v5 dm_control:humanoid-walk gymnasium_robotics:FetchPickAndPlace-v4 \
-      suites:metaworld suites:robosuite
+    pip install metaworld robosuite "mujoco==3.8.1"
+    mjbench env suites:metaworld suites:robosuite
+
+robosuite 1.5.1 does not run with newer releases of MuJoCo than 3.9.0.
 """
 
 
