@@ -3,8 +3,8 @@
     python -m benchmarks.studies.busy [MODEL …] [--budget-s 14] [--runs FOLDER] [--write]
 
 compares each of our models on the machine as it is, for four times the budget and for the budget,
-and beside each load of `LOADS`: programs that this one starts, and that end with it. Runs are stored in FOLDER, and
-those that are there already are not repeated.
+and beside each load of `LOADS`: programs that this one starts, and that end with it. Runs are
+stored in FOLDER, and those that are there already are not repeated.
 
 The table says for each load and both kinds of loop: by how much the best way of the quiet machine
 is faster there than the way that is advised beside the load; and the speed-up of that way in both,
