@@ -97,7 +97,7 @@ def paired() -> Iterator[str]:
     yield f"differ by more than {percent(changed_work.SAME_WORK, 1)}"
     yield f"`--min-effect` ({percent(outcomes.MIN_EFFECT)})"
     yield "does not contain 0 %"
-    yield "closer to `--min-effect` than to 0 %"
+    yield "and the estimate is at least half of `--min-effect`"
     yield f"at most {percent(1 - outcomes.CONFIDENCE)} are expected to be false alarms"
 
 
