@@ -120,7 +120,7 @@ def tune() -> Iterator[str]:
     yield f"by at most {percent(reference.SAME_SHARE, 3)} of the motion"
     yield f"by more than {percent(trajectories.SENSOR_SHARE)} of its largest value"
     yield f"in more than {percent(solver_convergence.MOST_LIMITED)} of the steps"
-    yield f"with {percent(records.CONFIDENCE)} confidence, nine runs in ten"
+    yield f"With {percent(records.CONFIDENCE)} confidence, nine runs in ten"
     same, none = percent(records.SAME_ERROR), percent(records.NO_ERROR, 1)
     yield f"{same} more counts as the same, and {none} of the motion counts as none"
 
