@@ -256,6 +256,13 @@ KNOBS: Sequence[Knob] = (
         "What is drawn and what rays hit; other geoms get new ids.",
     ),
     Knob(
+        "fusestatic",
+        values.fused_bodies,
+        (),
+        "Nothing but rounding; bodies without joints lose their names, others get new ids.",
+        "a step goes through fewer bodies",
+    ),
+    Knob(
         "engine_threads",
         values.threads,
         (),

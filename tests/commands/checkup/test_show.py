@@ -130,6 +130,16 @@ def test_what_is_measured_together_is_no_conclusion_where_less_halves_the_work()
     assert "5.00 × as fast" in section.conclusions[0].text
 
 
+def test_a_stage_that_no_setting_shortens_comes_first_where_it_costs_more_than_is_gained() -> None:
+    for share, is_first in ((0.8, True), (0.7, False)):
+        record = tuned(stages={"collision": share, "constraint solver": 1 - share})
+        paths = of_paths((BATCH_STEP, 4.0))
+        texts = [each.text for each in checkup.list_section(run(*paths, record)).conclusions]
+        stage = f"{100 * share:.0f} % of a step is collision"
+        line = f"{TARGET}: {stage}: simpler or fewer geoms would help most"
+        assert texts.index(line) == (0 if is_first else 1)
+
+
 def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
     far = recommended(Effect.APPROXIMATE, 0.1, 0.6, TIMESTEP)
     section = checkup.list_section(run(tuned(FREE, LONGER, far), part(CheckupPart.SETTINGS)))
