@@ -121,7 +121,8 @@ def _stone(*half_m: float) -> str:
 def meshes() -> str:
     """Return fingers whose meshes have many vertices, and are near each other without touching."""
     fingers = "".join(
-        f'<body name="f{i}" pos="{0.12 * (i % 4)} {0.12 * (i // 4)} 1"><joint name="j{i}"'
+        f'<body name="f{i}" pos="{0.14 * (i % 4) + 0.07 * (i // 4 % 2)} {0.07 * (i // 4)} 1">'
+        f'<joint name="j{i}"'
         ' axis="1 0 0" range="-5 5" limited="true" damping="0.1"/>'
         '<geom type="mesh" mesh="stone"/></body>'
         for i in range(12)

@@ -21,6 +21,7 @@ from mjbench.commands.profile import show as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
 from mjbench.commands.run import show as program
 from mjbench.commands.run.result import ProgramRow
+from mjbench.commands.tune import expected_gains
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune import show as tuning
 from mjbench.commands.tune.result import MIN_EFFECT, Attempt, Effect, TuneRecord
@@ -129,7 +130,7 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
         yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
     gains = [item for item in listed_items if item.gain is not None]
     most = gains[0].times if gains else 1.0
-    untouched = [*filter(None, map(tuning_notes.untouched_stage, run.of_type(TuneRecord)))]
+    untouched = [*filter(None, map(expected_gains.untouched_stage, run.of_type(TuneRecord)))]
     for stage in untouched:
         if stage.most_gain > most:
             yield Conclusion(f"{name}: {stage.text}", Tone.UNSURE)

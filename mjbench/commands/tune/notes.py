@@ -1,11 +1,8 @@
 """The notes of a search for settings: what its figures rest on, and what it left out."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 
-from mjbench.commands.profile import step_parts
-from mjbench.commands.profile.step_parts import Stage
-from mjbench.commands.tune import knobs
+from mjbench.commands.tune import expected_gains
 from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.reference import REFINEMENT, CurrentSettings
 from mjbench.commands.tune.result import TuneRecord
@@ -16,21 +13,6 @@ from mjbench.status import Status
 
 # Settings that failed that are named.
 _MOST_FAILED = 12
-# A stage that takes this share of a step decides how long it takes, unless a setting that shortens
-# it leaves no more than this of the time.
-_MOST_OF_STEP, _SHORTENED = 2 / 3, 0.9
-# What shortens each stage. Of the first ones, a model often has more than its motion needs.
-_NEEDLESS = (Stage.COLLISION, Stage.TENDONS, Stage.SENSORS)
-_HELPS: Mapping[str, str] = {
-    Stage.COLLISION: "simpler or fewer geoms",
-    Stage.CONSTRAINT_MAKING: "fewer contacts and constraints",
-    Stage.CONSTRAINT_PROJECTION: "fewer contacts and constraints",
-    Stage.SOLVER: "fewer contacts and constraints",
-    Stage.KINEMATICS: "fewer bodies and geoms",
-    Stage.INERTIA: "fewer bodies and joints",
-    Stage.TENDONS: "fewer tendons",
-    Stage.SENSORS: "fewer sensors",
-}
 
 
 def notes(record: TuneRecord) -> list[str]:
@@ -45,39 +27,11 @@ def notes(record: TuneRecord) -> list[str]:
     if len(failed) > _MOST_FAILED:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
     lines += left_out(record)
-    if (stage := untouched_stage(record)) is not None:
+    if (stage := expected_gains.untouched_stage(record)) is not None:
         lines.append(stage.text)
     if record.collision is not None:
         lines.append(f"Of a step, collisions of {record.collision}")
     return lines
-
-
-@dataclass(frozen=True)
-class UntouchedStage:
-    """A stage that takes most of a step, and that no allowed setting shortens much.
-
-    Attributes:
-      text: what would, in a sentence.
-      most_gain: how many times as fast a step without it is; 1 where the motion needs all of it.
-    """
-
-    text: str
-    most_gain: float
-
-
-def untouched_stage(record: TuneRecord) -> UntouchedStage | None:
-    stage, share = step_parts.longest(record.stages or {})
-    if share < _MOST_OF_STEP or stage not in _HELPS:
-        return None
-    stages = step_parts.COLLISION if stage == Stage.COLLISION else (stage,)
-    shorten = [each for each in record.front if each.is_allowed]
-    shorten = [each for each in shorten if each.ratio.estimate <= _SHORTENED]
-    settings = {one for each in shorten for one in each.settings}
-    for one in settings | {*record.untried_halving}:
-        if one.saves or not {*stages}.isdisjoint(knobs.find(one.knob).stages):
-            return None
-    text = f"{short_percent(share)} of a step is {stage}: {_HELPS[stage]} would help most"
-    return UntouchedStage(text, 1 / max(1e-9, 1 - share) if stage in _NEEDLESS else 1.0)
 
 
 def left_out(record: TuneRecord) -> Iterator[str]:

@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-import pytest
 from tuning_values import present
 
 from mjbench.commands.tune import notes as tuning_notes
-from mjbench.commands.tune.result import Attempt, Recommendation, TuneRecord, Withdrawal
+from mjbench.commands.tune.result import Attempt, TuneRecord, Withdrawal
 from mjbench.commands.tune.settings import option
-from mjbench.interval import Interval
 from mjbench.status import Status
 
 PRESENT = present()
@@ -42,31 +40,10 @@ def test_notes_say_what_figures_rest_on_and_what_was_left_out():
     assert "part too soon" in "\n".join(tuning_notes.notes(parted))
 
 
-def test_a_stage_that_takes_most_of_a_step_and_that_no_setting_shortens_much_is_said():
-    stages = {"narrow-phase collision": 0.5, "broad-phase collision": 0.2, "constraint solver": 0.3}
-    of_all = TuneRecord(model="robot", present=PRESENT, stages=stages)
-    untouched = tuning_notes.untouched_stage(of_all)
-    assert untouched is not None
-    assert untouched.most_gain == pytest.approx(1 / 0.3)
+def test_a_stage_that_no_setting_shortens_is_a_note():
+    of_all = TuneRecord(model="robot", present=PRESENT, stages={"collision": 0.7})
     line = "70 % of a step is collision: simpler or fewer geoms would help most"
     assert line in tuning_notes.notes(of_all)
-    ratio, nativeccd = Interval(0.8, 0.79, 0.81), option("nativeccd", "enable")
-    for setting in (nativeccd, option("timestep", "0.004", saves=0.5)):
-        shortened = replace(of_all, front=[Recommendation((setting,), ratio, None)])
-        assert tuning_notes.untouched_stage(shortened) is None
-    for other in (
-        Recommendation((JACOBIAN,), ratio, None),
-        Recommendation((nativeccd,), ratio, None, is_allowed=False),
-        Recommendation((nativeccd,), Interval(0.95, 0.94, 0.96), None),
-    ):
-        assert tuning_notes.untouched_stage(replace(of_all, front=[other])) == untouched
-    assert tuning_notes.untouched_stage(replace(of_all, stages={"constraint solver": 0.5})) is None
-
-
-def test_no_gain_is_expected_from_a_stage_that_the_motion_needs():
-    of_solver = TuneRecord(model="robot", present=PRESENT, stages={"constraint solver": 0.8})
-    untouched = tuning_notes.untouched_stage(of_solver)
-    assert untouched is not None and untouched.most_gain == 1.0
 
 
 def test_shares_are_in_percent_however_small_they_are():
