@@ -132,7 +132,7 @@ def untouched_stage(record: TuneRecord) -> UntouchedStage | None:
     shorten = [each for each in shorten if each.ratio.estimate <= _SHORTENED]
     settings = {one for each in shorten for one in each.settings}
     for one in settings.union(each.setting for each in unjudged(record)):
-        if one.saves or not {*stages}.isdisjoint(knobs.find(one.knob).stages):
+        if not {*stages}.isdisjoint([*one.stages, *knobs.find(one.knob).stages]):
             return None
     text = f"{short_percent(share)} of a step is {stage}: {_HELPS[stage]} would help most"
     return UntouchedStage(text, 1 / max(1e-9, 1 - share) if stage in _NEEDLESS else 1.0)

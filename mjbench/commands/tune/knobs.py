@@ -258,9 +258,8 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "fusestatic",
         values.fused_bodies,
-        (),
+        (Stage.KINEMATICS, Stage.INERTIA, Stage.VELOCITY),
         "Nothing but rounding; bodies without joints lose their names, others get new ids.",
-        "a step goes through fewer bodies",
     ),
     Knob(
         "engine_threads",
