@@ -339,16 +339,10 @@ def _overlaps(listed_items: Sequence[CheckupItem]) -> Iterator[str]:
 def _combination_lines(
     part: CheckedPart, combination: Combination, best_alone: float
 ) -> Iterator[str]:
-    """Yield how to measure a combination again, or why it is not advised."""
+    """Yield how to measure a combination again, if it gains more than the best change alone."""
     assert part.verdict is not None, "it was measured"
     target, gain = shlex.quote(file_argument(part.target)), combination_gain(part.verdict)
-    if gain is None:
-        return
-    if gain.estimate < best_alone:
-        yield (
-            f"Together, {_described(combination)} is {formats.as_fast(gain)}:"
-            " no more than the best of them alone"
-        )
+    if gain is None or gain.estimate < best_alone:
         return
     if combination.settings:
         command = f"mjbench tune {target} --allow free"
