@@ -95,6 +95,20 @@ def test_a_finding_without_a_row_of_its_own_has_the_share_of_its_lines_with_its_
     assert [first.is_at(each.place) for each in lines] == [False, True, True]
 
 
+def test_one_call_saves_loops_with_the_steps_that_other_functions_make():
+    inside = [line(12, {PHYSICS: 0.5, PYTHON: 0.1}), line(16, {PHYSICS: 0.2, PYTHON: 0.1})]
+    time = replace(loop(line(40, {PHYSICS: 0.9, PYTHON: 0.1})), lines_on_stack=inside)
+    loops = [replace(finding("MJB020", number), last_line=number + 3) for number in (15, 11)]
+    (pair,) = listing.pairs([time], loops)
+    assert pair.ways is line_remedies.columns
+    (first,) = listing.remedies(time, loops, MeasuredRatios({pair: ratio(0.5)}))
+    assert (first.where, first.basis) == ("train.py:11–18", Basis.PAIRED)
+    assert first.share == pytest.approx(0.9)
+    assert first.gain == pytest.approx(0.9 - 0.5 * 0.7)
+    (first,) = listing.remedies(time, loops)
+    assert (first.basis, first.gain) == (Basis.BOUND, pytest.approx(0.9))
+
+
 def test_a_finding_on_the_line_of_a_step_does_not_save_the_step():
     time = loop(line(12, {PHYSICS: 0.7, PYTHON: 0.3}))
     (first,) = listing.remedies(time, [finding("MJB099", number=12)])
@@ -273,6 +287,31 @@ def test_a_renderer_is_tried_at_its_size_and_with_its_library():
         RemedyPair(call_remedies.renderer, frame=(48, 64), backend="egl", by_wall_time=True)
         in asked
     )
+
+
+def drawing(count):
+    draws = call("render", 16, count, 7.0, frame=(48, 64), backend="egl")
+    return loop_of(step(2.0), call("update_scene", 15, count, 1.0), draws)
+
+
+@pytest.mark.parametrize(
+    ("count", "gains"), [(120, []), (230, []), (240, [0.8 / 2]), (1000, [0.8 * 7 / 8])]
+)
+def test_more_images_than_a_video_shows_are_left_out(count, gains):
+    """1,000 steps of 2 ms are two seconds, and 120 images of a video."""
+    listed = listing.remedies(drawing(count), timestep_s=0.002)
+    assert [each.gain for each in listed] == pytest.approx(gains)
+    assert listing.remedies(drawing(count)) == []
+
+
+def test_coarser_images_save_a_part_of_all_that_draws():
+    pair = RemedyPair(
+        call_remedies.coarser_images, frame=(48, 64), backend="egl", by_wall_time=True
+    )
+    time = drawing(100)
+    assert pair in listing.pairs([time], [])
+    (coarser,) = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.25)}))
+    assert (coarser.gain, coarser.share) == (pytest.approx(0.6), pytest.approx(0.8))
 
 
 def test_a_finding_of_lint_gives_its_message_and_its_code():
