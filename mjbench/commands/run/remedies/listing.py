@@ -93,6 +93,7 @@ def remedies(
         *(each for each in savings if (each.activity, each.place) not in explained),
         *loop_remedies.of_turns(loop, measured, incidents),
         *loop_remedies.of_pools(loop, pools),
+        *loop_remedies.of_chunks(loop),
         *loop_remedies.of_frames(loop, timestep_s),
     ]
     worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import mujoco
 
 from mjbench import formats
+from mjbench.commands.run import single_calls
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import ArgumentChange, Incident
 from mjbench.commands.run.hook import argument_types, call_clock
@@ -204,6 +205,29 @@ def of_frames(loop: LoopTime, timestep_s: float | None) -> Iterator[Remedy]:
         share=share,
         effect="the number of images",
     )
+
+
+def of_chunks(loop: LoopTime) -> Iterator[Remedy]:
+    """Yield what calls save whose chunks leave threads without work."""
+    for call in loop.calls:
+        single = single_calls.of_call(call, machine.usable_cores())
+        if single is None or not single.idle_threads or not single.chunk_for_all:
+            continue
+        assert single.chunk is not None, "otherwise no thread is known to be idle"
+        share = share_of(loop, [call])
+        # of those that work at once now, and then
+        now = single.nthread - single.idle_threads
+        then = min(single.nthread, max(now, single.usable_cores))
+        yield Remedy(
+            RemedyKind.CALL,
+            Activity.PHYSICS,
+            call.place,
+            single.idle_sentence,
+            share * (1 - now / then),
+            None,
+            share=share,
+            effect="nothing",
+        )
 
 
 # -- steps -----------------------------------------------------------------------------------------
