@@ -9,7 +9,6 @@ of the rounds. With more than five points between the two, or than the interval 
 or another first advice than expected, the command fails.
 """
 
-import json
 import math
 import os
 import statistics
@@ -23,6 +22,7 @@ from pathlib import Path
 from benchmarks.studies import tally_command, tally_file
 from benchmarks.studies.page_part import PagePart
 from mjbench.host import machine
+from mjbench.results import runs
 from mjbench.status import ExitCode
 
 FOLDER = Path(__file__).parent / "programs" / "own"
@@ -42,7 +42,8 @@ class OwnProgram:
       name: of its file, without the suffix.
       line: what stands on the line that is to be changed.
       says: what the advice says.
-      is_wrong: whether the program's results are wrong.
+      has_change: whether the change is timed; not where the results are wrong, a loop keeps a rate,
+        or the change is of the model.
       environment: variables that it needs.
       is_bound: whether what replaces the line takes a time that mjbench cannot know, so that the
         predicted time is the least possible.
@@ -51,7 +52,7 @@ class OwnProgram:
     name: str
     line: str
     says: str
-    is_wrong: bool = False
+    has_change: bool = True
     environment: tuple[tuple[str, str], ...] = ()
     is_bound: bool = False
 
@@ -87,12 +88,24 @@ PROGRAMS = (
     OwnProgram("inverse_beside_step", "mujoco.mj_inverse(model, data)", "mj_inverseSkip"),
     OwnProgram("inverse_kinematics", "mujoco.mj_forward(model, data)", "mj_kinematics"),
     OwnProgram("rollout_of_one", "states, _ = rollout.rollout(", "mj_step"),
+    OwnProgram("growing_log", "log = np.vstack(", "grow", is_bound=True),
+    OwnProgram("perturbed_steps", "for i in range(model.nv)", "mjd_transitionFD", is_bound=True),
+    OwnProgram("put_each_episode", "device_model = mjx.put_model(", "put it there once"),
+    OwnProgram("many_objects", "", "gc.disable()"),
+    OwnProgram("blas_in_workers", "outputs = np.tanh(", "OPENBLAS_NUM_THREADS=1"),
+    OwnProgram("long_rollout", "", "A list of"),
+    OwnProgram("paced_with_collections", "", "gc.freeze()", has_change=False),
+    OwnProgram("small_rk4_steps", "", "RK4", has_change=False),
     OwnProgram("jit_in_loop", "push = jax.jit(", "before the loop"),
     OwnProgram("bare_loop", "", "mj_resetCallbacks"),
-    OwnProgram("stored_views", "return {", "every entry will show the last state", True),
-    OwnProgram("halves_of_rk4", "mujoco.mj_step2(model, data)", "Euler", True),
-    OwnProgram("diverged", "mujoco.mj_step(model, data)", "diverged", True),
-    OwnProgram("unfilled_forces", "total += data.cfrc_ext[1, 5]", "mj_rnePostConstraint", True),
+    OwnProgram(
+        "stored_views", "return {", "every entry will show the last state", has_change=False
+    ),
+    OwnProgram("halves_of_rk4", "mujoco.mj_step2(model, data)", "Euler", has_change=False),
+    OwnProgram("diverged", "mujoco.mj_step(model, data)", "diverged", has_change=False),
+    OwnProgram(
+        "unfilled_forces", "total += data.cfrc_ext[1, 5]", "mj_rnePostConstraint", has_change=False
+    ),
 )
 
 
@@ -103,7 +116,7 @@ class Advice:
     Attributes:
       line: the text of the line; "" for the whole loop.
       text: what to do.
-      predicted: time of the loop with the change, over that of today; None for a wrong result.
+      predicted: time of the loop with the change, over that of today; None where it is not said.
       error: its standard error.
     """
 
@@ -124,25 +137,29 @@ def advice(program: OwnProgram, count: int, mjbench: Command | None = None) -> A
     Args:
       mjbench: runs mjbench with arguments; None for a process of its own.
     """
+    from mjbench.commands.run import show
+    from mjbench.commands.run.remedies import listing
     from mjbench.commands.run.remedies.remedy import Basis
+    from mjbench.commands.run.result import ProgramRow
+    from mjbench.commands.show import kinds
 
     def mjbench_process(*arguments: str) -> object:
         return _run([sys.executable, "-m", "mjbench", *arguments], program)
 
     with tempfile.TemporaryDirectory() as folder:
-        document = Path(folder) / "run.json"
-        options = ("--seconds", "none", "--json", str(document), "--results", folder)
         run = mjbench or mjbench_process
-        run("run", *options, str(program.file), str(count))
-        (row,) = json.loads(document.read_text(encoding="utf-8"))["results"]
-    remedies = row["wrong"] or row["loops"][0]["remedies"]
-    if not remedies:
-        return Advice("", "", None)
-    first = remedies[0]
-    place, gain = first["place"], first["gain"]
-    line = "" if place is None else _line(program.file, place["line"])
-    error = first["gain_error"] if first["basis"] == Basis.PAIRED else None
-    return Advice(line, first["text"], None if gain is None else 1 - gain, error or 0.0)
+        run("run", "--seconds", "none", "--results", folder, str(program.file), str(count))
+        (file,) = runs.newest_first(Path(folder))
+        (row,) = runs.load(file, kinds.RECORD_TYPES).of_type(ProgramRow)
+    text = show.conclusion(row)
+    listed = row.wrong or (row.loops and show.first_loop(row).remedies)
+    first = listing.first(listed or ())
+    is_remedy = program.has_change or row.wrong
+    if first is None or not is_remedy or first.text not in text:
+        return Advice("", text.replace(f"{FOLDER}/", ""), None)
+    line = "" if first.place is None else _line(program.file, first.place.line)
+    error = first.gain_error if first.basis == Basis.PAIRED else None
+    return Advice(line, first.text, None if first.gain is None else 1 - first.gain, error or 0.0)
 
 
 @dataclass(frozen=True)
@@ -158,8 +175,8 @@ class MeasuredShare:
 
 
 def measured(program: OwnProgram, count: int, rounds: int) -> MeasuredShare | None:
-    """Run both programs in turns, in fresh processes; None of one whose results are wrong."""
-    if program.is_wrong:
+    """Run both programs in turns, in fresh processes; None of one without a change."""
+    if not program.has_change:
         return None
     ratios = []
     for number in range(rounds):
@@ -203,8 +220,8 @@ class ProgramResult:
     Attributes:
       advice: what to do.
       is_right: whether an expert would say so, of the same line.
-      predicted, measured: time of the loop with the change, over that without it; None for a wrong
-        result.
+      predicted, measured: time of the loop with the change, over that without it; None where it is
+        not said, or not measured.
       reach: half the width of the interval of the predicted time, which `mjbench run` shows.
       measured_reach: likewise of the measured time, twice its standard error.
       is_near: whether the two are within 0.05, or within the first reach.
@@ -273,7 +290,7 @@ class ProgramTally:
         """Yield what the page of the method has."""
         wrong = [f"`{each.name}`" for each in self.programs if not each.is_right]
         timed = [each for each in self.programs if each.measured is not None]
-        predicted = [each for each in timed if not each.is_bound]
+        predicted = [each for each in timed if not each.is_bound and each.predicted is not None]
         far = [f"`{each.name}`" for each in predicted if not each.is_near]
         bounds = [each.is_near for each in timed if each.is_bound]
         wide = sum(each.is_wide for each in predicted)

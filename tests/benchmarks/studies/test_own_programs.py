@@ -41,7 +41,7 @@ def test_the_first_advice_is_the_right_one(name: str, tmp_path: Path) -> None:
 def test_every_program_whose_fault_costs_time_has_its_change() -> None:
     for program in own_programs.PROGRAMS:
         assert program.file.is_file()
-        assert program.changed_file.is_file() != program.is_wrong
+        assert program.changed_file.is_file() == program.has_change
 
 
 def test_the_page_has_the_committed_results() -> None:
