@@ -6,7 +6,8 @@ runs each program of programs/own under `mjbench run`, and compares what it says
 known to be right. Where that saves time, the same program with the change runs beside it, in turns,
 without mjbench; the last column is the time of its loop over that of the original's, as the median
 of the rounds. With more than five points between the two, or than the interval shown of the first,
-or another first advice than expected, the command fails.
+or another first advice than expected, the command fails. With `--write`, each program is stored as
+soon as it is measured, and the same command continues with those that are not stored.
 """
 
 import math
@@ -278,13 +279,11 @@ class ProgramTally:
     rounds: int
     programs: Sequence[ProgramResult]
 
-    def beside(self, stored: "ProgramTally") -> "ProgramTally":
-        """Return a stored tally with these programs in place of its own of the same names."""
-        new = {each.name: each for each in self.programs}
-        programs = [new.pop(each.name, each) for each in stored.programs]
-        return replace(
-            stored, load=max(stored.load, self.load), programs=[*programs, *new.values()]
-        )
+    def with_result(self, result: ProgramResult) -> "ProgramTally":
+        """Return the tally with a program, in place of the earlier result of the same name."""
+        results = {each.name: each for each in [*self.programs, result]}
+        ordered = [results[each.name] for each in PROGRAMS if each.name in results]
+        return replace(self, programs=ordered)
 
     def lines(self) -> Iterator[str]:
         """Yield what the page of the method has."""
@@ -302,7 +301,7 @@ class ProgramTally:
             f" {_MOST_DIFFERENCE} of the measured time or contain it in their interval, which"
             f" {wide} of them have{_named(' (not ', far, ')')}. Of {len(bounds)} bounds,"
             f" {sum(bounds)} hold. (MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a"
-            f" load of {self.load:g} at the beginning; {self.rounds} rounds.)"
+            f" load of up to {self.load:g} at the beginning; {self.rounds} rounds.)"
         )
 
 
@@ -318,37 +317,56 @@ def _named(before: str, names: Sequence[str], after: str = "") -> str:
     return f"{before}{', '.join(names)}{after}" if names else ""
 
 
-def main() -> None:
-    """Print the table; fail where an advice is wrong."""
+def measure(programs: Sequence[OwnProgram], count: int, tally: ProgramTally, writes: bool) -> bool:
+    """Measure programs, one after the other; return whether all of the tally are as they should be.
+
+    Args:
+      writes: whether to store each as soon as it is measured, and the page.
+    """
+    for program in programs:
+        result = ProgramResult.of(program, count, tally.rounds)
+        print(f"{result.name} | {result.advice} | {result.shares}", flush=True)
+        tally = tally.with_result(result)
+        if writes:
+            tally_file.write(TALLY, tally)
+            PART.write(tally.lines())
+    print("\n".join(tally.lines()))
+    return all(each.is_right and each.is_near for each in tally.programs)
+
+
+def main() -> ExitCode:
+    """Run the command; return its exit code."""
     parser = tally_command.parser(__doc__)
     parser.add_argument("programs", nargs="*", metavar="PROGRAM")
-    parser.add_argument("--count", type=int, default=1000, help="iterations, in their units")
-    parser.add_argument("--rounds", type=int, default=5, help="runs with and without the change")
+    parser.add_argument("--count", type=int, default=3000, help="iterations, in their units")
+    parser.add_argument("--rounds", type=int, default=9, help="runs with and without the change")
     parser.add_argument("--write", action="store_true", help=f"write {TALLY.name} and the page")
-    arguments = parser.parse_args()
-    here = machine.describe()
-    chosen = [p for p in PROGRAMS if p.name in (arguments.programs or [p.name])]
-    results = []
-    for program in chosen:
-        results.append(ProgramResult.of(program, arguments.count, arguments.rounds))
-        print(f"{results[-1].name} | {results[-1].advice} | {results[-1].shares}", flush=True)
-    tally = ProgramTally(
-        here.versions["mujoco"],
-        here.cpu,
-        here.usable_cores,
-        here.load_1min,
-        arguments.rounds,
-        results,
-    )
-    print("\n".join(tally.lines()))
-    if arguments.write:
-        if arguments.programs:  # others keep what they have
-            tally = tally.beside(tally_file.continued(TALLY, tally, "programs"))
-        tally_file.write(TALLY, tally)
-        PART.write(tally.lines())
-    failed = not all(each.is_right and each.is_near for each in results)
-    sys.exit(ExitCode.FINDING if failed else ExitCode.OK)
+    options = parser.parse_args()
+    known = [each.name for each in PROGRAMS]
+    if unknown := sorted(set(options.programs) - set(known)):
+        parser.error(f"no such program: {', '.join(unknown)}; there are {', '.join(known)}")
+
+    def action() -> ExitCode:
+        here = machine.describe()
+        tally = ProgramTally(
+            here.versions["mujoco"],
+            here.cpu,
+            here.usable_cores,
+            here.load_1min,
+            options.rounds,
+            [],
+        )
+        if options.write:
+            stored_tally = tally_file.continued(TALLY, tally, "programs")
+            tally = replace(stored_tally, load=max(stored_tally.load, tally.load))
+        stored = {each.name for each in tally.programs}
+        names = options.programs or [name for name in known if name not in stored]
+        chosen = [each for each in PROGRAMS if each.name in names]
+        are_right = measure(chosen, options.count, tally, options.write)
+        return ExitCode.OK if are_right else ExitCode.FINDING
+
+    return tally_command.run("own_programs", action, "the same command with --write continues")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -8,6 +8,6 @@ model = mujoco.MjModel.from_xml_string(REACHER)
 data = mujoco.MjData(model)
 log = np.empty((0, model.nq))
 with Stopwatch():
-    for _ in range(10 * COUNT):
+    for _ in range(6 * COUNT):
         mujoco.mj_step(model, data)
         log = np.vstack([log, data.qpos])

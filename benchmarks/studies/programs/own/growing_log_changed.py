@@ -8,7 +8,7 @@ model = mujoco.MjModel.from_xml_string(REACHER)
 data = mujoco.MjData(model)
 rows = []
 with Stopwatch():
-    for _ in range(10 * COUNT):
+    for _ in range(6 * COUNT):
         mujoco.mj_step(model, data)
         rows.append(data.qpos.copy())
     log = np.array(rows)

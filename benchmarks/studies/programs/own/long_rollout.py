@@ -12,4 +12,4 @@ states = np.zeros((8, mujoco.mj_stateSize(model, spec)))
 for state in states:
     mujoco.mj_getState(model, data, state, spec)
 with Stopwatch():
-    rollout.rollout(model, data, states, nstep=8 * COUNT)
+    rollout.rollout(model, data, states, nstep=4 * COUNT)

@@ -12,4 +12,4 @@ states = np.zeros((8, mujoco.mj_stateSize(model, spec)))
 for state in states:
     mujoco.mj_getState(model, datas[0], state, spec)
 with Stopwatch():
-    rollout.rollout(model, datas, states, nstep=8 * COUNT)
+    rollout.rollout(model, datas, states, nstep=4 * COUNT)

@@ -7,10 +7,10 @@ from common import COUNT, REACHER, Stopwatch
 
 model = mujoco.MjModel.from_xml_string(REACHER)
 data = mujoco.MjData(model)
-tree = [[number, [number]] for number in range(200 * COUNT)]
+tree = [[number, [number]] for number in range(100 * COUNT)]
 log = []
 gc.disable()
 with Stopwatch():
-    for step in range(10 * COUNT):
+    for step in range(20 * COUNT):
         mujoco.mj_step(model, data)
         log.append([[step], [list(each) for each in data.xpos]])

@@ -7,11 +7,11 @@ from common import COUNT, REACHER, Stopwatch
 
 model = mujoco.MjModel.from_xml_string(REACHER)
 data = mujoco.MjData(model)
-tree = [[number, [number]] for number in range(300 * COUNT)]
+tree = [[number, [number]] for number in range(100 * COUNT)]
 log = []
 with Stopwatch():
     next_s = time.perf_counter()
-    for _ in range(COUNT // 4):
+    for _ in range(COUNT // 12):
         mujoco.mj_step(model, data)
         log.append([[list(each) for each in data.xmat] for _ in range(100)])
         next_s += model.opt.timestep
