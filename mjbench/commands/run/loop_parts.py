@@ -6,7 +6,7 @@ are allocated once; shares of activities, packages and lines are sums of them.
 
 import itertools
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -120,7 +120,7 @@ def parts_of(
       seconds: that the loop takes.
       collections_s: seconds of garbage collections, which samples of Python alone do not show.
     """
-    parts = [Part(call.activity, call.seconds, call.place) for call in calls]
+    parts = list(_of_calls(samples, calls, seconds))
     left_s = max(0.0, seconds - _seconds_of(calls))
     if (collected_s := min(left_s, collections_s)) > 0:
         parts.append(Part(Activity.COLLECTION, collected_s, None))
@@ -137,6 +137,25 @@ def parts_of(
     return [*parts, *(sampled if left_s > _LEAST_PART * seconds else ())]
 
 
+def _of_calls(
+    samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float
+) -> Iterator[Part]:
+    """Yield what calls took; what compiled functions compare, as samples show, is apart."""
+    compared_s = defaultdict[tuple[str, int], float](float)
+    factor = seconds / max(1e-9, _seconds_of(samples))
+    for sample in samples:
+        if sample.activity == Activity.COMPARING:
+            position = activities.place_of(sample.own_frame).position
+            compared_s[position] += factor * sample.seconds
+    for call in calls:
+        of_call_s = 0.0
+        if call.activity == Activity.DISPATCH:
+            of_call_s = min(call.seconds, compared_s.pop(call.place.position, 0.0))
+        yield Part(call.activity, call.seconds - of_call_s, call.place)
+        if of_call_s:
+            yield Part(Activity.COMPARING, of_call_s, call.place)
+
+
 def _beside(samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float) -> Sequence[Part]:
     """Return the samples of what is not timed.
 
@@ -144,6 +163,8 @@ def _beside(samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float
     what they see beyond its time makes the call, or frees its result.
     """
     timed = {call.activity for call in calls}
+    if Activity.DISPATCH in timed:
+        timed.add(Activity.COMPARING)
     slow = shares_of(
         (
             (call.place.position, call.seconds)
