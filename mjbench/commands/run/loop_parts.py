@@ -96,15 +96,14 @@ def _seconds_of(parts: Iterable[Sample | Part | CallTime]) -> float:
 
 def loop_seconds(samples: Sequence[Sample], calls: Sequence[CallTime]) -> float:
     """Return how long a loop runs, summed over threads: by its calls, and by samples beyond."""
+    sampled_s = _seconds_of(samples)
     if not calls:
-        return _seconds_of(samples)
+        return sampled_s
     seconds = _span_s(calls)
     if equal_samples(samples) < FEW_SAMPLES:
         return seconds
-    stretch = _stretch(samples, {call.place.position for call in calls})
-    if stretch is not None:
-        return seconds * stretch
-    sampled_s = _seconds_of(samples)  # it also runs without these calls
+    seconds *= _stretch(samples, {call.place.position for call in calls}) or 1.0
+    # it also runs without these calls, or those after the last burst took longer than those in it
     return sampled_s if sampled_s > _LEAST_BEYOND * seconds else seconds
 
 

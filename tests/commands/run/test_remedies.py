@@ -594,6 +594,18 @@ def test_a_transfer_on_a_line_of_lint_has_the_sentence_of_lint_once():
     assert not any("transfers to the device" in text for text in texts)
 
 
+def test_a_model_that_stays_on_the_device_is_not_compared_either():
+    calls = [call(call_clock.TRANSFER, seconds=2.0), call(call_clock.DISPATCH, 12, seconds=1.0)]
+    time = loop_of(*calls)
+    compares = replace(time, activities={**time.activities, Activity.COMPARING: 0.25})
+    given = [finding("MJB022", message="put it there once")]
+    gains = [
+        next(each.gain for each in listing.remedies(each_time, given) if each.code == "MJB022")
+        for each_time in (time, compares)
+    ]
+    assert gains[1] - gains[0] == pytest.approx(0.25)
+
+
 def test_garbage_collections_save_the_time_that_they_were_timed_to_take():
     time = loop(line(12, {PHYSICS: 0.7}), activities={PHYSICS: 0.7, Activity.COLLECTION: 0.3})
     (first,) = listing.remedies(time)
