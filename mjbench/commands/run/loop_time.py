@@ -98,6 +98,11 @@ class LoopTime:
     building: LineTime | None = None
 
     @property
+    def seconds_of_thread(self) -> float:
+        """Seconds of it on each of its threads, on average."""
+        return self.seconds / len(self.threads)
+
+    @property
     def has_physics(self) -> bool:
         return Activity.PHYSICS in self.activities
 

@@ -236,6 +236,13 @@ def test_a_model_that_is_built_leaves_the_loop_with_all_that_this_takes():
     assert (remedy.place.line, remedy.gain, remedy.basis) == (15, 0.9, Basis.BOUND)
 
 
+@pytest.mark.parametrize("loads", [0, 2])
+def test_models_that_are_built_before_the_steps_are_no_remedy(loads):
+    building = LineTime(Place("train.py", 15, "main", "scene()"), 0.9, {Activity.BUILDING: 0.9})
+    time = loop_of(step(seconds=1.0), call("compile", calls=loads, seconds=1.0))
+    assert listing.remedies(replace(time, building=building)) == []
+
+
 @pytest.mark.parametrize("loads", [2, 4])
 def test_only_an_mjdata_of_each_new_model_needs_no_advice(loads):
     loading = call("from_xml_path", number=13, calls=loads, seconds=1.0)
@@ -549,6 +556,13 @@ def test_a_wait_for_others_saves_no_steps_of_theirs(waits_for):
     (wait,) = listing.remedies(time, others_busy_s=4.0)
     assert wait.gain == pytest.approx(0.6)
     assert listing.remedies(time, others_busy_s=9.9) == [], "somebody works all the time"
+
+
+@pytest.mark.parametrize(("package", "says"), [("gymnasium", "SyncVectorEnv"), ("", "message")])
+def test_environments_in_processes_can_be_stepped_in_one(package, says):
+    waiting = line(13, {Activity.PROCESSES: 0.9}, package=package)
+    (wait,) = listing.remedies(loop(line(12, {PHYSICS: 0.1}), waiting))
+    assert says in wait.text
 
 
 def test_processes_that_are_started_again_and_again_cost_their_whole_line():

@@ -160,6 +160,14 @@ def test_a_loop_that_waits_for_threads_that_step_comes_first_unless_it_joins_the
     assert [(time.loop.first, time.loop.last) for time in times] == loops
 
 
+def test_many_workers_do_not_hide_a_short_loop_of_the_main_process(file):
+    Path(file).write_text(f"{SOURCE}\nfor _ in range(9):\n    step()\n")
+    stepping = [Frame("work", file, 14), ENGINE]
+    workers = [samples([stepping] * 40, pid, pid) for pid in range(2, 10)]
+    times = sampled_loops.loop_times([samples([stacks(file)["step"]] * 4), *workers], 1)
+    assert [time.in_main for time in times] == [True, False]
+
+
 def test_a_forked_process_has_loops_of_its_own(file):
     import multiprocessing.process
 
@@ -382,6 +390,13 @@ def test_garbage_collections_are_an_activity_of_their_own(file):
     assert time.activities == pytest.approx(
         {Activity.PHYSICS: 0.5, Activity.PYTHON: 0.25, Activity.COLLECTION: 0.25}
     )
+
+
+def test_which_of_two_loops_collections_interrupt_is_not_known(file):
+    Path(file).write_text(f"{SOURCE}\nfor _ in range(9):\n    step()\n")
+    seen = [[Frame("<module>", file, 14), ENGINE], stacks(file)["step"]] * 20
+    both = sampled_loops.loop_times([samples(seen)], 1, collections_s={1: 1.0})
+    assert [time.activities for time in both] == [{Activity.PHYSICS: 1.0}] * 2
 
 
 def test_a_comprehension_is_a_part_of_its_line(file):

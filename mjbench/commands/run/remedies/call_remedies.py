@@ -344,15 +344,7 @@ CALL_REMEDIES = (
         codes=("MJB005", "MJB010"),
     ),
     CallRemedy(
-        callees=(
-            "from_xml_path",
-            "from_xml_string",
-            "from_binary_path",
-            "from_file",
-            "from_string",
-            "compile",
-            "copy of MjModel",
-        ),
+        callees=(*call_clock.LOADERS, "copy of MjModel"),
         text="compile the model once before the loop: change the compiled model, or keep a pool of"
         " bodies and move those that are not needed away",
         effect="nothing, if the model is the same",
