@@ -123,7 +123,7 @@ class CallRemedy:
             lines = (line for line in calls.loop.lines if line.place.position in positions)
             share = max(share, sum(line.share for line in lines))
         if self.also is not None:
-            share += calls.loop.activities.get(self.also, 0.0)
+            share = min(1.0, share + calls.loop.activities.get(self.also, 0.0))
         return Saving(share, share, basis)
 
 
