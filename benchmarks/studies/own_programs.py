@@ -91,7 +91,9 @@ PROGRAMS = (
     OwnProgram("rollout_of_one", "states, _ = rollout.rollout(", "mj_step"),
     OwnProgram("growing_log", "log = np.vstack(", "grow", is_bound=True),
     OwnProgram("perturbed_steps", "for i in range(model.nv)", "mjd_transitionFD", is_bound=True),
-    OwnProgram("put_each_episode", "device_model = mjx.put_model(", "put it there once"),
+    OwnProgram(
+        "put_each_episode", "device_model = mjx.put_model(", "put it there once", is_bound=True
+    ),
     OwnProgram("many_objects", "", "gc.disable()"),
     OwnProgram("blas_in_workers", "outputs = np.tanh(", "OPENBLAS_NUM_THREADS=1"),
     OwnProgram("long_rollout", "", "A list of"),
