@@ -74,7 +74,7 @@ def timing() -> Iterator[str]:
     yield "use a quarter of a core or more, a launch has eight rounds"
     tally = json.loads((ROOT / "results/busy.json").read_text())
     yield f"({tally['budget_s']:.0f} s a model, {tally['cores']} cores, {tally['cpu']})"
-    yield f"Of {len(tally['outcomes']) // 4} pieces of advice"
+    yield f"Of {len(tally['outcomes']) // 6} pieces of advice"
     yield f"are within {margin} of the quiet machine's best"
     yield f"the host took {percent(disturbance.NOTABLE_STOLEN)} or more of the processor time"
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]

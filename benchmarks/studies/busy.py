@@ -2,9 +2,9 @@
 
     python -m benchmarks.studies.busy [MODEL …] [--budget-s 14] [--runs FOLDER] [--write]
 
-compares each of our models on the machine as it is, for four times the budget, and beside each load
-of `LOADS`: programs that this one starts, and that end with it. Runs are stored in FOLDER, and
-those that are there already are not repeated.
+compares each of our models on the machine as it is, for four times the budget and for the budget,
+and beside each load of `LOADS`: programs that this one starts, and that end with it. Runs are
+stored in FOLDER, and those that are there already are not repeated.
 
 The table says for each load and both kinds of loop: by how much the best way of the quiet machine
 is faster there than the way that is advised beside the load; and the speed-up of that way in both,
@@ -39,10 +39,9 @@ from mjbench.status import ExitCode
 TALLY = Path(__file__).parents[2] / "results/busy.json"
 PART = PagePart("method/timing.md", "busy", "benchmarks.studies.busy")
 # Of each load: how many programs run, and the share of a core that each of them takes.
-LOADS = {"quiet": (0, 0.0), "one program": (1, 0.5), "both cores": (2, 0.5)}
-QUIET = "quiet"
-# The reference has more launches, so that its own noise is small.
-_QUIET_BUDGETS = 4
+LOADS = {"none": (0, 0.0), "one": (1, 0.5), "two": (2, 0.5)}
+# The run on the quiet machine that is the truth. It has more launches, so that its noise is small.
+REFERENCE, _REFERENCE_BUDGETS = "reference", 4
 # Runs for some milliseconds, and sleeps so long that it had its share.
 _LOAD = """\
 import random, sys, time
@@ -109,7 +108,7 @@ class BusyTally:
         """Yield the part of the page."""
         yield "| Programs | Median block | Fastest block |"
         yield "|---|---|---|"
-        for load in list(LOADS)[1:]:
+        for load in LOADS:
             yield f"| {load} | {self._cell(load, False)} | {self._cell(load, True)} |"
 
     def _cell(self, load: str, takes_fastest: bool) -> str:
@@ -136,13 +135,13 @@ def loaded(programs: int, share: float) -> Iterator[None]:
 def measure(names: Sequence[str], budget_s: float, folder: Path) -> None:
     """Store a comparison of each model beside each load."""
     for name in names:
-        for load in random.sample(list(LOADS), len(LOADS)):
+        for load in random.sample([REFERENCE, *LOADS], 1 + len(LOADS)):
             if stored_file(folder, name, load) is not None:
                 continue
             results = str(_results(folder, name, load))
-            seconds = budget_s * (_QUIET_BUDGETS if load == QUIET else 1)
+            seconds = budget_s * (_REFERENCE_BUDGETS if load == REFERENCE else 1)
             command = ["compare", name, "--budget", f"{seconds}s", "--results", results]
-            with loaded(*LOADS[load]):
+            with loaded(*LOADS.get(load, LOADS["none"])):
                 subprocess.run([sys.executable, "-m", "mjbench", *command], capture_output=True)
             if stored_file(folder, name, load) is None:
                 raise MachineError(f"`mjbench {' '.join(command)}` stored nothing")
@@ -171,13 +170,13 @@ def read(file: Path, takes_fastest: bool) -> ModelResults:
 
 def outcomes(folder: Path, name: str, takes_fastest: bool) -> list[Outcome]:
     """Return what comparisons of a model beside loads come to."""
-    quiet_file = stored_file(folder, name, QUIET)
+    quiet_file = stored_file(folder, name, REFERENCE)
     if quiet_file is None:
         return []
     quiet, of_model = read(quiet_file, takes_fastest), []
     for load in LOADS:
         file = stored_file(folder, name, load)
-        if load == QUIET or file is None:
+        if file is None:
             continue
         for advice in read(file, takes_fastest).advice:
             speedups = _speedups(quiet, advice.loop)

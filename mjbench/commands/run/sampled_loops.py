@@ -228,6 +228,7 @@ def _loop_time(
         activities=shares_of(_times(parts), seconds),
         packages=shares_of(((part.package, part.seconds) for part in in_python), seconds),
         lines=_own_lines(parts, seconds),
+        lines_on_stack=_lines_on_stack(samples),
         inner_functions=_inner_functions(parts, seconds),
         calls=calls,
         building=_building_line(samples, parts, calls, seconds),
@@ -253,6 +254,18 @@ def _own_lines(parts: Sequence[Part], total_s: float) -> list[LineTime]:
         of_parts = _times(part for _, part in of_line)
         times.append(LineTime.of(next(named, places[-1]), of_parts, total_s, package))
     return large(times)
+
+
+def _lines_on_stack(samples: Sequence[Sample]) -> list[LineTime]:
+    by_line: dict[tuple[str, int], list[tuple[Place, Sample]]] = defaultdict(list)
+    for sample in samples:
+        for position, place in {each.position: each for each in sample.own_places}.items():
+            by_line[position].append((place, sample))
+    total_s = sum(sample.seconds for sample in samples)
+    return large(
+        LineTime.of(of_line[0][0], ((s.activity, s.seconds) for _, s in of_line), total_s)
+        for of_line in by_line.values()
+    )
 
 
 def _building_line(

@@ -95,6 +95,20 @@ def test_a_finding_without_a_row_of_its_own_has_the_share_of_its_lines_with_its_
     assert [first.is_at(each.place) for each in lines] == [False, True, True]
 
 
+def test_one_call_saves_loops_with_the_steps_that_other_functions_make():
+    inside = [line(12, {PHYSICS: 0.5, PYTHON: 0.1}), line(16, {PHYSICS: 0.2, PYTHON: 0.1})]
+    time = replace(loop(line(40, {PHYSICS: 0.9, PYTHON: 0.1})), lines_on_stack=inside)
+    loops = [replace(finding("MJB020", number), last_line=number + 3) for number in (15, 11)]
+    (pair,) = listing.pairs([time], loops)
+    assert pair.ways is line_remedies.columns
+    (first,) = listing.remedies(time, loops, MeasuredRatios({pair: ratio(0.5)}))
+    assert (first.where, first.basis) == ("train.py:11–18", Basis.PAIRED)
+    assert first.share == pytest.approx(0.9)
+    assert first.gain == pytest.approx(0.9 - 0.5 * 0.7)
+    (first,) = listing.remedies(time, loops)
+    assert (first.basis, first.gain) == (Basis.BOUND, pytest.approx(0.9))
+
+
 def test_a_finding_on_the_line_of_a_step_does_not_save_the_step():
     time = loop(line(12, {PHYSICS: 0.7, PYTHON: 0.3}))
     (first,) = listing.remedies(time, [finding("MJB099", number=12)])

@@ -392,6 +392,15 @@ def test_garbage_collections_are_an_activity_of_their_own(file):
     )
 
 
+def test_a_line_on_the_stack_has_the_steps_of_the_functions_that_it_calls(file):
+    calls = [Frame("main", file, 9), Frame("observe", file, 2)]
+    seen = [[*calls, ENGINE]] * 6 + [calls] * 2 + [stacks(file)["step"]] * 2
+    (time,) = sampled_loops.loop_times([samples(seen)], 1)
+    shares = {line.place.line: line.activities for line in time.lines_on_stack}
+    called = {Activity.PHYSICS: pytest.approx(0.6), Activity.PYTHON: pytest.approx(0.2)}
+    assert shares[9] == shares[2] == called
+
+
 def test_which_of_two_loops_collections_interrupt_is_not_known(file):
     Path(file).write_text(f"{SOURCE}\nfor _ in range(9):\n    step()\n")
     seen = [[Frame("<module>", file, 14), ENGINE], stacks(file)["step"]] * 20
