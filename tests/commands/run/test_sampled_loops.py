@@ -275,6 +275,16 @@ def test_calls_that_take_longer_after_the_last_that_was_timed_are_as_long_as_sam
     assert time.seconds == pytest.approx(6.0)
 
 
+def test_what_a_line_with_one_step_seems_to_call_belongs_to_the_line_that_calls_it(file):
+    array = Frame("vstack", "/env/lib/python3.11/site-packages/numpy/shape.py", 7)
+    beside, torn = [Frame("main", file, 9), array], [Frame("main", file, 8), array]
+    timed = call("mj_step", 8, 1.0, 0, 5, **STEP)
+    timed = replace(timed, place=replace(timed.place, text="step()"))
+    seen = [beside] * 30 + [torn] * 10 + [stacks(file)["step"]] * 10
+    (time,) = sampled_loops.loop_times([samples(seen)], 1, calls=[timed])
+    assert {line.place.line: line.share for line in time.lines} == pytest.approx({9: 0.8, 8: 0.2})
+
+
 def test_what_a_compiled_function_compares_is_apart_from_its_calls(file):
     fields = "/env/lib/python3.11/site-packages/mujoco/mjx/_src/dataclasses.py"
     compare = [Frame("main", file, 8), Frame("_Wrapper.__eq__", fields, 5)]
