@@ -161,7 +161,7 @@ def advice(program: OwnProgram, count: int, mjbench: Command | None = None) -> A
     if first is None or not is_remedy or first.text not in text:
         return Advice("", text.replace(f"{FOLDER}/", ""), None)
     line = "" if first.place is None else _line(program.file, first.place.line)
-    error = first.gain_error if first.basis == Basis.PAIRED else None
+    error = first.gain_error if first.basis in (Basis.PAIRED, Basis.RERUN) else None
     return Advice(line, first.text, None if first.gain is None else 1 - first.gain, error or 0.0)
 
 

@@ -603,8 +603,9 @@ def test_lines_that_look_alike_are_not_tried(line: str, pair: RemedyPair) -> Non
 
 def test_too_many_threads_save_what_a_second_run_with_fewer_did():
     time = replace(loop(line(13, {NUMPY: 0.9}), line(12, {PHYSICS: 0.1})), pids=[2, 3])
-    pools = ThreadPools([2, 3], 2, 2, {NUMPY: "OPENBLAS_NUM_THREADS"}, speedup=2.5)
+    pools = ThreadPools([2, 3], 2, 2, {NUMPY: "OPENBLAS_NUM_THREADS"}, 2.5, 0.1)
     (remedy,) = listing.remedies(time, pools=pools)
+    assert remedy.gain_error == pytest.approx(0.04)
     assert (remedy.place.line, remedy.basis, remedy.gain) == (13, Basis.RERUN, pytest.approx(0.6))
     assert remedy.text == (
         "2 processes × 2 threads of BLAS on 2 cores: set OPENBLAS_NUM_THREADS=1 before Python"

@@ -15,7 +15,7 @@ def collect(number):
     data = mujoco.MjData(model)
     weights = np.random.default_rng(number).normal(size=(SIZE, SIZE)) / SIZE
     inputs = np.ones((SIZE, 16))
-    for _ in range(COUNT // 2):
+    for _ in range(COUNT):
         inputs[0, 0] = data.qpos[0]
         for _ in range(3):
             outputs = np.tanh(weights @ inputs)
