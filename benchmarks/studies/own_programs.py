@@ -90,7 +90,7 @@ PROGRAMS = (
     OwnProgram("inverse_kinematics", "mujoco.mj_forward(model, data)", "mj_kinematics"),
     OwnProgram("rollout_of_one", "states, _ = rollout.rollout(", "mj_step"),
     OwnProgram("growing_log", "log = np.vstack(", "grow", is_bound=True),
-    OwnProgram("perturbed_steps", "for i in range(model.nv)", "mjd_transitionFD", is_bound=True),
+    OwnProgram("perturbed_steps", "for i in range(model.nv)", "mjd_transitionFD"),
     OwnProgram(
         "put_each_episode", "device_model = mjx.put_model(", "put it there once", is_bound=True
     ),
