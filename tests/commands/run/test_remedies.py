@@ -642,8 +642,9 @@ def test_lines_that_look_alike_are_not_tried(line: str, pair: RemedyPair) -> Non
 
 def test_too_many_threads_save_what_a_second_run_with_fewer_did():
     time = replace(loop(line(13, {NUMPY: 0.9}), line(12, {PHYSICS: 0.1})), pids=[2, 3])
-    pools = ThreadPools([2, 3], 2, 2, {NUMPY: "OPENBLAS_NUM_THREADS"}, speedup=2.5)
+    pools = ThreadPools([2, 3], 2, 2, {NUMPY: "OPENBLAS_NUM_THREADS"}, 2.5, 0.1)
     (remedy,) = listing.remedies(time, pools=pools)
+    assert remedy.gain_error == pytest.approx(0.04)
     assert (remedy.place.line, remedy.basis, remedy.gain) == (13, Basis.RERUN, pytest.approx(0.6))
     assert remedy.text == (
         "2 processes × 2 threads of BLAS on 2 cores: set OPENBLAS_NUM_THREADS=1 before Python"
@@ -659,6 +660,18 @@ def test_a_transfer_on_a_line_of_lint_has_the_sentence_of_lint_once():
     texts = [each.text for each in listing.remedies(loop_of(*calls), given)]
     assert "put it there once" in texts
     assert not any("transfers to the device" in text for text in texts)
+
+
+def test_a_model_that_stays_on_the_device_is_not_compared_either():
+    calls = [call(call_clock.TRANSFER, seconds=2.0), call(call_clock.DISPATCH, 12, seconds=1.0)]
+    time = loop_of(*calls)
+    compares = replace(time, activities={**time.activities, Activity.COMPARING: 0.25})
+    given = [finding("MJB022", message="put it there once")]
+    gains = [
+        next(each.gain for each in listing.remedies(each_time, given) if each.code == "MJB022")
+        for each_time in (time, compares)
+    ]
+    assert gains[1] - gains[0] == pytest.approx(0.25)
 
 
 def test_garbage_collections_save_the_time_that_they_were_timed_to_take():

@@ -13,6 +13,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from mjbench.commands.run.activities import Activity
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.remedies import call_savings
@@ -442,6 +443,7 @@ CALL_REMEDIES = (
         needs_finding=True,
         is_of_loop=True,
         is_of_line=True,
+        also=Activity.COMPARING,
     ),
     CallRemedy(
         callees=(call_clock.TRANSFER,),

@@ -122,10 +122,14 @@ def of_pools(loop: LoopTime, pools: ThreadPools | None) -> Iterator[Remedy]:
         f" {pools.usable_cores} cores: set {pools.variables[activity]}=1 before Python starts"
     )
     if share:
-        gain = 1 - 1 / pools.speedup
-        remedy = _of_activity(loop, activity, text, gain, RemedyKind.THREADS)
+        after = 1 / pools.speedup
+        remedy = _of_activity(loop, activity, text, 1 - after, RemedyKind.THREADS)
         yield replace(
-            remedy, basis=Basis.RERUN, share=share, gain_error=None, effect="nothing but rounding"
+            remedy,
+            basis=Basis.RERUN,
+            share=share,
+            gain_error=after * pools.relative_error,
+            effect="nothing but rounding",
         )
 
 
