@@ -203,7 +203,9 @@ def _first_lines(section: Section) -> tuple[str, str]:
 
 PHRASES: dict[str, Callable[[], Iterator[str]]] = {
     "README.md": readme,
-    "docs/faq.md": lambda: iter(()),
+    "docs/faq.md": lambda: iter(
+        (f"trust only differences above {percent(run_differences.MIN_EFFECT)}",)
+    ),
     "docs/guides/checkup.md": checkup_guide,
     "docs/guides/environments.md": environments,
     "docs/guides/loop.md": loop,
