@@ -34,7 +34,7 @@ from mjbench.commands.lint.script_syntax import (
     names_in,
     nodes_inside,
 )
-from mjbench.commands.lint.stepping_script import SteppingScript
+from mjbench.commands.lint.stepping_script import STORING_METHODS, SteppingScript
 from mjbench.commands.lint.stored_views import stored_views
 from mjbench.commands.lint.wrong_results import halves_of_runge_kutta, shared_data, written_views
 from mjbench.errors import InputError
@@ -134,8 +134,8 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
         observation[: model.nq] = data.qpos
         observation[model.nq :] = data.qvel
 
-    There is no finding under an `if`, which may run only once, or where the number of contacts or
-    constraints is the size.
+    There is no finding under an `if`, which may run only once, where the number of contacts or
+    constraints is the size, or where the array is appended to a list.
 
     Results: none change, unless the program keeps the arrays: then it needs one for each step.
     """
@@ -148,6 +148,7 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
         and not any(keyword.arg == "out" for keyword in call.keywords)
         and growing.isdisjoint(script.above(call))  # they go with it
         and attributes_in(call).isdisjoint({*COUNTS, "contact"})
+        and not is_call(script.parents[call], *STORING_METHODS)
     ]
     for call, each in in_steps(script, arrays, script.loops):
         if not script.is_conditional(call):

@@ -71,7 +71,7 @@ def test_each_rule_finds_its_pattern(tmp_path: Path, line: str, code: str) -> No
     "line",
     [
         "log.append(data.qpos.copy())",
-        "log.append(np.array(data.qpos))  # noqa: MJB003",
+        "log.append(np.array(data.qpos))",
         "log.append(data.qpos[0])",
         "log.append(data.time)",
         "log.append(data.qpos + 0.0)",

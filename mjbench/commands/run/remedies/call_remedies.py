@@ -350,14 +350,21 @@ CALL_REMEDIES = (
             "from_file",
             "from_string",
             "compile",
-            "copy of MjModel",
         ),
-        text="compile the model once before the loop: change the compiled model, or keep a pool of"
-        " bodies and move those that are not needed away",
+        text="compile the model once before the loop (in a pool of processes, by its initializer):"
+        " change the compiled model, or keep a pool of bodies and move those that are not needed"
+        " away",
         effect="nothing, if the model is the same",
         codes=("MJB011",),
         keeps_first=True,
         is_of_loop=True,
+        is_of_line=True,
+    ),
+    CallRemedy(
+        callees=("copy of MjModel",),
+        text="this copies the model, too: several MjData can share one MjModel; create one MjData"
+        " before the loop, and use mj_copyData in it",
+        effect="nothing, if the program does not change the copy of the model",
         is_of_line=True,
     ),
     CallRemedy(

@@ -5,6 +5,7 @@ is an upper bound.
 """
 
 import contextlib
+import math
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -201,9 +202,36 @@ def _of_lines(
 ) -> Iterator[Remedy]:
     """Yield what to do about each line that has a remedy of its own, and each that lint finds."""
     yield from _of_findings(loop, findings)
-    for line in loop.lines:
+    joined: list[Remedy] = []
+    for line in sorted(loop.lines, key=lambda line: line.place.position):
         if _avoidable(line) >= LEAST_GAIN and not _is_of_calls(loop, line):
-            yield from _of_line(loop, line, findings, measured)
+            for each in _of_line(loop, line, findings, measured):
+                i = next((i for i, one in enumerate(joined) if _continues(one, each)), None)
+                if i is None:
+                    joined.append(each)
+                else:
+                    joined[i] = _joined(joined[i], each)
+    yield from joined
+
+
+def _continues(first: Remedy, then: Remedy) -> bool:
+    """Return whether two remedies are one, on lines of a function that follow each other."""
+    before, after = first.place, then.place
+    assert before is not None and after is not None, "lines have remedies here"
+    last = first.last_line or before.line
+    is_next = last < after.line <= last + 1 and before.file == after.file
+    return is_next and (first.text, first.basis) == (then.text, then.basis)
+
+
+def _joined(first: Remedy, then: Remedy) -> Remedy:
+    assert then.place is not None and first.gain is not None and then.gain is not None
+    return replace(
+        first,
+        gain=first.gain + then.gain,
+        gain_error=math.hypot(first.gain_error or 0.0, then.gain_error or 0.0),
+        share=(first.share or 0.0) + (then.share or 0.0),
+        last_line=then.place.line,
+    )
 
 
 def _of_findings(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[Remedy]:
