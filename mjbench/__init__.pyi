@@ -259,13 +259,14 @@ def versions(
         releases cannot load it.
       on_progress: called with what is measured now, and the share of all work that is done.
       paths: Ways of stepping to compare between the releases. Default: python_loop.
-      metric: What to compare: `time`, the time of steps; `instructions`, the instructions of the
-        engine; `load`, loading the model; `reset`, mj_resetData; `rays`, casting rays; `rollout`, a
-        call of rollout with 5 steps of each simulation; `batch`, a call of Batch.rollout with 5
-        steps of each simulation; `memory`, the peak memory of a new process that loads the model
-        and steps it; `compile`, tracing and compiling the steps of a path that compiles, such as
-        mjx. Instruction counts repeat within 0.1 %. They do not need a quiet machine, but they need
-        valgrind, and --confidence, --precision, --budget and --as-shipped do not apply.
+      metric: What to compare, one of these: `time`, the time of steps; `instructions`, the
+        instructions of the engine; `load`, loading the model; `reset`, mj_resetData; `rays`,
+        casting rays; `rollout`, a call of rollout with 5 steps of each simulation; `batch`, a call
+        of Batch.rollout with 5 steps of each simulation; `memory`, the peak memory of a new process
+        that loads the model and steps it; `compile`, tracing and compiling the steps of a path that
+        compiles, such as mjx. Instruction counts repeat within 0.1 %. They do not need a quiet
+        machine, but they need valgrind, and --confidence, --precision, --budget and --as-shipped do
+        not apply.
       min_effect: Smallest change that matters; a change that is certainly smaller is `same`. As a
         share: 0.01 is 1 %.
       confidence: Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical

@@ -6,15 +6,14 @@ import statistics
 from collections.abc import Callable, Iterator
 
 from commands import ROOT
-from committed_trials import RUNS, trial_counts
+from committed_trials import trial_counts
 
 from benchmarks.history import change_points, tables
 from benchmarks.studies import gpu, tally_file
 from benchmarks.studies.odd_programs import ODD_PROGRAMS
-from mjbench.commands.compare import accelerated_agreement, advice
+from mjbench.commands.compare import accelerated_agreement
 from mjbench.commands.compare import accelerated_tolerances as tolerances
 from mjbench.commands.compare.options import CompareOptions
-from mjbench.commands.compare.results import derive_all
 from mjbench.commands.env import show as environment
 from mjbench.commands.latency import measure as latency
 from mjbench.commands.latency import show as latency_section
@@ -22,7 +21,6 @@ from mjbench.commands.profile import habit_timing
 from mjbench.commands.run import measure, py_spy
 from mjbench.commands.run.hook import call_bursts, step_clock
 from mjbench.commands.run.remedies import remedy
-from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.tune import reference, solver_convergence, trajectories
 from mjbench.commands.tune import result as records
 from mjbench.counts import explain
@@ -30,7 +28,6 @@ from mjbench.host import conditions, disturbance
 from mjbench.measuring import calls, stats
 from mjbench.paired import outcomes, race, race_record
 from mjbench.releases import placement
-from mjbench.results import runs
 from mjbench.simulation import changed_work, engine_clock, starts, workload
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.testing import callables, fixture
@@ -73,7 +70,12 @@ def timing() -> Iterator[str]:
     yield f"no other path of the race can be faster by {margin}"
     yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
     yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is decided"
-    yield f"the smallest that has {percent(advice.ENOUGH)} of the best speed-up"
+    assert (race_record.BUSY_CORES, race.ROUNDS) == (0.25, 4)
+    yield "use a quarter of a core or more, a launch has eight rounds"
+    tally = json.loads((ROOT / "results/busy.json").read_text())
+    yield f"({tally['budget_s']:.0f} s a model, {tally['cores']} cores, {tally['cpu']})"
+    yield f"Of {len(tally['outcomes']) // 6} pieces of advice"
+    yield f"are within {margin} of the quiet machine's best"
     yield f"the host took {percent(disturbance.NOTABLE_STOLEN)} or more of the processor time"
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
     ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)
@@ -87,7 +89,7 @@ def history() -> Iterator[str]:
     yield f"tables have changes of {percent(math.expm1(tables.MIN_CHANGE))} or more for steps"
     yield f"of {percent(math.expm1(tables.MIN_OPERATION_CHANGE))} or more for operations"
     page = " ".join((ROOT / "docs/method/history.md").read_text().split())
-    start, end = page.index("A release takes"), page.index("## Which changes are listed")
+    start, end = page.index("## How exact it is"), page.index("## Which changes are listed")
     yield page[start:end]  # tests/benchmarks/history/test_committed_history.py
 
 
@@ -158,13 +160,6 @@ def accelerated() -> Iterator[str]:
     yield f"ten times C's, or {percent(tolerances.SETTINGS_LIMIT, 1)}"
     yield f"within {percent(tolerances.TOGETHER_SHARE)} of C"
     yield f"the same, or {percent(tolerances.FIGURE_ROUNDING[Precision.FLOAT32], 1)}"
-    groups = derive_all(runs.load(RUNS / "reference-mjx-cpu.jsonl", RECORD_TYPES).records)
-    times = {
-        group.model.model: {row.path: row.step_ns for row in reversed(group.results)}
-        for group in groups
-    }
-    slower = {model: of["mjx"] / of["python_loop"] for model, of in times.items()}
-    yield f"took {slower['cube_table']:.0f} times as long as the plain loop on `cube_table`"
     yield f"more than {percent(tolerances.ONE_ANSWER_EFFECT, 1)} off for spheres"
     yield f"more than {percent(tolerances.LACKING_EFFECT)} off, with points missing"
     yield f"less than {percent(tolerances.CLOSE_EFFECT)} off in nine of ten states"

@@ -22,7 +22,6 @@ from mjbench.commands.lint import check as lint
 from mjbench.commands.lint.script_files import script_files
 from mjbench.commands.lint.settings import RuleChoice
 from mjbench.releases import installs
-from mjbench.results import markdown
 from mjbench.status import ExitCode
 
 TALLY = Path(__file__).resolve().parents[2] / "results" / "lint-sources.json"
@@ -36,7 +35,6 @@ PACKAGES = (
     Package("metaworld", "3.1.1"),
     Package("robosuite", "1.5.2"),
 )
-_COLUMNS = ["files", "findings"]
 
 
 @dataclass(frozen=True)
@@ -81,20 +79,15 @@ def tally_of(package: Package, root: Path) -> SourceTally:
 
 
 def lines(tally: LintTally) -> Iterator[str]:
-    """Yield how many findings there are, and a row for each package."""
+    """Yield how many findings there are, in what, and of which rules."""
     files = sum(each.files for each in tally.packages)
+    names = [f"{each.package.name} {each.package.version}" for each in tally.packages]
+    counts = sorted(Counter(finding.code for _, finding in tally).items())
     yield (
-        f"In {files:,} Python files of {len(tally.packages)} packages, lint has"
-        f" {len([*tally])} findings. Each was read in its code, and none is false."
+        f"In the {files:,} Python files of {', '.join(names)}, lint has {len([*tally])} findings"
+        f" ({', '.join(f'{code} × {count}' for code, count in counts)})."
+        " Each was read in its code, and none is false."
     )
-    yield ""
-    rows = []
-    for each in tally.packages:
-        counts = Counter(finding.code for finding in each.findings)
-        codes = ", ".join(f"{code} × {count}" for code, count in sorted(counts.items()))
-        name = f"{each.package.name} {each.package.version}"
-        rows.append([name, str(each.files), str(len(each.findings)), codes])
-    yield from markdown.table_lines(["package", *_COLUMNS, "rules"], rows, _COLUMNS)
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

@@ -29,8 +29,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = ("README.md", *sorted(str(p.relative_to(ROOT)) for p in ROOT.glob("docs/guides/*.md")))
 # Commands that cannot run here, by a pattern that they contain, and why.
 ELSEWHERE = {
-    "HOST": "needs the address of a host",
-    "^pip install": "changes the environment of whoever runs this",
+    "^pip (install|wheel)": "changes the environment of whoever runs this",
     "ray start": "starts a cluster that stays",
     "--address auto": "needs a cluster",
     "path/to/your/app": "needs an app",

@@ -9,6 +9,7 @@ from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import FileName, takes
 from mjbench.commands.lint.options import LintOptions
 from mjbench.errors import InputError
+from mjbench.formats import count_of
 from mjbench.status import ExitCode, Status, exit_code
 
 
@@ -80,6 +81,8 @@ def lint(names: tuple[str, ...], options: LintOptions) -> None:
         run.write("--github", lambda: report.as_github(document))
         run.write("--sarif", lambda: report.as_sarif(document))
         run.write_json(document)
+        if not (findings or unchecked):
+            run.out.print(f"No findings in {count_of(len(files), 'file')}.")
     if findings:
         sys.exit(ExitCode.FINDING)
     sys.exit(exit_code(Status.INPUT for _ in unchecked))

@@ -135,4 +135,5 @@ def models_argument(command: Callable[..., None]) -> Callable[..., None]:
 
 def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that names a mode in a command's help (see `command_names`)."""
-    return click.option(flag, is_flag=True, expose_value=False, help=f"{text} ({flag} --help)")
+    help_text = f"{text} `{flag} --help` lists its options."
+    return click.option(flag, is_flag=True, expose_value=False, help=help_text)

@@ -83,6 +83,8 @@ def show(files: tuple[Path, ...], options: ShowOptions) -> None:
             if of_two := side_by_side.of_two_machines(named_runs):
                 report = report_line if run.files else run.out.print
                 report(of_two)
+            elif not run.files and (reason := side_by_side.of_two_subjects(named_runs)):
+                run.out.print(reason)
             _show_each(run, named_runs, options.code)
             code = _exit_code(stored, options, bool(of_two)) if options.findings else ExitCode.OK
         _name_files(run)

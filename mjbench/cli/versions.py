@@ -16,7 +16,7 @@ from mjbench.status import Status
 
 @cli.command()
 @mode("--explain", "Which functions account for the difference? Needs valgrind.")
-@click.argument("names", nargs=-1, metavar="OLD NEW… MODEL…|FUNCTION…")
+@click.argument("names", nargs=-1, metavar="OLD NEW… MODEL…")
 @takes(VersionsOptions)
 def versions(names: tuple[str, ...], options: VersionsOptions) -> None:
     """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
@@ -28,7 +28,7 @@ def versions(names: tuple[str, ...], options: VersionsOptions) -> None:
     Other packages are named as pip takes them, with commas: jax==0.7.0,jaxlib==0.7.0. They are
     installed beside this environment's MuJoCo and NumPy, unless those are among them.
 
-    In place of a MODEL, a FUNCTION can be timed (see `mjbench help ab`).
+    In place of MODEL, name a function of your code, FILE.py::NAME (see `mjbench help ab`).
 
     \b
     Examples:

@@ -195,6 +195,20 @@ def peak_memory_bytes() -> int:
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
 
 
+def other_programs_s() -> float:
+    """Return for how many seconds cores have run other programs, since some moment.
+
+    A difference of two holds where this process and its descendants are the same at both.
+    """
+    import psutil
+
+    own, other_s = psutil.Process(), ProcessorTime.now().busy_s
+    for process in (own, *own.children(recursive=True)):
+        with contextlib.suppress(psutil.Error):  # it has ended
+            other_s -= sum(process.cpu_times()[:2])
+    return other_s
+
+
 @dataclass(frozen=True)
 class ProcessorTime:
     """How long the cores of this machine have run, all together, since it was started.

@@ -19,10 +19,12 @@ from dataclasses import dataclass, replace
 
 from mjbench import paths
 from mjbench.errors import Failure, InputError
+from mjbench.host import machine
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, memory_layout, race_blocks
 from mjbench.paired.launches import StopRule, Targets, UnableError
 from mjbench.paired.race_record import (
+    BUSY_CORES,
     FINAL_LAUNCHES,
     MAX_LAUNCHES,
     MIN_FINAL_LAUNCHES,
@@ -41,7 +43,7 @@ from mjbench.verification.records import ModelRecord
 # A launch of a few paths takes at least this share of the time of one of all: it starts a process.
 _SHARE_OF_START = 0.25
 # Rounds of a launch: even numbers, because every second one runs in the opposite order. Long blocks
-# average what short ones need more rounds for.
+# average what short ones need more rounds for. A busy launch has twice as many.
 ROUNDS, LONG_ROUNDS = 4, 2
 # Blocks of `LONG_ROUNDS` are long where they take this time together.
 LONG_NS = 10_000_000_000
@@ -205,14 +207,13 @@ class RaceLaunches(Targets[RaceLaunch]):
                 path, options = self._variants[position].path, self._variants[position].options
                 with _attributed(process, position, "preparing"):
                     process.call(race_blocks.prepare_path, path, dict(options))
-            rows = time_rounds(
-                functools.partial(self._time_round, process, prepared), len(prepared)
-            )
+            time_round = functools.partial(self._time_round, process, prepared)
+            rows, other_cores = time_launch(time_round, len(prepared))
         finally:
             self._pool.end([process])
         columns = [prepared.index(position) for position in positions]
         ns = [[row[column] for column in columns] for row in rows]
-        return RaceLaunch(had, list(positions), ns)
+        return RaceLaunch(had, list(positions), ns, other_cores)
 
     def _time_round(
         self, process: WorkerProcess, prepared: Sequence[int], order: Sequence[int]
@@ -242,6 +243,21 @@ def _attributed(process: WorkerProcess, position: int, activity: str) -> Iterato
             raise
         status, cause = error.ending, error.cause
     raise UnableError(position, status, f"{cause} while {activity}")
+
+
+def time_launch(
+    time_round: Callable[[Sequence[int]], list[int]],
+    count: int,
+    other_programs_s: Callable[[], float] = machine.other_programs_s,
+    clock: Callable[[], float] = time.monotonic,
+) -> tuple[list[list[int]], float]:
+    """Return `time_rounds`, twice as many in a busy launch, and the cores of other programs."""
+    others_begin_s, begin_s = other_programs_s(), clock()
+    rows = time_rounds(time_round, count)
+    other_cores = (other_programs_s() - others_begin_s) / (clock() - begin_s)
+    if other_cores >= BUSY_CORES:
+        rows += time_rounds(time_round, count)
+    return rows, max(0.0, other_cores)
 
 
 def time_rounds(time_round: Callable[[Sequence[int]], list[int]], count: int) -> list[list[int]]:

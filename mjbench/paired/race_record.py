@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mjbench.bounds import NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.host.disturbance import Disturbance
 from mjbench.interval import Interval
 from mjbench.measuring import launch_stats, stats
@@ -37,6 +37,9 @@ _LOG_MARGIN, _LOG_AS_GOOD = float(np.log1p(MARGIN)), float(np.log1p(AS_GOOD))
 MIN_LAUNCHES, MAX_LAUNCHES = 3, 100
 # Launches after a race; fewer give no figures of their own; and at most.
 MIN_FINAL_LAUNCHES, FINAL_LAUNCHES = 4, 8
+# A launch is busy where other programs use this number of cores, which reads 0.1 at most where none
+# runs.
+BUSY_CORES = 0.25
 
 
 class Loop(StrEnum):
@@ -57,17 +60,24 @@ class RaceLaunch:
       variants: which of the race's were timed, by their position; the plain loop is the first.
       ns: (rounds, variants) nanoseconds of blocks. Every second round runs in the opposite order of
         the one before.
+      other_cores: how many cores other programs used in the first rounds.
       is_final: whether it came after the race.
     """
 
     cores: PositiveFloat | None
     variants: Sequence[NonNegativeInt]
     ns: Sequence[Sequence[PositiveInt]]
+    other_cores: NonNegativeFloat = 0.0
     is_final: bool = False
 
     def __post_init__(self) -> None:
         if len(self.ns) % 2 or not self.ns or any(len(r) != len(self.variants) for r in self.ns):
             raise ValueError("ns has a row for each round, as many each way, of all its variants")
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether other programs used the cores."""
+        return self.other_cores >= BUSY_CORES
 
     def log_ratio(self, baseline: int, candidate: int) -> float:
         """Return the natural logarithm of one variant's time over another's."""
@@ -81,10 +91,12 @@ class RaceLaunch:
         """The median of the logarithms of each variant's blocks, which one disturbed block spares.
 
         Rounds run in both orders, so what a block leaves in the caches for the next one weighs the
-        same both ways.
+        same both ways. In a busy launch most blocks are disturbed, above all those of threads: the
+        fastest counts.
         """
-        medians = np.median(stats.logarithms(self.ns), axis=0)
-        return dict(zip(self.variants, medians.tolist(), strict=True))
+        estimate = np.min if self.is_busy else np.median
+        logs = estimate(stats.logarithms(self.ns), axis=0)
+        return dict(zip(self.variants, logs.tolist(), strict=True))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from mjbench.paired.race import (
     ROUNDS,
     RaceBudget,
     remaining,
+    time_launch,
     time_rounds,
 )
 from mjbench.paired.race_record import (
@@ -357,3 +358,22 @@ def test_long_blocks_have_fewer_rounds_in_both_orders(block_ns: int, rounds: int
     assert time_rounds(time_round, 3) == [[block_ns] * 3] * rounds
     assert len(orders) == rounds
     assert orders[1] == orders[0][::-1]
+
+
+@pytest.mark.parametrize(("other_s", "rounds"), [(0.0, 4), (0.2, 4), (0.5, 8)])
+def test_a_busy_launch_has_twice_the_rounds(other_s: float, rounds: int) -> None:
+    rows, other_cores = time_launch(
+        lambda order: [1] * len(order),
+        3,
+        iter([5.0, 5.0 + other_s]).__next__,
+        iter([7.0, 8.0]).__next__,
+    )
+    assert len(rows) == rounds
+    assert other_cores == pytest.approx(other_s)
+
+
+@pytest.mark.parametrize(("other_cores", "ratio"), [(0.1, 1.0), (0.5, 0.5)])
+def test_the_fastest_block_counts_in_a_busy_launch(other_cores: float, ratio: float) -> None:
+    ns = [[200, 100], [200, 200], [200, 200], [200, 200]]
+    launch = RaceLaunch(None, [0, 1], ns, other_cores)
+    assert launch.log_ratio(0, 1) == pytest.approx(np.log(ratio))

@@ -352,16 +352,16 @@ def _doubt(advice: Advice) -> str:
 
 
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
-    threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
-    name = paths.title(row.path)
-    begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
+    begin = f"{paths.title(row.path)}{_size(row.nbatch, names_size)}:"
     doubt = "" if row.is_certain else "; not certain"
     if row.over_one is None:
-        return f"{begin}; no number up to {row.most_tried} is certainly faster{doubt}"
+        most = row.most_tried
+        return f"{begin} no number of threads up to {most} is certainly faster than one{doubt}"
     is_most = row.nthread == row.most_tried
-    most = "" if is_most else f"; {row.most_tried} threads gain less than 5 % more"
+    more = "" if is_most else f"; up to {row.most_tried} threads gain less than 5 % more"
     chunk = f" (chunk={row.chunk})" if row.chunk else ""
-    return f"{begin}{chunk}, {formats.as_fast(row.over_one)} as one thread{most}{doubt}"
+    gain = formats.as_fast(row.over_one)
+    return f"{begin} {row.nthread} threads are enough{chunk}, {gain} as one thread{more}{doubt}"
 
 
 def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> str:

@@ -23,8 +23,7 @@ from mjbench.commands.run.step_times import Header, read_engine
 _ACTIVITIES: Mapping[str, Activity] = {
     **dict.fromkeys(("MjData", *call_clock.COPIES_OF_DATA, "copy of MjModel"), Activity.COPYING),
     **dict.fromkeys(("mj_copyData", "mj_getState", "mj_setState"), Activity.COPYING),
-    **dict.fromkeys(("from_xml_path", "from_xml_string", "from_binary_path"), Activity.LOADING),
-    **dict.fromkeys(("from_file", "from_string", "compile"), Activity.LOADING),
+    **dict.fromkeys(call_clock.LOADERS, Activity.LOADING),
     **dict.fromkeys(("Renderer", "update_scene", "render"), Activity.RENDERING),
     **dict.fromkeys((call_clock.TRACE, call_clock.COMPILE), Activity.COMPILING),
     call_clock.DISPATCH: Activity.DISPATCH,
@@ -65,7 +64,8 @@ class CallTime:
       place: the line.
       loop: the outermost loop that runs it; None where none does.
       calls: how many; where they were timed in bursts, with an estimate of those between them. What
-        JAX traces counts with what it compiles.
+        JAX traces counts with what it compiles. Of calls that load models, those count before which
+        the process has stepped since the last one: others are its set-up.
       seconds: that they took; likewise.
       first_ns: when the first began that was timed, on the clock of `time.perf_counter_ns`.
       last_ns: when the last ended that was timed.

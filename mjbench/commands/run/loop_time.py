@@ -84,6 +84,8 @@ class LoopTime:
       packages: share of `Python` by installed package, largest first; the user's own code has
         the name "".
       lines: of the user's code, with all that they call, by share.
+      lines_on_stack: of the user's code, with the lines of the user's functions that they call, by
+        share, as samples show them; the shares of lines that call each other overlap.
       inner_functions: of installed packages, without what they call in Python and without physics,
         by share; the place of each is the line that samples saw most often.
       calls: of functions that are timed one by one, from lines of this loop.
@@ -106,6 +108,12 @@ class LoopTime:
     calls: Sequence[CallTime] = ()
     building: LineTime | None = None
     longest_stay: LineStay | None = None
+    lines_on_stack: Sequence[LineTime] = ()
+
+    @property
+    def seconds_of_thread(self) -> float:
+        """Seconds of it on each of its threads, on average."""
+        return self.seconds / len(self.threads)
 
     @property
     def has_physics(self) -> bool:

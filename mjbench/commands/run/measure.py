@@ -125,7 +125,7 @@ def others_busy_s(
       times: loops of all processes.
       of_main: loops of the program's main thread, which does not step while it waits.
     """
-    loop_s = time.seconds / len(time.threads)
+    loop_s = time.seconds_of_thread
     by_thread = defaultdict[tuple[int, int], float](float)
     for call in calls:
         is_other = call.pid not in time.pids or call.loop not in of_main
@@ -133,7 +133,7 @@ def others_busy_s(
             span_s = 1e-9 * (call.last_ns - call.first_ns)
             by_thread[call.pid, call.thread] += call.seconds * min(1.0, loop_s / max(1e-9, span_s))
     working_s = [
-        min(loop_s, other.seconds * (1 - other.waiting_share) / len(other.threads))
+        min(loop_s, other.seconds_of_thread * (1 - other.waiting_share))
         for other in times
         if set(other.pids).isdisjoint(time.pids)
     ]

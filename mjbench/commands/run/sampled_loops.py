@@ -30,7 +30,7 @@ from mjbench.commands.run.loop_time import (
 from mjbench.commands.run.py_spy import Frame, ThreadSamples
 from mjbench.commands.run.source_loops import SourceLoop, function_around, program_loop
 
-# Loops with a smaller share of the time of all loops that step are left out.
+# Loops with a smaller share of the time of all loops that step, on a thread, are left out.
 LEAST_LOOP_SHARE = 0.05
 # Share of a line's samples that may show a step that it does not make; of a few, one sample may.
 _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
@@ -106,11 +106,25 @@ def loop_times(
     for call in calls:
         if call.loop is not None:
             calls_by_loop[call.loop].append(call)
+    stepping_s = defaultdict[int, dict[SourceLoop, float]](dict)  # by process
+    for loop, samples in by_loop.items():
+        steps = any(sample.activity == Activity.PHYSICS for sample in samples)
+        if steps or any(call.is_step for call in calls_by_loop[loop]):
+            for sample in samples:
+                of_process = stepping_s[sample.thread.thread.pid]
+                of_process[loop] = of_process.get(loop, 0.0) + sample.seconds
     times = []
     for loop in dict.fromkeys([*by_loop, *calls_by_loop]):
         samples, timed = by_loop[loop], calls_by_loop[loop]
+        # which of several loops a collection interrupts is not known
+        collected_s = {
+            pid: seconds
+            for pid, seconds in (collections_s or {}).items()
+            if stepping_s[pid].get(loop, 0.0)
+            >= (1 - LEAST_LOOP_SHARE) * sum(stepping_s[pid].values())
+        }
         if samples or any(call.is_step or call.callee in _SHOWN for call in timed):
-            times.append(_loop_time(loop, samples, timed, main_pid, collections_s or {}))
+            times.append(_loop_time(loop, samples, timed, main_pid, collected_s))
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )
@@ -180,8 +194,9 @@ def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime
         and time.in_main
         and not _waits_for_ends(time)
     ]
-    total_s = sum(time.seconds for time in stepping + waiting)
-    return [time for time in stepping + waiting if time.seconds >= LEAST_LOOP_SHARE * total_s]
+    # workers that wait do not hide the loop that they wait for, however many there are
+    least_s = LEAST_LOOP_SHARE * sum(time.seconds_of_thread for time in stepping + waiting)
+    return [time for time in stepping + waiting if time.seconds_of_thread >= least_s]
 
 
 def _waits_for_ends(time: LoopTime) -> bool:
@@ -268,6 +283,7 @@ def _loop_time(
         activities=shares_of(_times(parts), seconds),
         packages=shares_of(((part.package, part.seconds) for part in in_python), seconds),
         lines=_own_lines(parts, seconds),
+        lines_on_stack=_lines_on_stack(samples),
         inner_functions=_inner_functions(parts, seconds),
         calls=calls,
         building=_building_line(samples, parts, calls, seconds),
@@ -294,6 +310,18 @@ def _own_lines(parts: Sequence[Part], total_s: float) -> list[LineTime]:
         of_parts = _times(part for _, part in of_line)
         times.append(LineTime.of(next(named, places[-1]), of_parts, total_s, package))
     return large(times)
+
+
+def _lines_on_stack(samples: Sequence[Sample]) -> list[LineTime]:
+    by_line: dict[tuple[str, int], list[tuple[Place, Sample]]] = defaultdict(list)
+    for sample in samples:
+        for position, place in {each.position: each for each in sample.own_places}.items():
+            by_line[position].append((place, sample))
+    total_s = sum(sample.seconds for sample in samples)
+    return large(
+        LineTime.of(of_line[0][0], ((s.activity, s.seconds) for _, s in of_line), total_s)
+        for of_line in by_line.values()
+    )
 
 
 def _building_line(

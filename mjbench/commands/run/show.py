@@ -146,7 +146,7 @@ def beside_remedies(row: ProgramRow) -> str | None:
     costly = costly_places.costliest(time, loop.remedies)
     physics = time.activities.get(Activity.PHYSICS, 0.0)
     if outside := _outside(row):
-        loops_s = sum(report.time.seconds for report in row.loops)
+        loops_s = sum(report.time.seconds_of_thread for report in row.loops)
         return (
             f"first, look outside the loops that step, which take {plain(loops_s, 2)} s of the"
             f" program's {plain(row.wall_s, 2)} s: {outside}"
@@ -322,11 +322,10 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     assert remedy.gain is not None, "wrong results come before"
     if remedy.basis == Basis.BOUND:
         share = remedy.gain if remedy.share is None else remedy.share
-        text = f"{remedy.activity}{place}: {whole_percent(share)} of the loop in {where(time)}"
-        at_most = (
-            f"; that saves at most {whole_percent(remedy.gain)}" if remedy.gain < share else ""
+        return (
+            f"{remedy.activity}{place}: {whole_percent(share)} of the loop in {where(time)};"
+            f" {remedy.text}; that saves at most {whole_percent(remedy.gain)}"
         )
-        return f"{text}; {remedy.text}{at_most}"
     # the timer takes a part of each step, and what a call creates is freed elsewhere
     is_part = remedy.kind == RemedyKind.CLOCK or (remedy.share or 0.0) < remedy.gain
     now = "" if is_part else f" {whole_percent(remedy.share or 0.0)} of the loop now;"

@@ -3,12 +3,16 @@
 from collections.abc import Iterator, Mapping
 
 from mjbench import formats
+from mjbench.commands.profile.step_parts import Stage
+from mjbench.commands.run.physics_cost import PhysicsCost
 from mjbench.commands.run.result import ProgramRow
 from mjbench.commands.run.step_times import StepTimes
 from mjbench.formats import duration, plain, whole_percent
 from mjbench.results.content import Column, DataTable, Section, filled
 from mjbench.status import Status
 
+# What a timer of the engine holds beside its stage; only calls tell them apart.
+_OF_TIMERS: Mapping[str, str] = {Stage.KINEMATICS: f"{Stage.KINEMATICS} and {Stage.TENDONS}"}
 # Smaller shares of a step are left out of the line; the JSON document has all.
 _LEAST_STAGE = 0.03
 # Observing should cost no more; beyond it, the report says how to make it cost less.
@@ -25,8 +29,7 @@ def steps_section(row: ProgramRow) -> Iterator[Section]:
     if row.status != Status.OK:
         return
     steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
-    stages = row.physics.stages if row.physics is not None else steps.stages if steps else {}
-    of_steps = [] if steps is None else _step_lines(steps, len(row.steps), stages)
+    of_steps = [] if steps is None else _step_lines(steps, len(row.steps), row.physics)
     durations = [] if steps is None else [_durations_table(steps)]
     facts = [*of_steps, *filter(None, [gil_wait(row)])]
     tables = filled(_physics_table(row), *durations)
@@ -47,7 +50,7 @@ def _physics_table(row: ProgramRow) -> DataTable:
     )
 
 
-def _step_lines(steps: StepTimes, processes: int, stages: Mapping[str, float]) -> list[str]:
+def _step_lines(steps: StepTimes, processes: int, physics: PhysicsCost | None) -> list[str]:
     of = f" in the process with most of {processes}" if processes > 1 else ""
     while_stepping = "" if steps.nstep is not None else " while it steps without a pause"
     lines = []
@@ -58,10 +61,13 @@ def _step_lines(steps: StepTimes, processes: int, stages: Mapping[str, float]) -
         )
     if processes > 1 and steps.startup_s > 0:
         lines.append(f"It began to step {plain(steps.startup_s, 2)} s after its start.")
+    stages, names = (steps.stages, _OF_TIMERS) if physics is None else (physics.stages, {})
     if stages:
         largest = sorted(stages.items(), key=lambda item: -item[1])
         parts = [
-            f"{name} {whole_percent(share)}" for name, share in largest if share >= _LEAST_STAGE
+            f"{names.get(stage, stage)} {whole_percent(share)}"
+            for stage, share in largest
+            if share >= _LEAST_STAGE
         ]
         lines.append(f"Stages of the engine: {', '.join(parts)}")
     return lines

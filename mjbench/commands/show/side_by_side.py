@@ -76,6 +76,21 @@ def of_two_machines(named_runs: Sequence[NamedRun]) -> str:
     )
 
 
+def of_two_subjects(named_runs: Sequence[NamedRun]) -> str:
+    """Return why two runs are not held against each other: they are about different things."""
+    if len(named_runs) != 2:
+        return ""
+    old, new = ([f"`{named.run.header.command}`"] for named in named_runs)
+    way_out = ""
+    if _are_two_of_one_kind(named_runs):
+        old, new = (subjects(named.run) for named in named_runs)
+        way_out = "; --across compares them"
+    if not (old and new) or not {*old}.isdisjoint(new):
+        return ""
+    sides = f"one run is of {formats.listed(old)}, the other of {formats.listed(new)}"
+    return f"Not compared: {sides}{way_out}"
+
+
 def _are_two_of_one_kind(named_runs: Sequence[NamedRun]) -> bool:
     return len(named_runs) == 2 and len({kinds.kind_of(named.run) for named in named_runs}) == 1
 

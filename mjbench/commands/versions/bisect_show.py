@@ -65,7 +65,12 @@ def _conclusions(record: BisectRecord, count: int) -> Iterator[Conclusion]:
     ends = Conclusion(verdicts.describe_verdict(record.ends), _tone(record.ends.verdict))
     if record.ends.verdict not in (Verdict.SLOWER, Verdict.FASTER):
         yield ends
-        yield Conclusion("So there is nothing to search for.")
+        yield Conclusion(
+            "It is not certain whether there is anything to search for: repeat with a longer"
+            " --budget, or on a quieter machine"
+            if record.ends.verdict == Verdict.INCONCLUSIVE
+            else "So there is nothing to search for."
+        )
         return
     for change in record.changes:
         name = short_name(change.version, record.kind)

@@ -34,7 +34,8 @@ class FailOnOptions:
 
     findings: Sequence[GateFinding] | None = fail_on_option(
         tuple(GateFinding),
-        "Exit 3 when it cannot be decided: the verdict is inconclusive, it may be due to where a"
+        "`changed-work`: contacts, constraints, solver iterations or results of steps differ."
+        " Exit 3 when it cannot be decided: the verdict is inconclusive, it may be due to where a"
         " build's code lies in memory, or the work was not compared.",
     )
     allow_inconclusive: bool = option(

@@ -67,7 +67,7 @@ class JudgingOptions(BudgetOptions, SizeOptions):
 def _metric_help() -> str:
     meanings = "; ".join(f"`{metric}`, {spec.meaning}" for metric, spec in METRICS.items())
     notes = [spec.note for spec in METRICS.values() if spec.note]
-    return " ".join([f"What to compare: {meanings}.", *notes])
+    return " ".join([f"What to compare, one of these: {meanings}.", *notes])
 
 
 @dataclass(frozen=True, kw_only=True)

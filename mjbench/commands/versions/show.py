@@ -125,7 +125,7 @@ def _tone(row: VerdictRow) -> Tone:
 
 
 def label(row: VerdictRow) -> str:
-    name = f"{row.model}, {describe_targets(row)}"
+    name = _subject(row)
     return name if row.path in (BASE, "") else f"{name}, {row.path}"
 
 
@@ -167,7 +167,7 @@ def describe_verdict(row: VerdictRow) -> str:
     """Return a comparison as a sentence, such as `humanoid, 3.3.0 → 4.0.0: slower by 1.4 % …`."""
     spec = METRICS[row.metric]
     suffix = "" if spec.is_exact else spec.suffix
-    name = f"{row.model}, {describe_targets(row)}{suffix}"
+    name = f"{_subject(row)}{suffix}"
     outcome = f"{row.verdict}: " if row.verdict and row.ratio is None else ""
     return f"{name}: {outcome}{describe_change(row)}"
 
@@ -275,11 +275,19 @@ def _by_role(baseline: Sequence[str], candidate: Sequence[str]) -> list[str]:
     return [f"{role}: {line}" for role, of_role in lines.items() for line in of_role]
 
 
+def _subject(row: VerdictRow) -> str:
+    """Return what was compared: the model, unless each side names its own, and both sides."""
+    has_one_model = len({side.model for side in row.sides}) == 1
+    return f"{row.model}, {describe_targets(row)}" if has_one_model else describe_targets(row)
+
+
 def describe_targets(row: VerdictRow) -> str:
     baseline, candidate = (_settings(target) for target in row.sides)
     keys = [k for k in {**baseline, **candidate} if baseline.get(k) != candidate.get(k)]
     if keys in (["release"], ["rev"], ["packages"], []):
         return f"{row.old} → {row.new}"
+    if keys == ["model"]:
+        return " → ".join(side.model for side in row.sides)
     return " → ".join(
         " ".join(f"{key}={settings[key]}" for key in keys if key in settings) or "default"
         for settings in (baseline, candidate)

@@ -385,10 +385,10 @@ def test_a_file_of_an_earlier_version_has_none() -> None:
 
 def test_the_sentences_say_gain_and_interval_over_one_thread() -> None:
     text = thread_conclusion(advised(*scaled({1: 1.0, 2: 1.9, 4: 1.95})))
-    assert text.startswith("mujoco.rollout: 2 threads, 1.9")
+    assert text.startswith("mujoco.rollout: 2 threads are enough, 1.9")
     assert " × as fast (1." in text
-    assert text.endswith(") as one thread; 4 threads gain less than 5 % more")
+    assert text.endswith(") as one thread; up to 4 threads gain less than 5 % more")
     text = thread_conclusion(advised(*scaled({1: 1.0, 2: 0.9, 4: 0.7})))
-    assert text == "mujoco.rollout: one thread; no number up to 4 is certainly faster"
+    assert text == "mujoco.rollout: no number of threads up to 4 is certainly faster than one"
     text = thread_conclusion(advised(*scaled({1: 1.0, 2: 1.9, 4: 3.6})), names_size=True)
-    assert text.startswith("mujoco.rollout, 10 simulations: 4 threads, ")
+    assert text.startswith("mujoco.rollout, 10 simulations: 4 threads are enough, ")

@@ -86,16 +86,19 @@ def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp
     step_clock.StepClock(str(tmp_path), clock._calls, watch.Watch(str(tmp_path), clock._calls))
     clock.bursts.call_cost_ns = 30
     timed, count = clock._timed(lambda: None, call_clock.DISPATCH), 100_000
+    of_jax, counts = clock._calls.step_counts[0], set()
 
     def work():
         for _ in range(count):
             timed()
+            counts.add(of_jax())
             clock._now_ns.now_ns += 2_000
 
     work()
     clock.end()
     (call,) = read(tmp_path)
     assert call.calls == pytest.approx(count, rel=0.05)
+    assert len(counts) == count
     assert (
         clock.bursts.calls_timed * clock.bursts.call_cost_ns
         < 1.5 * call_bursts.MAX_COST_SHARE * clock._now_ns()

@@ -95,6 +95,20 @@ def test_a_finding_without_a_row_of_its_own_has_the_share_of_its_lines_with_its_
     assert [first.is_at(each.place) for each in lines] == [False, True, True]
 
 
+def test_one_call_saves_loops_with_the_steps_that_other_functions_make():
+    inside = [line(12, {PHYSICS: 0.5, PYTHON: 0.1}), line(16, {PHYSICS: 0.2, PYTHON: 0.1})]
+    time = replace(loop(line(40, {PHYSICS: 0.9, PYTHON: 0.1})), lines_on_stack=inside)
+    loops = [replace(finding("MJB020", number), last_line=number + 3) for number in (15, 11)]
+    (pair,) = listing.pairs([time], loops)
+    assert pair.ways is line_remedies.columns
+    (first,) = listing.remedies(time, loops, MeasuredRatios({pair: ratio(0.5)}))
+    assert (first.where, first.basis) == ("train.py:11–18", Basis.PAIRED)
+    assert first.share == pytest.approx(0.9)
+    assert first.gain == pytest.approx(0.9 - 0.5 * 0.7)
+    (first,) = listing.remedies(time, loops)
+    assert (first.basis, first.gain) == (Basis.BOUND, pytest.approx(0.9))
+
+
 def test_a_finding_on_the_line_of_a_step_does_not_save_the_step():
     time = loop(line(12, {PHYSICS: 0.7, PYTHON: 0.3}))
     (first,) = listing.remedies(time, [finding("MJB099", number=12)])
@@ -234,6 +248,13 @@ def test_a_model_that_is_built_leaves_the_loop_with_all_that_this_takes():
     shares = {Activity.BUILDING: 0.8, PHYSICS: 0.1, Activity.LOADING: 0.1}
     (remedy,) = listing.remedies(replace(time, activities=shares, building=building))
     assert (remedy.place.line, remedy.gain, remedy.basis) == (15, 0.9, Basis.BOUND)
+
+
+@pytest.mark.parametrize("loads", [0, 2])
+def test_models_that_are_built_before_the_steps_are_no_remedy(loads):
+    building = LineTime(Place("train.py", 15, "main", "scene()"), 0.9, {Activity.BUILDING: 0.9})
+    time = loop_of(step(seconds=1.0), call("compile", calls=loads, seconds=1.0))
+    assert listing.remedies(replace(time, building=building)) == []
 
 
 @pytest.mark.parametrize("loads", [2, 4])
@@ -557,6 +578,13 @@ def test_a_wait_for_others_saves_no_steps_of_theirs(waits_for):
     (wait,) = listing.remedies(time, others_busy_s=4.0)
     assert wait.gain == pytest.approx(0.6)
     assert listing.remedies(time, others_busy_s=9.9) == [], "somebody works all the time"
+
+
+@pytest.mark.parametrize(("package", "says"), [("gymnasium", "SyncVectorEnv"), ("", "message")])
+def test_environments_in_processes_can_be_stepped_in_one(package, says):
+    waiting = line(13, {Activity.PROCESSES: 0.9}, package=package)
+    (wait,) = listing.remedies(loop(line(12, {PHYSICS: 0.1}), waiting))
+    assert says in wait.text
 
 
 def test_processes_that_are_started_again_and_again_cost_their_whole_line():

@@ -33,7 +33,7 @@ PAIRS = [
     RemedyPair(line_remedies.named_access, by_wall_time=True),
     *(
         RemedyPair(getattr(line_remedies, name))
-        for name in ("new_array", "concatenation", "contacts")
+        for name in ("new_array", "concatenation", "contacts", "columns")
     ),
     RemedyPair(loop_remedies.no_timer),
     RemedyPair(loop_remedies.batch, on_threads=True),
@@ -233,3 +233,14 @@ def test_a_pair_on_threads_is_the_median_launch_with_the_interval_of_all(monkeyp
     ends = {q: (ratio.low, ratio.estimate, ratio.high) for q, ratio in ratios.items()}
     assert ends == {alone: (0.9, 0.9, 0.9), threaded: (0.5, 0.7, 1.4)}
     assert ratios[threaded].saved == 0.0
+
+
+def test_columns_by_steps_leave_the_state_as_one_call_does():
+    """Both leave what the program's own step then begins with."""
+    of_model, ends = model(), []
+    for way in ways(line_remedies.columns, of_model):
+        data = mujoco.MjData(of_model)
+        data.qvel[:] = 0.1
+        way.run(data)
+        ends.append([*data.qpos, *data.qvel])
+    assert ends[0] == ends[1]

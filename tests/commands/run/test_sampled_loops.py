@@ -161,6 +161,14 @@ def test_a_loop_that_waits_for_threads_that_step_comes_first_unless_it_joins_the
     assert [(time.loop.first, time.loop.last) for time in times] == loops
 
 
+def test_many_workers_do_not_hide_a_short_loop_of_the_main_process(file):
+    Path(file).write_text(f"{SOURCE}\nfor _ in range(9):\n    step()\n")
+    stepping = [Frame("work", file, 14), ENGINE]
+    workers = [samples([stepping] * 40, pid, pid) for pid in range(2, 10)]
+    times = sampled_loops.loop_times([samples([stacks(file)["step"]] * 4), *workers], 1)
+    assert [time.in_main for time in times] == [True, False]
+
+
 def test_a_forked_process_has_loops_of_its_own(file):
     import multiprocessing.process
 
@@ -365,6 +373,22 @@ def test_garbage_collections_are_an_activity_of_their_own(file):
     assert time.activities == pytest.approx(
         {Activity.PHYSICS: 0.5, Activity.PYTHON: 0.25, Activity.COLLECTION: 0.25}
     )
+
+
+def test_a_line_on_the_stack_has_the_steps_of_the_functions_that_it_calls(file):
+    calls = [Frame("main", file, 9), Frame("observe", file, 2)]
+    seen = [[*calls, ENGINE]] * 6 + [calls] * 2 + [stacks(file)["step"]] * 2
+    (time,) = sampled_loops.loop_times([samples(seen)], 1)
+    shares = {line.place.line: line.activities for line in time.lines_on_stack}
+    called = {Activity.PHYSICS: pytest.approx(0.6), Activity.PYTHON: pytest.approx(0.2)}
+    assert shares[9] == shares[2] == called
+
+
+def test_which_of_two_loops_collections_interrupt_is_not_known(file):
+    Path(file).write_text(f"{SOURCE}\nfor _ in range(9):\n    step()\n")
+    seen = [[Frame("<module>", file, 14), ENGINE], stacks(file)["step"]] * 20
+    both = sampled_loops.loop_times([samples(seen)], 1, collections_s={1: 1.0})
+    assert [time.activities for time in both] == [{Activity.PHYSICS: 1.0}] * 2
 
 
 def test_a_comprehension_is_a_part_of_its_line(file):

@@ -95,6 +95,8 @@ def test_a_bound_is_said_as_a_share_of_the_loop() -> None:
         "first, physics at train.py:7: 50 % of the loop in train.py:5–9; do otherwise; that saves"
         " at most 40 %"
     )
+    all_of_it = replace(remedy(Basis.BOUND), share=None)
+    assert program.conclusion(row(MIXED, all_of_it)).endswith("; that saves at most 40 %")
 
 
 def test_a_loop_that_only_waits_comes_first_only_if_its_waiting_can_be_shorter() -> None:
@@ -399,6 +401,16 @@ def steps(count: int = 5000, late: int = 0, factor: float = 1.0, **more: Any) ->
     return StepTimes(
         1, 10.0, count, 500.0, factor, engine, iteration, False, {}, cost_share=0.0, **values
     )
+
+
+def test_a_timer_that_holds_two_stages_is_named_by_both() -> None:
+    timed = replace(steps(), stages={"kinematics": 0.6, "constraint solver": 0.4})
+    seen = replace(row(MIXED), steps=[timed])
+    text = terminal.text_of(program.sections([seen]))
+    assert "Stages of the engine: kinematics and tendons 60 %, constraint solver 40 %" in text
+    cost = PhysicsCost(1.0, {"kinematics": 0.4, "tendons": 0.2, "constraint solver": 0.4}, [])
+    text = terminal.text_of(program.sections([replace(seen, physics=cost)]))
+    assert "kinematics 40 %, constraint solver 40 %, tendons 20 %" in text
 
 
 PACED = loop({Activity.SLEEPING: 0.9, Activity.PHYSICS: 0.1})

@@ -209,6 +209,20 @@ def test_what_a_call_costs_the_program_is_learned_from_its_bursts(started):
     assert clock.cold_ns == clock.timed_ns
 
 
+@pytest.mark.parametrize("fastest_ns", [0, 2 * CALL_NS])
+def test_the_count_of_steps_changes_with_each_step(started, monkeypatch, fastest_ns):
+    """Whether steps are timed, pass through, or reach the engine's own functions."""
+    monkeypatch.setattr(step_clock, "FASTEST_PASSED_NS", fastest_ns)
+    monkeypatch.setattr(call_bursts, "FREE_COST_NS", 0)
+    started.clock.timed_ns = started.clock.cold_ns = CALL_NS
+    model, data = simulation()
+    counts = set()
+    for _ in range(3 * call_bursts.BURST_CALLS):
+        started.module.mj_step(model, data)
+        counts.add(started.clock._calls.step_counts[0]())
+    assert len(counts) == 3 * call_bursts.BURST_CALLS
+
+
 def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):
     monkeypatch.setattr(step_clock, "FASTEST_PASSED_NS", 2 * CALL_NS)
     monkeypatch.setattr(call_bursts, "FREE_COST_NS", 0)
@@ -461,6 +475,11 @@ def test_tracebacks_do_not_show_the_clock(tmp_path):
     assert done.returncode == 1
     assert "TypeError" in done.stderr
     assert "hook" not in done.stderr
+
+
+def test_a_program_that_is_interrupted_ends_without_a_traceback(tmp_path):
+    done, _ = program(tmp_path, STEPS + "\nimport _thread\n_thread.interrupt_main()")
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
 
 
 def test_what_a_program_does_with_the_engines_functions_works_as_before(tmp_path):

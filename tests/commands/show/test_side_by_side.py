@@ -66,6 +66,19 @@ def test_runs_of_different_models_are_a_pair_only_if_asked() -> None:
     assert pair_of(two, across=True) == two
 
 
+def test_two_runs_that_are_no_pair_say_why() -> None:
+    verdict, profiled = named(SAME), named(profile("humanoid"))
+    profiled = NamedRun(
+        profiled.file, replace(profiled.run, header=replace(profiled.run.header, command="profile"))
+    )
+    text = side_by_side.of_two_subjects([verdict, profiled])
+    assert text == "Not compared: one run is of `versions`, the other of `profile`"
+    text = side_by_side.of_two_subjects([verdict, named(of_model(SAME, "other"))])
+    assert text == "Not compared: one run is of m, the other of other; --across compares them"
+    assert side_by_side.of_two_subjects([verdict, verdict]) == ""
+    assert side_by_side.of_two_subjects([verdict, named()]) == "", "it measured nothing"
+
+
 def test_a_machine_that_became_slower_itself_is_said_to() -> None:
     pair = [named(SAME, machine=replace(DESK, reference_ns=ns)) for ns in (100.0, 150.0)]
     section = side_by_side.section(pair, ())

@@ -12,6 +12,7 @@ from mjbench.commands.versions.bisect import (
     VersionKind,
     VersionRow,
 )
+from mjbench.paired.outcomes import Verdict
 from mjbench.status import Status
 
 SEVEN = VersionRow(7, "7" * 40, "Copy states")
@@ -55,6 +56,14 @@ def test_commits_that_may_be_it_instead_are_named() -> None:
 def test_ends_that_do_not_differ_leave_nothing_to_search_for() -> None:
     record = replace(RECORD, ends=SAME.row(), changes=[])
     assert sentences(record)[1:] == ["So there is nothing to search for."]
+
+
+def test_ends_that_stay_inconclusive_ask_for_more_time() -> None:
+    ends = replace(SAME, verdict=Verdict.INCONCLUSIVE).row()
+    assert sentences(replace(RECORD, ends=ends, changes=[]))[1:] == [
+        "It is not certain whether there is anything to search for: repeat with a longer --budget,"
+        " or on a quieter machine"
+    ]
 
 
 def test_a_search_that_failed_says_why() -> None:

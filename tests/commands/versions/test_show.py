@@ -149,6 +149,14 @@ def test_only_what_differs_between_the_targets_is_named() -> None:
     assert verdicts.describe_targets(row) == "default → solver=cg"
 
 
+def test_a_headline_names_each_of_two_models_once() -> None:
+    sides = replace(OLD, model="a.xml"), replace(OLD, model="b.xml")
+    row = replace(ROW, model="b.xml", sides=sides)
+    assert verdicts.describe_verdict(row).startswith("a.xml → b.xml: slower by")
+    row = replace(row, sides=(sides[0], replace(sides[1], model_options={"solver": "cg"})))
+    assert verdicts.describe_verdict(row).startswith("model=a.xml → model=b.xml solver=cg: slower")
+
+
 def test_comparisons_are_summed_up_together() -> None:
     slower = replace(ROW, verdict=Verdict.SLOWER, e_slower=5000.0, e_faster=0.0)
     same = replace(ROW, model="pile", verdict=Verdict.SAME, e_slower=0.1, e_faster=0.1)

@@ -162,6 +162,10 @@ class CallBursts:
     def begins(self) -> bool:
         return not self._burst_calls
 
+    def count(self) -> int:
+        passed = self._planned_to_pass - self.to_pass
+        return self.calls_timed + self._burst_calls + self._calls_passed + passed
+
     def begin(self) -> None:
         if not self._burst_calls:
             self._pass_on()

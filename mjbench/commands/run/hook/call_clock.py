@@ -50,6 +50,15 @@ EAGER_MJX, COPIED_ENVIRONMENT = "mjx.step", "copy of an environment"
 COPY_OF_DATA, DEEP_COPY_OF_DATA = COPIES_OF_DATA = "copy of MjData", "deep copy of MjData"
 # Functions of the engine that are timed with steps; each is called with a model and its data.
 STEPS = ("mj_step", "mj_step1", "mj_step2")
+# What loads or compiles a model. Several models without a step between them are one set-up.
+LOADERS = (
+    "from_xml_path",
+    "from_xml_string",
+    "from_binary_path",
+    "from_file",
+    "from_string",
+    "compile",
+)
 # Functions of JAX that are timed in bursts.
 FAST_JAX = (DISPATCH, DEVICE_WAIT, TRANSFER)
 FAST = (
@@ -89,6 +98,7 @@ class CallClock:
         self._folder, self._now_ns = folder, now_ns
         self.is_own: dict[str, bool] = {}
         self.before_steps: Callable[[], None] = lambda: None  # called before a call that steps
+        self.step_counts: list[Callable[[], int]] = []  # each changes when the program steps
         self.begin_process()
 
     def begin_process(self) -> None:
@@ -100,6 +110,8 @@ class CallClock:
         self._next = itertools.count(1).__next__
         self._has_compiled = False
         self.cost_ns = 0  # of calls that are timed in bursts of their own
+        self._calls_of_steps = 0  # that step many times, such as rollouts
+        self._steps_at_load: dict[str, int] = {}  # by what loads
         self.inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self.is_observing = True  # until the first step, all is seen
         path = os.path.join(self._folder, f"{os.getpid()}.calls")
@@ -292,6 +304,8 @@ class CallClock:
                     before(args)
             if steps is not None:
                 self.before_steps()
+                self._calls_of_steps += 1
+            is_counted = callee not in LOADERS or self._has_stepped(callee)
             self.inside.add(thread)
             begin_ns = now_ns()
             result = None
@@ -306,9 +320,16 @@ class CallClock:
                 with suppress(Exception):
                     counts = steps(args, kwargs, result) if steps is not None else counts
                     details = detail(args, kwargs, result) if detail is not None else details
-                self.add(callee, sys._getframe(1), begin_ns, end_ns, *counts, detail=details)
+                frame = sys._getframe(1)
+                self.add(callee, frame, begin_ns, end_ns, *counts, int(is_counted), detail=details)
 
         return named_like(function, call)
+
+    def _has_stepped(self, loader: str) -> bool:
+        """Return whether the process has stepped since it last loaded a model in this way."""
+        steps = self._calls_of_steps + sum(count() for count in self.step_counts)
+        earlier, self._steps_at_load[loader] = self._steps_at_load.get(loader, 0), steps
+        return steps != earlier
 
     def callback(self, function: Any, name: str) -> Any:
         """Return what stands for a callback of MuJoCo, which is timed while steps are."""

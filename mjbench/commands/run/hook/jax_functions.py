@@ -57,6 +57,7 @@ class JaxFunctions:
     ) -> None:
         self._calls, self._now_ns = calls, now_ns
         self.bursts = CallBursts(calls, now_ns, processor_ns)
+        calls.step_counts.append(self.bursts.count)
         self.begin_process()
 
     def begin_process(self) -> None:

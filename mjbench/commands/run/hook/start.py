@@ -141,7 +141,8 @@ def _hide_clocks(folder: str) -> None:
         frames = _without_own(frames)
         with contextlib.suppress(Exception):  # the disk is full, or its own `__str__` raises
             _note_exception(os.path.join(folder, f"{os.getpid()}.exception"), error, frames)
-        earlier(kind, error, frames)
+        if not issubclass(kind, KeyboardInterrupt):  # the user or mjbench ended the program
+            earlier(kind, error, frames)
 
     sys.excepthook = report
     import threading

@@ -58,6 +58,7 @@ class StepClock:
         bursts = CallBursts(calls, now_ns, processor_ns)
         self._others = EngineCalls(self, self._burst, bursts, watch, now_ns)
         calls.before_steps = self._note_first
+        calls.step_counts.append(self._count)
         self._originals: dict[str, Any] = {}
         self._timed: dict[str, Any] = {}
         self._module: ModuleType | None = None
@@ -288,6 +289,12 @@ class StepClock:
 
     def _passed(self) -> int:
         return self._calls_passed + self._planned_to_pass - self.to_pass
+
+    def _count(self) -> int:
+        """Return what changes when the program steps."""
+        if self._is_away:
+            return self._now_ns()
+        return self._calls_timed + self.burst_calls + self._passed()
 
     def _cost_ns(self) -> int:
         own_ns = self._calls_timed * self.cold_ns + self._passed() * self.passed_ns

@@ -343,14 +343,7 @@ CALL_REMEDIES = (
         codes=("MJB005", "MJB010"),
     ),
     CallRemedy(
-        callees=(
-            "from_xml_path",
-            "from_xml_string",
-            "from_binary_path",
-            "from_file",
-            "from_string",
-            "compile",
-        ),
+        callees=call_clock.LOADERS,
         text="compile the model once before the loop (in a pool of processes, by its initializer):"
         " change the compiled model, or keep a pool of bodies and move those that are not needed"
         " away",

@@ -102,8 +102,8 @@ class CallRemedy:
         if self.overlaps:
             waits = [call for call in calls.loop.calls if call.callee in self.callees]
             gain = min(gain, 1 - share_of(calls.loop, waits))
-        if self.keeps_first and calls.count > 1:
-            gain *= 1 - 1 / calls.count
+        if self.keeps_first:
+            gain *= 1 - 1 / max(1.0, calls.count)
         return replace(saving, gain=gain)
 
     def _saved_at_most(self, calls: CallsInLoop, measured: MeasuredRatios) -> Saving | None:

@@ -1,5 +1,6 @@
 """What to do about lines that samples show: a row for each remedy, with its two ways."""
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,12 +11,18 @@ import numpy as np
 
 from mjbench.commands.lint import rules as lint_rules
 from mjbench.commands.lint.check import Finding
-from mjbench.commands.run.activities import Place
-from mjbench.commands.run.loop_time import LineTime, LoopTime
+from mjbench.commands.run.activities import Activity, Place
+from mjbench.commands.run.loop_time import LineTime, LoopTime, error_of
 from mjbench.commands.run.remedies.call_savings import Saving, count_of, steps_of
 from mjbench.commands.run.remedies.remedy import Basis
-from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPair, TimedWay
+from mjbench.commands.run.remedies.remedy_pairs import (
+    MeasuredRatios,
+    RemedyPair,
+    TimedWay,
+    TimeRatio,
+)
 from mjbench.commands.run.source_loops import loop_within_step
+from mjbench.simulation import compat
 
 # What a line calls, and the functions that only create an array.
 _CALLED = re.compile(r"(\w+)\(")
@@ -64,6 +71,24 @@ def contacts(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWa
     )
 
 
+def columns(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
+    """Return the steps of finite differences, one for each column, and the one call for all."""
+    size, state = 2 * model.nv + model.na, np.empty(compat.state_size(model))
+    by_state, by_control = np.empty((size, size)), np.empty((size, model.nu))
+
+    def by_steps(data: mujoco.MjData) -> None:
+        compat.get_state(model, data, state)
+        for _ in range(size + model.nu):
+            compat.set_state(model, data, state)
+            mujoco.mj_step(model, data)
+        compat.set_state(model, data, state)
+
+    def by_call(data: mujoco.MjData) -> None:
+        mujoco.mjd_transitionFD(model, data, 1e-6, False, by_state, by_control, None, None)
+
+    return TimedWay(by_steps), TimedWay(by_call)
+
+
 @dataclass(frozen=True)
 class LineRemedy:
     """How to measure what lint's rule `code` saves at a line that samples show."""
@@ -86,6 +111,9 @@ LINE_REMEDIES = (
     LineRemedy(re.compile(""), RemedyPair(new_array), lint_rules.NEW_ARRAY),
     LineRemedy(re.compile(r"\bin\b.*\.contact\b(?!\.)"), RemedyPair(contacts), "MJB019"),
 )
+
+# By code of lint: loops of which steps and Python go together, and their steps beside the call.
+LOOP_PAIRS = {"MJB020": RemedyPair(columns)}
 
 
 def line_remedies(
@@ -113,6 +141,17 @@ def has_row(finding: Finding, lines: Sequence[LineTime]) -> bool:
         for row in LINE_REMEDIES
         for text in texts
     )
+
+
+def saved_with_steps(lines: Sequence[LineTime], ratio: TimeRatio | None, samples: int) -> Saving:
+    """Return what one call saves in place of whole loops: their Python, and a part of the steps."""
+    share = min(1.0, sum(line.share for line in lines))
+    if ratio is None:
+        return Saving(share, share, Basis.BOUND)
+    steps = sum(line.activities.get(Activity.PHYSICS, 0.0) for line in lines)
+    gain = share - steps * (1 - ratio.saved)
+    error = math.hypot(error_of(gain, samples), steps * ratio.saved * ratio.relative_error)
+    return Saving(gain, share, Basis.PAIRED, error / gain if gain else 0.0)
 
 
 def saved(

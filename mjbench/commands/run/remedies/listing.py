@@ -62,6 +62,11 @@ def pairs(
             if _avoidable(line) >= LEAST_GAIN
             for remedy, _ in line_remedies.line_remedies(line.place, findings)
         ]
+        asked += [
+            pair
+            for code, pair in line_remedies.LOOP_PAIRS.items()
+            if _lines_of(loop.lines_on_stack, [each for each in findings if each.code == code])
+        ]
     return list(dict.fromkeys(asked))
 
 
@@ -202,6 +207,7 @@ def _of_lines(
 ) -> Iterator[Remedy]:
     """Yield what to do about each line that has a remedy of its own, and each that lint finds."""
     yield from _of_findings(loop, findings)
+    yield from _of_whole_loops(loop, findings, measured)
     joined: list[Remedy] = []
     for line in sorted(loop.lines, key=lambda line: line.place.position):
         if _avoidable(line) >= LEAST_GAIN and not _is_of_calls(loop, line):
@@ -238,13 +244,8 @@ def _of_findings(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[Remedy
     """Yield what lint says of lines whose remedy no row of a table knows, with their share."""
     by_line = {(each.file, each.line, each.code): each for each in reversed(findings)}
     for finding in reversed(by_line.values()):
-        last = finding.last_line or finding.line
-        lines = [
-            line
-            for line in loop.lines
-            if line.place.file == finding.file and finding.line <= line.place.line <= last
-        ]
-        has_row = line_remedies.has_row(finding, lines)
+        lines = _lines_of(loop.lines, [finding])
+        has_row = finding.code in line_remedies.LOOP_PAIRS or line_remedies.has_row(finding, lines)
         if not lines or finding.is_wrong_result or finding.code in _BY_CALLS or has_row:
             continue
         # a step on the line of a finding about one line stays
@@ -258,6 +259,47 @@ def _of_findings(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[Remedy
                 loop, next(iter(shares)), place, finding.message, share, RemedyKind.LINE
             )
             yield replace(remedy, code=finding.code, share=share, last_line=finding.last_line)
+
+
+def _of_whole_loops(
+    loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios
+) -> Iterator[Remedy]:
+    """Yield what to do about loops that one call replaces, which are one thing to do."""
+    for code, pair in line_remedies.LOOP_PAIRS.items():
+        of_code = sorted(
+            (each for each in findings if each.code == code), key=lambda each: each.line
+        )
+        if not (lines := _lines_of(loop.lines_on_stack, of_code)):
+            continue
+        first = min(lines, key=lambda line: line.place.position).place
+        of_file = [each for each in of_code if each.file == first.file]
+        saving = line_remedies.saved_with_steps(lines, measured.ratios.get(pair), loop.samples)
+        error = saving.relative_error
+        yield Remedy(
+            RemedyKind.LINE,
+            Activity.PHYSICS,
+            Place(first.file, of_file[0].line, first.function),
+            of_file[0].message,
+            saving.gain,
+            None if error is None else saving.gain * error,
+            code,
+            basis=saving.basis,
+            share=saving.share,
+            effect="nothing but rounding",
+            last_line=max(each.last_line or each.line for each in of_file),
+        )
+
+
+def _lines_of(lines: Sequence[LineTime], findings: Sequence[Finding]) -> list[LineTime]:
+    return [
+        line
+        for line in lines
+        if any(
+            each.file == line.place.file
+            and each.line <= line.place.line <= (each.last_line or each.line)
+            for each in findings
+        )
+    ]
 
 
 def _avoidable(line: LineTime) -> float:

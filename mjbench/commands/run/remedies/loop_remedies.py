@@ -9,7 +9,7 @@ from mjbench import formats
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import ArgumentChange, Incident
 from mjbench.commands.run.hook import argument_types, call_clock
-from mjbench.commands.run.loop_time import FEW_SAMPLES, LoopTime
+from mjbench.commands.run.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime
 from mjbench.commands.run.remedies.call_savings import (
     count_of,
     seconds_of,
@@ -31,9 +31,13 @@ _MESSAGES_ADVICE: Mapping[Activity, str] = {
     " steps for each wait; `mjbench compare MODEL --paths python_loop,threads,batch_step` says what"
     " threads and mujoco.batch.Batch gain",
 }
+# What to do where the line that waits calls Gymnasium.
+_VECTOR_ADVICE = (
+    "the loop waits and no process works meanwhile: SyncVectorEnv steps the environments without"
+    " messages; `mjbench env` times both"
+)
 _COLLECTION_ADVICE = (
-    "garbage collection: call gc.disable() before the loop, and gc.collect() where a pause does no"
-    " harm"
+    "call gc.disable() before the loop, and gc.collect() where a pause does no harm"
 )
 # What to do where JAX compiles again, by what differs in an argument.
 _RECOMPILED_ADVICE: Mapping[str, str] = {
@@ -64,12 +68,16 @@ def of_samples(
     return Remedy(kind, activity, place, text, share, loop.error(share))
 
 
+def _main_line(loop: LoopTime, activity: Activity) -> LineTime | None:
+    lines = [line for line in loop.lines if activity in line.activities]
+    return max(lines, key=lambda line: line.activities[activity], default=None)
+
+
 def _of_activity(
     loop: LoopTime, activity: Activity, text: str, share: float, kind: RemedyKind
 ) -> Remedy:
     """Return what to do about an activity as a whole, at the line where most of it is."""
-    lines = [line for line in loop.lines if activity in line.activities]
-    most = max(lines, key=lambda line: line.activities[activity], default=None)
+    most = _main_line(loop, activity)
     return of_samples(loop, activity, most.place if most else None, text, share, kind)
 
 
@@ -91,6 +99,9 @@ def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
     for activity, text in _MESSAGES_ADVICE.items():
         if share := loop.activities.get(activity):
             idle = min(share, max(0.0, 1 - others_busy_s / loop.seconds))
+            line = _main_line(loop, activity)
+            if activity == Activity.PROCESSES and line and line.package == "gymnasium":
+                text = _VECTOR_ADVICE
             yield _of_activity(loop, activity, text, idle, RemedyKind.ACTIVITY)
 
 
@@ -114,11 +125,14 @@ def of_pools(loop: LoopTime, pools: ThreadPools | None) -> Iterator[Remedy]:
 
 
 def of_building(loop: LoopTime) -> Remedy | None:
-    """Return what to do where samples show more of models that are built than calls that load."""
+    """Return what to do where samples show more of models that are built than calls that load.
+
+    Models that are built before the first steps, or beside each other, are the set-up of a loop.
+    """
     line = loop.building
-    if line is None or loop.samples < FEW_SAMPLES:
-        return None
     loading = [call for call in loop.calls if call.activity == Activity.LOADING]
+    if line is None or loop.samples < FEW_SAMPLES or count_of(loading) < LEAST_REPEATS:
+        return None
     is_call = any(call.place.position == line.place.position for call in loading)
     if is_call and line.activities.get(Activity.BUILDING, 0.0) < LEAST_GAIN:
         return None
