@@ -10,7 +10,6 @@ their code before you commit the tally: the page says that none is false.
 """
 
 import sys
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,14 +78,12 @@ def tally_of(package: Package, root: Path) -> SourceTally:
 
 
 def lines(tally: LintTally) -> Iterator[str]:
-    """Yield how many findings there are, in what, and of which rules."""
+    """Yield how many findings there are, and in what."""
     files = sum(each.files for each in tally.packages)
-    names = [f"{each.package.name} {each.package.version}" for each in tally.packages]
-    counts = sorted(Counter(finding.code for _, finding in tally).items())
+    names = ", ".join(each.package.name for each in tally.packages)
     yield (
-        f"In the {files:,} Python files of {', '.join(names)}, lint has {len([*tally])} findings"
-        f" ({', '.join(f'{code} × {count}' for code, count in counts)})."
-        " Each was read in its code, and none is false."
+        f"In {files:,} Python files of {names} (releases in `results/{TALLY.name}`), lint has"
+        f" {len([*tally])} findings. Each was read in its code, and none is false."
     )
 
 

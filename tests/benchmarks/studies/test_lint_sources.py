@@ -36,7 +36,10 @@ def test_a_finding_is_printed_until_the_tally_has_it(
     assert capsys.readouterr().out == ""
     tally = tally_file.load(tmp_path / "tally.json", LintTally, "lint")
     assert [*tally] == [(PACKAGE, SourceFinding("loop.py", 5, "MJB001"))]
-    assert "In the 1 Python files of robots 1.0, lint has 1 findings" in page.read_text()
+    assert (
+        "In 1 Python files of robots (releases in `results/tally.json`), lint has 1 findings"
+        in page.read_text()
+    )
 
 
 def test_the_page_has_the_committed_tally() -> None:
