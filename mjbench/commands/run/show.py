@@ -157,12 +157,18 @@ def beside_remedies(row: ProgramRow) -> str | None:
         return _mostly_physics(row, time)
     is_known = time.is_half_physics and time.samples >= FEW_SAMPLES
     has_most = is_known and (costly is None or costly.share < physics)
-    if remedy is not None and (costly is None or costly.share <= gain):
+    if remedy is not None and (costly is None or costly.share <= _taken(remedy)):
         return None
     if has_most:
-        beside = "" if costly is None else f". {_without_remedy(time, costly)}"
+        beside = "" if costly is None else f"; {costly.with_share}, no change is known for this"
         return f"{_mostly_physics(row, time)}{beside}"
     return _nothing_to_do(time, costly) if remedy is None else _without_remedy(time, costly)
+
+
+def _taken(remedy: Remedy) -> float:
+    """Return the share of what a remedy is about; of the timer, which all steps read, its gain."""
+    gain = remedy.gain or 0.0
+    return gain if remedy.kind == RemedyKind.CLOCK else max(gain, remedy.share or 0.0)
 
 
 def _no_loop(row: ProgramRow) -> str:

@@ -265,6 +265,8 @@ def test_only_an_mjdata_of_each_new_model_needs_no_advice(loads):
     listed = listing.remedies(loop_of(step(seconds=3.0), loading, created, copied))
     lines = {each.place.line for each in listed}
     assert lines == ({13, 15} if loads == 4 else {14, 15})
+    if loads == 4:  # the MjData of each model goes with it
+        assert next(r for r in listed if r.place.line == 13).share == pytest.approx(0.2)
 
 
 def test_who_copies_a_model_is_told_that_several_mjdata_share_one():

@@ -252,9 +252,11 @@ def test_physics_comes_before_what_costs_less_than_it_with_its_costliest_line() 
     ]
     mixed = loop({Activity.PHYSICS: 0.7, Activity.NUMPY: 0.3})
     mixed = replace(mixed, lines=[*of_steps, *lines(0.2, activity=Activity.PHYSICS), *lines(0.3)])
-    said = program.conclusion(row(mixed, replace(remedy(), gain=0.1)))
+    said = program.conclusion(row(mixed, replace(remedy(), gain=0.1, share=0.1)))
     assert said.startswith("physics takes 70 % of the loop in train.py:5–9, 50 % at train.py:8.")
-    assert "your own Python and NumPy at train.py:5: 30 % of the loop" in said
+    assert "; your own Python and NumPy at train.py:5: 30 %, no change is known for this" in said
+    of_line = replace(remedy(), gain=0.1, share=0.4)
+    assert program.conclusion(row(mixed, of_line)).startswith("first, at train.py:7, do otherwise")
     assert "Then, at train.py:7, do otherwise" in said
 
 

@@ -235,7 +235,8 @@ def _functions_pair(calls: CallsInLoop) -> RemedyPair:
 
 
 def _rays_pair(calls: CallsInLoop) -> RemedyPair:
-    of_step = calls.count / calls.nstep if calls.nstep else _USUAL_RAYS
+    steps = count_of(steps_of(calls.loop.calls))
+    of_step = calls.count / steps if steps else _USUAL_RAYS
     return RemedyPair(rays, simulations=min(_MOST_RAYS, max(1, round(of_step))))
 
 

@@ -143,6 +143,10 @@ def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRe
         if remedy.is_of_loop and by_place:
             place = max(by_place, key=lambda each: seconds_of(by_place[each]))
             by_place = {place: [call for calls in by_place.values() for call in calls]}
+            created = [call for call in loop.calls if call.callee == "MjData"]
+            if by_place[place][0].activity == Activity.LOADING and created:
+                # an MjData of each new model is created once, too
+                by_place[place] += created if _are_of_new_models(loop, created) else []
         for place, calls in by_place.items():
             is_said = (remedy.callees, place) in said
             if is_said or _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
