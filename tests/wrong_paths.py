@@ -26,6 +26,9 @@ class _Wrong(paths.SteppingPath):
     closed_loop = True
     products = tuple(Product)
 
+    def __init_subclass__(cls) -> None:
+        cls.name = vars(cls).get("name", f"wrong_paths:{cls.__name__}")
+
     def prepare(
         self, workload: Workload, options: paths.Options, resources: paths.Resources
     ) -> paths.Prepared:
@@ -51,8 +54,6 @@ class _Wrong(paths.SteppingPath):
 
 
 class Right(_Wrong):
-    name = "wrong_paths:Right"
-
     def prepare(
         self, workload: Workload, options: paths.Options, resources: paths.Resources
     ) -> paths.Prepared:
@@ -67,8 +68,6 @@ class Right(_Wrong):
 
 
 class ColdWarmStart(_Wrong):
-    name = "wrong_paths:ColdWarmStart"
-
     def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         columns = compat.state_columns(workload.model)
         cold = workload.initial_state.copy()
@@ -77,30 +76,22 @@ class ColdWarmStart(_Wrong):
 
 
 class OneStepFewer(_Wrong):
-    name = "wrong_paths:OneStepFewer"
-
     def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         return workload.initial_state, workload.control[:, :-1]
 
 
 class ControlShifted(_Wrong):
-    name = "wrong_paths:ControlShifted"
-
     def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         return workload.initial_state, np.roll(workload.control, 1, axis=1)
 
 
 class LastUnstepped(_Wrong):
-    name = "wrong_paths:LastUnstepped"
-
     def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         return workload.initial_state[:-1], workload.control[:-1]
 
 
 class LateError(_Wrong):
     """Wrong from the 30th control on."""
-
-    name = "wrong_paths:LateError"
 
     def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         control = workload.control.copy()
@@ -110,8 +101,6 @@ class LateError(_Wrong):
 
 class Memo(Right):
     """Steps once, and returns that result ever after."""
-
-    name = "wrong_paths:Memo"
 
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         outputs = [resources.final_state(), *resources.step_outputs().arrays]
@@ -130,8 +119,6 @@ class Memo(Right):
 class MemoWhenTimed(Right):
     """Right until it is timed; then it returns the result of the warm-up ever after."""
 
-    name = "wrong_paths:MemoWhenTimed"
-
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         results: list[np.ndarray] = []
 
@@ -146,8 +133,6 @@ class MemoWhenTimed(Right):
 
 class NoSensors(_Wrong):
     """Steps a copy of the model that computes no sensors."""
-
-    name = "wrong_paths:NoSensors"
 
     def model(self, workload: Workload) -> mujoco.MjModel:
         model = copy.copy(workload.model)
@@ -170,19 +155,15 @@ class DropsInputs(_Wrong):
 
 
 class DropsXfrc(DropsInputs):
-    name = "wrong_paths:DropsXfrc"
     fields = ("xfrc_applied", "qfrc_applied", "userdata")
 
 
 class DropsUserdata(DropsInputs):
-    name = "wrong_paths:DropsUserdata"
     fields = ("userdata",)
 
 
 class CopiesInput(_Wrong):
     """Takes one field of the start states, `field`, from another simulation, `source`."""
-
-    name = "wrong_paths:CopiesInput"
 
     def prepare(
         self, workload: Workload, options: paths.Options, resources: paths.Resources
@@ -209,8 +190,6 @@ class CopiesInput(_Wrong):
 class WrongMiddle(Right):
     """Returns a wrong state after the third step, and right ones before and after."""
 
-    name = "wrong_paths:WrongMiddle"
-
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         state = resources.step_outputs().state
 
@@ -225,16 +204,12 @@ class WrongMiddle(Right):
 class SharedModel(Right):
     """Changes the model that all paths share."""
 
-    name = "wrong_paths:SharedModel"
-
     def before(self, workload: Workload) -> None:
         workload.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
 
 
 class SharedModelWhenTimed(Right):
     """Changes the shared model in a timed block."""
-
-    name = "wrong_paths:SharedModelWhenTimed"
 
     def prepare(
         self, workload: Workload, options: paths.Options, resources: paths.Resources
@@ -248,21 +223,16 @@ class SharedModelWhenTimed(Right):
 class ClaimsTrajectories(Right):
     """Says that it returns states of every step, and does not."""
 
-    name = "wrong_paths:ClaimsTrajectories"
-
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         return dataclasses.replace(prepared, step_outputs=None)
 
 
 class FinalOnly(Right):
-    name = "wrong_paths:FinalOnly"
     products = (Product.FINAL,)
 
 
 class WrongWhenTimed(Right):
     """Right when verified, wrong from the second timed block on."""
-
-    name = "wrong_paths:WrongWhenTimed"
 
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         right, calls = prepared.run, 0
@@ -278,30 +248,22 @@ class WrongWhenTimed(Right):
 
 
 class Crashes(Right):
-    name = "wrong_paths:Crashes"
-
     def before(self, workload: Workload) -> None:
         _crash()
 
 
 class Hangs(Right):
-    name = "wrong_paths:Hangs"
-
     def before(self, workload: Workload) -> None:
         _hang()
 
 
 class Raises(Right):
-    name = "wrong_paths:Raises"
-
     def before(self, workload: Workload) -> None:
         raise RuntimeError("out of luck")
 
 
 class Tells(Right):
     """Right; writes to a pipe once it is prepared, for a test that waits for it."""
-
-    name = "wrong_paths:Tells"
 
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         pipe = Path(os.environ["MJBENCH_TEST_PIPE"])
@@ -313,16 +275,12 @@ class Tells(Right):
 class CrashesWhenTimed(Right):
     """Right when verified; its fourth run, the first of a timed round, crashes."""
 
-    name = "wrong_paths:CrashesWhenTimed"
-
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         return _with_late_fault(prepared, _crash)
 
 
 class HangsWhenTimed(Right):
     """Right when verified; its fourth run, the first of a timed round, never ends."""
-
-    name = "wrong_paths:HangsWhenTimed"
 
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         return _with_late_fault(prepared, _hang)
@@ -354,8 +312,6 @@ def _with_late_fault(prepared: paths.Prepared, fault: Callable[[], None]) -> pat
 class RaisesWhenTimed(Right):
     """Right when verified; its fourth run, the first of a timed round, raises."""
 
-    name = "wrong_paths:RaisesWhenTimed"
-
     def changed(self, prepared: paths.Prepared, resources: paths.Resources) -> paths.Prepared:
         return _with_late_fault(prepared, _exit)
 
@@ -365,44 +321,32 @@ def _exit() -> None:
 
 
 class Exits(Right):
-    name = "wrong_paths:Exits"
-
     def before(self, workload: Workload) -> None:
         os._exit(0)
 
 
 class UnsuitedRaises(Right):
-    name = "wrong_paths:UnsuitedRaises"
-
     def unsuited(self, workload: Workload, options: paths.Options) -> str | None:
         raise RuntimeError("cannot\ntell")
 
 
 class UnsuitedIsNoText(Right):
-    name = "wrong_paths:UnsuitedIsNoText"
-
     def unsuited(self, workload: Workload, options: paths.Options) -> str | None:
         return 7  # type: ignore[return-value]
 
 
 class PrepareInterrupts(Right):
-    name = "wrong_paths:PrepareInterrupts"
-
     def before(self, workload: Workload) -> None:
         raise KeyboardInterrupt
 
 
 class SnippetRaises(Right):
-    name = "wrong_paths:SnippetRaises"
-
     def snippet(self, workload: Workload, options: paths.Options) -> str:
         raise LookupError("none")
 
 
 class MessageRaises(Right):
     """Raises an exception that cannot be printed."""
-
-    name = "wrong_paths:MessageRaises"
 
     def before(self, workload: Workload) -> None:
         raise UnprintableError
@@ -415,8 +359,6 @@ class UnprintableError(Exception):
 
 class Untidy(Right):
     """Right, but it changes its process: folder, output, signals, threads."""
-
-    name = "wrong_paths:Untidy"
 
     def prepare(
         self, workload: Workload, options: paths.Options, resources: paths.Resources
@@ -432,8 +374,6 @@ class Untidy(Right):
 
 
 class VariantsRaise(Right):
-    name = "wrong_paths:VariantsRaise"
-
     def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
         raise RuntimeError("no variants")
 
@@ -443,25 +383,19 @@ class NameIsNoText(Right):
 
 
 class OptionsAreNoOptions(Right):
-    name = "wrong_paths:OptionsAreNoOptions"
     options = ("threads",)  # type: ignore[assignment]
 
 
 class CompilesWithoutInterface(Right):
-    name = "wrong_paths:CompilesWithoutInterface"
     compiles = True
 
 
 class AttributeRaises(Right):
-    name = "wrong_paths:AttributeRaises"
-
     @property
     def summary(self) -> str:  # type: ignore[override]
         raise RuntimeError("no summary")
 
 
 class ConstructorExits(Right):
-    name = "wrong_paths:ConstructorExits"
-
     def __init__(self) -> None:
         sys.exit(5)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from benchmarks.history.log_estimates import LogEstimate, change_with_error
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
 from mjbench import formats
-from mjbench.counts.function_differences import largest_differences
+from mjbench.counts.explain import largest_differences
 from mjbench.counts.records import ExplainRecord
 from mjbench.results.content import Column, DataTable
 

@@ -41,7 +41,7 @@ def bisect(baseline: str, candidate: str, target: str, options: BisectOptions) -
       mjbench bisect 3.2.7 3.4.0 robot.xml --metric load --fail-on slower
       mjbench bisect v1.0 HEAD bench.py::step
     """
-    from mjbench.commands.versions.bisect_driver import revision_bisection
+    from mjbench.commands.versions.bisect import revision_bisection
     from mjbench.commands.versions.function_sides import is_function
 
     plan, sides = options.plan, (baseline, candidate)
@@ -55,7 +55,7 @@ def bisect(baseline: str, candidate: str, target: str, options: BisectOptions) -
 
 
 def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan") -> "Measurement":
-    from mjbench.commands.versions.bisect_driver import release_bisection
+    from mjbench.commands.versions.bisect import release_bisection
     from mjbench.releases import installs
 
     source = model_of(model)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench import formats
-from mjbench.counts.function_differences import largest_differences, moved_groups
+from mjbench.counts.explain import largest_differences, moved_groups
 from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
 from mjbench.interval import Interval
 from mjbench.paired.records import VerdictRow

@@ -88,14 +88,13 @@ class RaceLaunch:
 
     @functools.cached_property
     def _log_ns(self) -> dict[int, float]:
-        """The median of the logarithms of each variant's blocks, which one disturbed block spares.
+        """The mean of the logarithms of the faster half of each variant's blocks.
 
-        Rounds run in both orders, so what a block leaves in the caches for the next one weighs the
-        same both ways. In a busy launch most blocks are disturbed, above all those of threads: the
-        fastest counts.
+        Whatever disturbs a block makes it slower. In a busy launch most blocks are disturbed, above
+        all those of threads: the fastest counts.
         """
-        estimate = np.min if self.is_busy else np.median
-        logs = estimate(stats.logarithms(self.ns), axis=0)
+        ordered = np.sort(stats.logarithms(self.ns), axis=0)
+        logs = ordered[: 1 if self.is_busy else len(ordered) // 2].mean(axis=0)
         return dict(zip(self.variants, logs.tolist(), strict=True))
 
 

@@ -18,7 +18,7 @@ from mjbench.status import ExitCode
 # Of what is no terminal, and of a narrow one at least.
 _PLAIN_WIDTH, _MIN_WIDTH = 160, 60
 # Characters between columns, and of a word that is cut only where a table would be too wide.
-_GAP, _LEAST_WRAPPED = 2, 11
+_GAP, _LEAST_WRAPPED = 2, 10
 # Columns leave rather than that a text is narrower.
 _READABLE = 16
 

@@ -1,30 +1,20 @@
 """`mjbench.timer`, with a clock that the test turns."""
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
+from still_clock import StillClock
 
 import mjbench
 from mjbench.errors import InputError
 
 
-class Clock:
-    """A clock that shows what the test sets, in nanoseconds."""
-
-    def __init__(self) -> None:
-        self.now = 5_000
-
-    def __call__(self) -> int:
-        return self.now
-
-
 @pytest.fixture
-def clock() -> Iterator[Clock]:
-    yield Clock()
+def clock() -> StillClock:
+    return StillClock(5_000)
 
 
-def test_a_block_has_seconds_and_steps_per_second(clock: Clock) -> None:
+def test_a_block_has_seconds_and_steps_per_second(clock: StillClock) -> None:
     with mjbench.timer(steps=500, clock=clock) as timer:
         clock.now += 250_000_000
     assert timer.elapsed_s == 0.25
@@ -33,7 +23,7 @@ def test_a_block_has_seconds_and_steps_per_second(clock: Clock) -> None:
     assert str(timer) == "250 ms, 500 steps, 2,000 per second"
 
 
-def test_time_runs_on_within_the_block_and_stands_still_after_it(clock: Clock) -> None:
+def test_time_runs_on_within_the_block_and_stands_still_after_it(clock: StillClock) -> None:
     with mjbench.timer(clock=clock) as timer:
         clock.now += 1_000_000_000
         assert timer.elapsed_s == 1.0
@@ -43,7 +33,7 @@ def test_time_runs_on_within_the_block_and_stands_still_after_it(clock: Clock) -
     assert timer.elapsed_s == 2.0
 
 
-def test_steps_may_be_known_only_at_the_end(clock: Clock) -> None:
+def test_steps_may_be_known_only_at_the_end(clock: StillClock) -> None:
     with mjbench.timer(clock=clock) as timer:
         clock.now += 1_000_000_000
         timer.steps = 7
@@ -56,7 +46,7 @@ def data(time: float, timestep: float = 0.002) -> SimpleNamespace:
     return SimpleNamespace(time=time, model=model)
 
 
-def test_data_give_simulated_time_and_steps(clock: Clock) -> None:
+def test_data_give_simulated_time_and_steps(clock: StillClock) -> None:
     stepped = data(3.0)
     with mjbench.timer(data=stepped, clock=clock) as timer:
         clock.now += 500_000_000
@@ -67,7 +57,7 @@ def test_data_give_simulated_time_and_steps(clock: Clock) -> None:
     assert "4 times real time" in str(timer)
 
 
-def test_with_steps_a_reset_of_data_does_no_harm(clock: Clock) -> None:
+def test_with_steps_a_reset_of_data_does_no_harm(clock: StillClock) -> None:
     stepped = data(3.0)
     with mjbench.timer(steps=1000, data=stepped, clock=clock) as timer:
         clock.now += 1_000_000_000
@@ -75,7 +65,7 @@ def test_with_steps_a_reset_of_data_does_no_harm(clock: Clock) -> None:
     assert timer.timing.realtime_factor == pytest.approx(2.0)
 
 
-def test_data_whose_time_went_back_give_no_real_time_factor(clock: Clock) -> None:
+def test_data_whose_time_went_back_give_no_real_time_factor(clock: StillClock) -> None:
     stepped = data(3.0)
     with mjbench.timer(data=stepped, clock=clock) as timer:
         clock.now += 1_000_000_000
@@ -84,7 +74,7 @@ def test_data_whose_time_went_back_give_no_real_time_factor(clock: Clock) -> Non
     assert timer.timing.steps is None
 
 
-def test_laps_are_parts_of_the_block(clock: Clock) -> None:
+def test_laps_are_parts_of_the_block(clock: StillClock) -> None:
     with mjbench.timer(clock=clock) as timer:
         for number in range(100):
             clock.now += 5_000 if number == 30 else 1_000
@@ -100,7 +90,7 @@ def test_laps_are_parts_of_the_block(clock: Clock) -> None:
     assert "100 laps: p50 1 µs" in str(timer)
 
 
-def test_a_block_that_raises_is_timed_and_raises(clock: Clock) -> None:
+def test_a_block_that_raises_is_timed_and_raises(clock: StillClock) -> None:
     timer = mjbench.timer(clock=clock)
     with pytest.raises(ZeroDivisionError), timer:
         clock.now += 1_000_000
@@ -108,7 +98,7 @@ def test_a_block_that_raises_is_timed_and_raises(clock: Clock) -> None:
     assert timer.elapsed_s == 0.001
 
 
-def test_misuse_is_refused_in_a_line(clock: Clock) -> None:
+def test_misuse_is_refused_in_a_line(clock: StillClock) -> None:
     timer = mjbench.timer(clock=clock)
     for wrong in (lambda: timer.elapsed_s, timer.lap, lambda: timer.timing):
         with pytest.raises(InputError, match=r"mjbench\.timer"):
@@ -121,14 +111,14 @@ def test_misuse_is_refused_in_a_line(clock: Clock) -> None:
         timer.__enter__()
 
 
-def test_a_block_without_time_has_no_rate(clock: Clock) -> None:
+def test_a_block_without_time_has_no_rate(clock: StillClock) -> None:
     with mjbench.timer(steps=3, clock=clock) as timer:
         pass
     assert timer.timing.steps_per_s is None
     assert str(timer) == "0 ns"
 
 
-def test_a_notebook_shows_the_conclusion_and_a_table_of_laps(clock: Clock) -> None:
+def test_a_notebook_shows_the_conclusion_and_a_table_of_laps(clock: StillClock) -> None:
     with mjbench.timer(steps=2, clock=clock) as timer:
         clock.now += 2_000
         timer.lap()

@@ -121,23 +121,20 @@ def test_the_same_files_are_said_to_be_the_same(checkout: Path, tmp_path: Path) 
     assert "same: both revisions have the same files, so nothing was timed" in done.stdout
 
 
-def test_a_search_needs_a_history(checkout: Path, tmp_path: Path) -> None:
-    words = ("bisect", "new", "rev=old", "bench.py::step", "--results", str(tmp_path))
-    done = mjbench(*words, cwd=checkout)
-    assert done.returncode == 2
-    assert "does not come after new" in done.stderr
-
-
-def test_ends_that_do_other_work_end_a_search(checkout: Path, tmp_path: Path) -> None:
-    words = (
-        "bisect",
-        "old",
-        "new",
-        "physics.py::results",
-        "--own-files",
-        "--results",
-        str(tmp_path),
-    )
-    done = mjbench(*words, cwd=checkout)
-    assert done.returncode == 1
-    assert "physics.py::results: results differ: call 1 returns 2 instead of 1" in done.stdout
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["new", "rev=old", "bench.py::step"], 2, "does not come after new"),
+        (
+            ["old", "new", "physics.py::results", "--own-files"],
+            1,
+            "physics.py::results: results differ: call 1 returns 2 instead of 1",
+        ),
+    ],
+)
+def test_a_search_needs_a_history_and_ends_that_do_the_same_work(
+    checkout: Path, tmp_path: Path, words: list[str], code: int, message: str
+) -> None:
+    done = mjbench("bisect", *words, "--results", str(tmp_path), cwd=checkout)
+    assert done.returncode == code
+    assert message in done.stdout + done.stderr

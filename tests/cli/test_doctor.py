@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,8 @@ from mjbench.errors import MachineError
 from mjbench.host import conditions
 from mjbench.host.conditions import Condition, Grade
 from mjbench.paired.worker_pool import WorkerPool
+
+QUIET = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
 
 
 @pytest.fixture(autouse=True)
@@ -44,6 +47,7 @@ def test_a_machine_is_described_and_checked(
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    monkeypatch.setattr(detectable_change, "noise", lambda pool, seconds: QUIET)
     monkeypatch.setattr(detectable_change, "clock_share", lambda: 0.3)
     monkeypatch.setattr(conditions, "all_conditions", lambda others: [])
     monkeypatch.setattr(
@@ -56,7 +60,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
 def test_noise_decides_the_exit_code(
     quick: pytest.MonkeyPatch, deviation: float, code: int
 ) -> None:
-    noise = Noise(launches=20, deviation=deviation, launch_s=0.6, ratio=1.0)
+    noise = replace(QUIET, deviation=deviation)
     quick.setattr(detectable_change, "noise", lambda pool, seconds: noise)
     result = CliRunner().invoke(cli, ["doctor"])
     assert result.exit_code == code, result.output
@@ -66,8 +70,6 @@ def test_noise_decides_the_exit_code(
 
 
 def test_what_is_bad_fails_and_is_named_at_the_end(quick: pytest.MonkeyPatch) -> None:
-    noise = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
-    quick.setattr(detectable_change, "noise", lambda pool, seconds: noise)
     busy = Condition("load", Grade.BAD, "is 3.0 on 2 cores", "end other programs")
     quick.setattr(conditions, "all_conditions", lambda others: [busy])
     result = CliRunner().invoke(cli, ["doctor"])
@@ -86,8 +88,6 @@ def test_interrupted_it_says_so_in_one_line(quick: pytest.MonkeyPatch) -> None:
 
 
 def test_backends_that_render_nothing_are_named(quick: pytest.MonkeyPatch) -> None:
-    noise = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
-    quick.setattr(detectable_change, "noise", lambda pool, seconds: noise)
     assert "egl 4.0 ms a frame" in CliRunner().invoke(cli, ["doctor"]).output
     quick.setattr(
         rendering, "measure", lambda model, backend, limit_s: FrameTime(backend, None, "no library")

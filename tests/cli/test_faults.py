@@ -14,11 +14,8 @@ import pytest
 from click.testing import CliRunner
 from commands import PYTHONPATH, Completed, mjbench, mjbench_process
 from example_models import CONTACT_XML
-from example_races import invent_comparisons
 
 from mjbench.cli import cli
-from mjbench.errors import MachineError
-from mjbench.results.run_writer import RunFile
 
 QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0.1", "--results", "runs"]
 
@@ -75,21 +72,6 @@ def test_a_read_only_results_folder_is_reported_before_anything_is_measured(tmp_
     assert done.returncode == 3
     assert "--results" in done.stderr
     assert done.stdout == ""
-
-
-def test_a_full_disk_is_reported_and_the_table_is_still_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(file: RunFile, record: object) -> None:
-        raise MachineError(f"cannot write {file.path}: No space left on device")
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(RunFile, "append", fail)
-    invent_comparisons(monkeypatch)
-    done = CliRunner().invoke(cli, ["compare", "cartpole", *QUICK])
-    assert done.exit_code == 3
-    assert "cannot write" in done.stderr
-    assert "ns/step" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -27,10 +27,14 @@ def test_it_measures_and_writes_json(tmp_path: Path) -> None:
     assert "constraint solver" in mjbench("show", cwd=tmp_path).stdout
 
 
-def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path, inline: None) -> None:
+@pytest.mark.parametrize("mode", [[], ["--habits"]], ids=" ".join)
+def test_a_model_that_does_not_load_costs_its_row(
+    tmp_path: Path, mode: list[str], inline: None
+) -> None:
     (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
-    done = mjbench("profile", "broken.xml", "--json", "out.json", cwd=tmp_path)
+    done = mjbench("profile", *mode, "broken.xml", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 2
-    assert "broken.xml: " in done.stderr
+    assert "mjbench: broken.xml: MuJoCo cannot load it" in done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
-    assert row["status"] == "input"
+    assert (row["model"], row["status"]) == ("broken.xml", "input")
+    assert row.get("steps") is row.get("costs") is None

@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -204,54 +205,61 @@ def test_a_server_that_hangs_is_killed_once_the_limit_has_passed(tmp_path: Path)
     server.end()
 
 
-def test_the_answers_of_a_server_belong_to_the_workers_that_they_name(tmp_path: Path) -> None:
-    """Whichever is waited for first."""
+# A server, and the socket on which it is asked.
+Silent = tuple[ForkServerProcess, socket.socket]
+
+
+@pytest.fixture
+def silent(tmp_path: Path) -> Iterator[Silent]:
+    """Yield a server that answers nothing by itself, and the socket on which it is asked."""
     ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
     process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
     server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
-    workers = [server.fork(theirs.fileno(), tmp_path / f"{i}.output") for i in range(2)]
-    pids = [os.getpid(), os.getppid()]
     with theirs:
-        for worker, pid in zip(workers, pids, strict=True):
-            theirs.send(fork_server.PID.pack(pid) + worker.mark.encode())
-    assert [workers[1].pid, workers[0].pid] == pids[::-1]
+        yield server, theirs
     server.end()
 
 
-def test_an_interrupt_that_loses_a_worker_leaves_its_server_to_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_answers_of_a_server_belong_to_the_workers_that_they_name(
+    tmp_path: Path, silent: Silent
 ) -> None:
-    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-    process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
-    server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
+    """Whichever is waited for first."""
+    server, theirs = silent
+    workers = [server.fork(theirs.fileno(), tmp_path / f"{i}.output") for i in range(2)]
+    pids = [os.getpid(), os.getppid()]
+    for worker, pid in zip(workers, pids, strict=True):
+        theirs.send(fork_server.PID.pack(pid) + worker.mark.encode())
+    assert [workers[1].pid, workers[0].pid] == pids[::-1]
+
+
+def test_an_interrupt_that_loses_a_worker_leaves_its_server_to_the_others(
+    tmp_path: Path, silent: Silent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, theirs = silent
     send_fds = socket.send_fds
 
     def interrupt(*arguments: Any) -> None:
         send_fds(*arguments)
         raise KeyboardInterrupt
 
-    with theirs:
-        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-            patch.setattr(socket, "send_fds", interrupt)
-            server.fork(theirs.fileno(), tmp_path / "lost.output")
-        worker = server.fork(theirs.fileno(), tmp_path / "worker.output")
-        lost_mark, descriptors, _, _ = socket.recv_fds(theirs, 100, 2)
-        for mark in (lost_mark, worker.mark.encode()):
-            theirs.send(fork_server.PID.pack(os.getpid()) + mark)
-        assert worker.pid == os.getpid()
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(socket, "send_fds", interrupt)
+        server.fork(theirs.fileno(), tmp_path / "lost.output")
+    worker = server.fork(theirs.fileno(), tmp_path / "worker.output")
+    lost_mark, descriptors, _, _ = socket.recv_fds(theirs, 100, 2)
+    for mark in (lost_mark, worker.mark.encode()):
+        theirs.send(fork_server.PID.pack(os.getpid()) + mark)
+    assert worker.pid == os.getpid()
     assert not server.has_ended
     for descriptor in descriptors:
         os.close(descriptor)
-    server.end()
 
 
 @pytest.mark.parametrize("is_adopted", [False, True])
 def test_an_answer_that_ctrl_c_interrupts_is_not_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_adopted: bool
+    tmp_path: Path, silent: Silent, monkeypatch: pytest.MonkeyPatch, is_adopted: bool
 ) -> None:
-    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-    process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
-    server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
+    server, theirs = silent
     adopt = ForkedWorker.adopt
 
     def interrupted(worker: ForkedWorker, pid: int) -> None:
@@ -259,24 +267,22 @@ def test_an_answer_that_ctrl_c_interrupts_is_not_lost(
             adopt(worker, pid)
         raise KeyboardInterrupt
 
-    with theirs:
-        workers = [server.fork(theirs.fileno(), tmp_path / f"{i}.output") for i in range(2)]
-        for worker in workers:
-            theirs.send(fork_server.PID.pack(os.getpid()) + worker.mark.encode())
-        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-            patch.setattr(ForkedWorker, "adopt", interrupted)
-            workers[0].pid  # noqa: B018
-        if is_adopted:
-            server.forget(workers[0])  # it has ended; its answer is still there
-        assert [worker.pid for worker in workers] == [os.getpid()] * 2
+    workers = [server.fork(theirs.fileno(), tmp_path / f"{i}.output") for i in range(2)]
+    for worker in workers:
+        theirs.send(fork_server.PID.pack(os.getpid()) + worker.mark.encode())
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(ForkedWorker, "adopt", interrupted)
+        workers[0].pid  # noqa: B018
+    if is_adopted:
+        server.forget(workers[0])  # it has ended; its answer is still there
+    assert [worker.pid for worker in workers] == [os.getpid()] * 2
     assert not server.has_ended
-    server.end()
 
 
-def test_a_server_that_cannot_be_asked_has_no_worker_to_wait_for(tmp_path: Path) -> None:
-    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-    process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
-    server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
+def test_a_server_that_cannot_be_asked_has_no_worker_to_wait_for(
+    tmp_path: Path, silent: Silent
+) -> None:
+    server, theirs = silent
     theirs.close()
     with pytest.raises(MachineError, match="cannot start a process"):
         server.fork(0, tmp_path / "worker.output")

@@ -372,8 +372,10 @@ def test_a_busy_launch_has_twice_the_rounds(other_s: float, rounds: int) -> None
     assert other_cores == pytest.approx(other_s)
 
 
-@pytest.mark.parametrize(("other_cores", "ratio"), [(0.1, 1.0), (0.5, 0.5)])
-def test_the_fastest_block_counts_in_a_busy_launch(other_cores: float, ratio: float) -> None:
-    ns = [[200, 100], [200, 200], [200, 200], [200, 200]]
+@pytest.mark.parametrize(("other_cores", "ratio"), [(0.1, 0.5**0.5), (0.5, 0.5)])
+def test_the_faster_half_counts_and_the_fastest_in_a_busy_launch(
+    other_cores: float, ratio: float
+) -> None:
+    ns = [[200, 100], [200, 200], [200, 900], [200, 300]]
     launch = RaceLaunch(None, [0, 1], ns, other_cores)
     assert launch.log_ratio(0, 1) == pytest.approx(np.log(ratio))

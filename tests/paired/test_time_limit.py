@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from still_clock import StillClock
 
 from mjbench.paired import time_limit
 from mjbench.paired.time_limit import (
@@ -17,19 +18,9 @@ from mjbench.paired.time_limit import (
 )
 
 
-class Clock:
-    """A clock that stands still until it is moved."""
-
-    def __init__(self) -> None:
-        self.now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
+def clock() -> StillClock:
+    return StillClock(1000.0)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +44,7 @@ def test_a_launch_of_long_blocks_has_fewer_layouts() -> None:
 
 
 def test_a_launch_that_would_exceed_the_limit_is_refused_with_the_time_that_it_needs(
-    clock: Clock,
+    clock: StillClock,
 ) -> None:
     limit = TimeLimit(2.0, min_launches=6, clock=clock)
     limit.start()
@@ -66,7 +57,7 @@ def test_a_launch_that_would_exceed_the_limit_is_refused_with_the_time_that_it_n
     TimeLimit(330.0, 6, clock).check_first_launch(36.0, 48.0)
 
 
-def test_what_was_spent_before_counts(clock: Clock) -> None:
+def test_what_was_spent_before_counts(clock: StillClock) -> None:
     limit = TimeLimit(60.0, min_launches=6, clock=clock)
     limit.start()
     limit.check_first_launch(launch_s=40.0, preparation_s=15.0)
@@ -75,14 +66,14 @@ def test_what_was_spent_before_counts(clock: Clock) -> None:
         limit.check_first_launch(launch_s=40.0, preparation_s=15.0)
 
 
-def test_a_brief_launch_is_made_whatever_the_limit(clock: Clock) -> None:
+def test_a_brief_launch_is_made_whatever_the_limit(clock: StillClock) -> None:
     limit = TimeLimit(0.1, min_launches=6, clock=clock)
     limit.start()
     clock.now += 5.0
     limit.check_first_launch(launch_s=BRIEF_S)
 
 
-def test_launches_go_on_while_another_fits(clock: Clock) -> None:
+def test_launches_go_on_while_another_fits(clock: StillClock) -> None:
     limit = TimeLimit(60.0, min_launches=2, clock=clock)
     limit.start()
     clock.now += 50.0
@@ -91,7 +82,7 @@ def test_launches_go_on_while_another_fits(clock: Clock) -> None:
     assert not limit.allows_another(launches=9, before_s=2.0, can_judge=True)
 
 
-def test_time_that_ends_before_there_are_enough_launches_is_said(clock: Clock) -> None:
+def test_time_that_ends_before_there_are_enough_launches_is_said(clock: StillClock) -> None:
     limit = TimeLimit(0.1, min_launches=6, clock=clock)
     limit.start()
     clock.now += 0.75
@@ -99,7 +90,7 @@ def test_time_that_ends_before_there_are_enough_launches_is_said(clock: Clock) -
         limit.allows_another(launches=1, before_s=0.35, can_judge=False)
 
 
-def test_a_limit_that_counts_loading_begins_at_once(clock: Clock) -> None:
+def test_a_limit_that_counts_loading_begins_at_once(clock: StillClock) -> None:
     limit = TimeLimit(60.0, 6, clock, counts_loading=True)
     clock.now += 20.0
     limit.start()

@@ -16,7 +16,7 @@ from mjbench.commands.checkup.options import CheckupOptions
 from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import CheckedSource, ProgramFile
 from mjbench.commands.compare import driver as model_comparison
-from mjbench.commands.env import measurement as environments
+from mjbench.commands.env import driver as environments
 from mjbench.commands.env.child_process import EnvironmentPlan
 from mjbench.commands.env.source import EnvironmentSource
 from mjbench.commands.lint import check as lint

@@ -21,7 +21,7 @@ from mjbench.commands.profile.measure import ProfileRow
 from mjbench.commands.run import show as program
 from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import ProgramRow
-from mjbench.commands.tune import knobs
+from mjbench.commands.tune import expected_gains, knobs
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune import show as tuning
 from mjbench.commands.tune.result import Effect, Recommendation, TuneRecord
@@ -227,13 +227,13 @@ def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
             is_halving=each.is_allowed
             and any(knobs.halves(one, record.stages or {}) for one in each.settings),
         )
-    for known in tuning.counted(record):
+    for known in expected_gains.unjudged(record):
         yield _of_faster(
             (known.setting,),
             Interval(1 / known.factor, None, None),
             target,
             counted=known.reason,
-            change=ResultChange.ERROR,
+            change=_CHANGES[known.effect],
             slow_effects=tuning.slow_lines([known.setting]),
             is_halving=True,
         )

@@ -21,6 +21,7 @@ from mjbench.commands.profile import show as profile
 from mjbench.commands.profile.measure import ProfiledSteps, ProfileRow
 from mjbench.commands.run import show as program
 from mjbench.commands.run.result import ProgramRow
+from mjbench.commands.tune import expected_gains
 from mjbench.commands.tune import notes as tuning_notes
 from mjbench.commands.tune import show as tuning
 from mjbench.commands.tune.result import MIN_EFFECT, Attempt, Effect, TuneRecord
@@ -128,6 +129,11 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
     for part in failed:
         yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
     gains = [item for item in listed_items if item.gain is not None]
+    most = gains[0].times if gains else 1.0
+    untouched = [*filter(None, map(expected_gains.untouched_stage, run.of_type(TuneRecord)))]
+    for stage in untouched:
+        if stage.most_gain > most:
+            yield Conclusion(f"{name}: {stage.text}", Tone.UNSURE)
     rows = [row for row in run.of_type(ProgramRow) if row.loops and not row.wrong]
     if combined := _combined(run, least=_best_alone(listed_items)):
         yield Conclusion(f"{name}: {combined}", Tone.GOOD)
@@ -143,6 +149,9 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
         yield Conclusion(f"{name}: {others[0].action}; what it gains was not measured")
     elif not failed and not (listed_items and is_read_only):
         yield Conclusion(f"{name}: {_nothing(run)}: {_why_nothing(run)}", Tone.NEUTRAL)
+    for stage in untouched:
+        if stage.most_gain <= most:
+            yield Conclusion(f"{name}: {stage.text}", Tone.UNSURE)
 
 
 def _nothing(run: Run) -> str:
@@ -287,7 +296,6 @@ def _notes(
     for record in run.of_type(TuneRecord):
         yield from ranking.far_settings(record, shlex.quote(file_argument(parts[0].target)))
         yield from tuning_notes.left_out(record)
-        yield from tuning_notes.untouched_stage(record)
     yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
     is_open = not _is_certain(run) and all(item.gain is None for item in listed_items)
     if is_open and parts[0].kind == TargetKind.MODEL and run.of_type(ProfileRow):
@@ -331,16 +339,10 @@ def _overlaps(listed_items: Sequence[CheckupItem]) -> Iterator[str]:
 def _combination_lines(
     part: CheckedPart, combination: Combination, best_alone: float
 ) -> Iterator[str]:
-    """Yield how to measure a combination again, or why it is not advised."""
+    """Yield how to measure a combination again, if it gains more than the best change alone."""
     assert part.verdict is not None, "it was measured"
     target, gain = shlex.quote(file_argument(part.target)), combination_gain(part.verdict)
-    if gain is None:
-        return
-    if gain.estimate < best_alone:
-        yield (
-            f"Together, {_described(combination)} is {formats.as_fast(gain)}:"
-            " no more than the best of them alone"
-        )
+    if gain is None or gain.estimate < best_alone:
         return
     if combination.settings:
         command = f"mjbench tune {target} --allow free"

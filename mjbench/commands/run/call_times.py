@@ -72,8 +72,8 @@ class CallTime:
       steps: of one simulation, summed over calls.
       all_steps: of all simulations.
       clock_s: seconds that timing them took the program.
-      frame: of a renderer, height and width in pixels; None of other calls.
-      backend: of a renderer, `MUJOCO_GL`; "" if that was not set.
+      frame: of a renderer and what it draws, height and width in pixels; None of other calls.
+      backend: of both, `MUJOCO_GL`; "" if that was not set.
       threads: of a call that steps many simulations; None of other calls.
       lines: file and number of the user's lines that led to the first call, innermost first.
     """
@@ -253,8 +253,8 @@ def _read(
                 Incident(callee, places[0], slot.steps, seconds, changes, is_unfinished)
             )
         else:
-            detail, is_renderer = site.get("detail"), callee == "Renderer"
-            height, width, backend = detail if detail and is_renderer else (0, 0, "")
+            detail, draws = site.get("detail"), callee in call_clock.DRAWERS
+            height, width, backend = detail if detail and draws else (0, 0, "")
             call = CallTime(
                 callee=callee,
                 pid=int(file.stem),
@@ -267,10 +267,10 @@ def _read(
                 last_ns=slot.last_ns,
                 steps=slot.steps,
                 all_steps=slot.all_steps,
-                frame=(int(height), int(width)) if detail and is_renderer else None,
+                frame=(int(height), int(width)) if height and width else None,
                 backend=str(backend),
                 threads=None
-                if is_renderer or not detail
+                if draws or not detail
                 else CallThreads(int(detail[0]), int(detail[1]), bool(detail[2])),
                 lines=[place.position for place in places],
             )

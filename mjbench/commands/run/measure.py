@@ -79,7 +79,16 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
     loops = []
     for time in times:
         busy_s = others_busy_s(time, times, calls, of_main)
-        listed = listing.remedies(time, findings, measured, incidents, busy_s, observation.pools)
+        timesteps_s = (each.timestep_s for each in steps if each.pid in time.pids)
+        listed = listing.remedies(
+            time,
+            findings,
+            measured,
+            incidents,
+            busy_s,
+            observation.pools,
+            next(filter(None, timesteps_s), None),
+        )
         loops.append(LoopReport(time, listed))
     return ProgramRow(
         program=name,

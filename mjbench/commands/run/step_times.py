@@ -139,6 +139,11 @@ class StepTimes:
     longest_collection_s: NonNegativeFloat
     startup_s: NonNegativeFloat = 0.0
 
+    @property
+    def timestep_s(self) -> float | None:
+        """Simulated seconds of a step, on average; None without one."""
+        return (self.real_time_factor or 0.0) / self.steps_per_s if self.steps_per_s else None
+
 
 def read_all(folder: Path) -> list[StepTimes]:
     """Return the steps of all processes whose files in a folder are whole, by process."""

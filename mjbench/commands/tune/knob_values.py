@@ -242,6 +242,18 @@ def no_visual_geoms(observed: ObservedModel) -> list[Setting]:
     return [Setting("visual_geoms", "discardvisual=true", edits, loses=loses, evidence=evidence)]
 
 
+def fused_bodies(observed: ObservedModel) -> list[Setting]:
+    """Return the model with bodies that cannot move in their parents merged into them."""
+    model = observed.model
+    is_fixed = (np.asarray(model.body_jntnum) == 0) & (np.asarray(model.body_mocapid) < 0)
+    count = int(is_fixed[1:].sum())  # the first body is the world
+    if not count or not observed.is_mjcf:
+        return []
+    edits = (Edit(Part.COMPILER, "fusestatic", "true"),)
+    evidence = f"{count} of {model.nbody - 1} bodies have no joint"
+    return [Setting("fusestatic", "fusestatic=true", edits, evidence=evidence)]
+
+
 def no_unused_tendons(observed: ObservedModel) -> list[Setting]:
     """Return the model without the tendons that nothing uses."""
     names, count = features.unused_tendons(observed.model), observed.model.ntendon

@@ -256,6 +256,12 @@ KNOBS: Sequence[Knob] = (
         "What is drawn and what rays hit; other geoms get new ids.",
     ),
     Knob(
+        "fusestatic",
+        values.fused_bodies,
+        (Stage.KINEMATICS, Stage.INERTIA, Stage.VELOCITY),
+        "Nothing but rounding; bodies without joints lose their names, others get new ids.",
+    ),
+    Knob(
         "engine_threads",
         values.threads,
         (),

@@ -1,10 +1,8 @@
 """The notes of a search for settings: what its figures rest on, and what it left out."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-from mjbench.commands.profile import step_parts
-from mjbench.commands.profile.step_parts import Stage
-from mjbench.commands.tune import knobs
+from mjbench.commands.tune import expected_gains
 from mjbench.commands.tune.accuracy import Distance
 from mjbench.commands.tune.reference import REFINEMENT, CurrentSettings
 from mjbench.commands.tune.result import TuneRecord
@@ -15,18 +13,6 @@ from mjbench.status import Status
 
 # Settings that failed that are named.
 _MOST_FAILED = 12
-# A stage that takes this share of a step decides how long it takes; and what shortens each.
-_MOST_OF_STEP = 2 / 3
-_HELPS: Mapping[str, str] = {
-    Stage.COLLISION: "fewer pairs of geoms that may collide, or primitives instead of meshes",
-    Stage.CONSTRAINT_MAKING: "fewer contacts and constraints",
-    Stage.CONSTRAINT_PROJECTION: "fewer contacts and constraints",
-    Stage.SOLVER: "fewer contacts and constraints",
-    Stage.KINEMATICS: "fewer bodies and geoms",
-    Stage.INERTIA: "fewer bodies and joints",
-    Stage.TENDONS: "fewer tendons",
-    Stage.SENSORS: "fewer sensors",
-}
 
 
 def notes(record: TuneRecord) -> list[str]:
@@ -40,26 +26,12 @@ def notes(record: TuneRecord) -> list[str]:
     lines += [f"Failed: {label(row.settings)}: {row.detail}" for row in failed[:_MOST_FAILED]]
     if len(failed) > _MOST_FAILED:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
-    lines += [*left_out(record), *untouched_stage(record)]
+    lines += left_out(record)
+    if (stage := expected_gains.untouched_stage(record)) is not None:
+        lines.append(stage.text)
     if record.collision is not None:
         lines.append(f"Of a step, collisions of {record.collision}")
     return lines
-
-
-def untouched_stage(record: TuneRecord) -> Iterator[str]:
-    """Yield which stage takes most of a step while no allowed setting shortens it; what would."""
-    stage, share = step_parts.longest(record.stages or {})
-    if share < _MOST_OF_STEP or stage not in _HELPS:
-        return
-    stages = step_parts.COLLISION if stage == Stage.COLLISION else (stage,)
-    allowed = {one for each in record.front if each.is_allowed for one in each.settings}
-    for one in allowed | {*record.untried_halving}:
-        if one.saves or not {*stages}.isdisjoint(knobs.find(one.knob).stages):
-            return
-    yield (
-        f"{stage.capitalize()} takes {short_percent(share)} of a step, and no setting that was"
-        f" tried shortens it without a larger error: {_HELPS[stage]} would"
-    )
 
 
 def left_out(record: TuneRecord) -> Iterator[str]:

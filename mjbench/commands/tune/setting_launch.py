@@ -172,6 +172,7 @@ class _Launch:
 
 def step_stages(model: mujoco.MjModel, trials: Trials) -> StepStages:
     hold = trajectories.steps_per_control(model, trials.control_s)
+    trials = trajectories.fitted(model, trials)
     run_s = hold * reference_run.step_s(model, trials.initial_state[0])
     nrun = max(1, int(BLOCK_S / run_s))
     block = profile.Block(nrun, hold, lambda: StartsInTurn(model, trials.initial_state))
@@ -221,6 +222,7 @@ def prepared(
     options: Mapping[str, str | int],
 ) -> paths.Prepared:
     hold = trajectories.steps_per_control(model, trials.control_s)
+    trials = trajectories.fitted(model, trials)
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
     reason = path.cannot_run(drawn, options)
     if reason:

@@ -19,7 +19,7 @@ GROUPS: Mapping[str, Sequence[str]] = {
     "integration": ("timestep", "integrator", "eulerdamp"),
     "features": (
         *("unused_features", "sensor", "energy", "fwdinv", "autoreset", "sleep", "visual_geoms"),
-        *("tendons",),
+        *("tendons", "fusestatic"),
     ),
     "program": ("engine_clock", "engine_threads"),
 }

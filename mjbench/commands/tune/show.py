@@ -1,11 +1,10 @@
 """What `mjbench tune` says: which settings are recommended, what they cost, and what to paste."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
 from mjbench import formats
-from mjbench.commands.tune import knobs
+from mjbench.commands.tune import expected_gains, knobs
 from mjbench.commands.tune.notes import in_units, notes, percent
 from mjbench.commands.tune.reference import SAME_SHARE, CurrentSettings
 from mjbench.commands.tune.result import (
@@ -196,7 +195,7 @@ def conclusion(record: TuneRecord) -> str:
         f" {label(each.settings)}"
         for each in advised(record)
     ]
-    parts += [f"{each.text}: {each.setting.label}" for each in counted(record)]
+    parts += [f"{each.text}: {each.setting.label}" for each in expected_gains.unjudged(record)]
     if not parts:
         return f"{model}: no settings are certainly faster{_within(record)}"
     return f"{model}: {'; '.join(parts)}"
@@ -274,57 +273,6 @@ def faster_alone(record: TuneRecord) -> list[Attempt]:
         and (name in confirmed or saves_time(fresh_ratio(each.launches, count=len(alone))))
     ]
     return [each for _, each in sorted(faster, key=lambda pair: pair[0])]
-
-
-@dataclass(frozen=True)
-class CountedGain:
-    """A setting that halves the work of a step or more by count, and is not recommended yet.
-
-    Attributes:
-      factor: times as fast, by count.
-      reason: that it is not recommended.
-    """
-
-    setting: Setting
-    factor: float
-    reason: str
-
-    @property
-    def text(self) -> str:
-        return f"about {formats.plain(self.factor, 2)} × as fast ({self.reason})"
-
-
-def counted(record: TuneRecord) -> list[CountedGain]:
-    """Return what saves half or more by count, and is neither judged nor seen to be no gain.
-
-    It is one setting of each knob, the one that saves most.
-    """
-    tried = {each.settings[0]: each for each in record.attempts if len(each.settings) == 1}
-    judged = {one for each in record.front for one in each.settings}
-    judged |= {one for each in record.withdrawn for one in each.settings}
-    gains: dict[str, CountedGain] = {}
-    for setting in sorted({*record.untried_halving, *tried} - judged, key=lambda each: each.saves):
-        stages, attempt = record.stages or {}, tried.get(setting)
-        is_known = knobs.halves(setting, stages) and setting.evidence
-        if not (is_known and _may_be(attempt, record)):
-            continue
-        factor = 1 / max(1e-9, 1 - knobs.counted_gain(setting, stages))
-        is_timed = attempt is not None and attempt.ratio is not None and saves_time(attempt.ratio)
-        reason = "its error was not measured" if is_timed else "not timed certainly"
-        gains[setting.knob] = CountedGain(setting, factor, reason)
-    return sorted(gains.values(), key=lambda each: -each.factor)
-
-
-def _may_be(attempt: Attempt | None, record: TuneRecord) -> bool:
-    """Return whether a setting may yet turn out to be faster without a larger error."""
-    if attempt is None:
-        return record.allow == Effect.APPROXIMATE
-    if attempt.status != Status.OK or attempt.error is not None:
-        return False
-    accuracy, ratio = attempt.accuracy, attempt.ratio
-    effect = Effect.APPROXIMATE if accuracy is None else accuracy.effect
-    is_slower = ratio is not None and ratio.low is not None and ratio.low >= 1
-    return effect.rank <= record.allow.rank and not is_slower
 
 
 def why(attempt: Attempt, record: TuneRecord) -> str:

@@ -117,9 +117,25 @@ def points(ncontrol: int) -> list[int]:
     return [max(1, round(ncontrol * (k + 1) / NPOINT)) for k in range(NPOINT)]
 
 
-def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
-    if compat.state_size(model) != trials.initial_state.shape[1]:
+def fitted(model: mujoco.MjModel, trials: Trials) -> Trials:
+    """Return trials for a model that may have fewer bodies: a state has a force on each.
+
+    Raises:
+      InputError: the state differs in more than that, or there are such forces.
+    """
+    surplus = trials.initial_state.shape[1] - compat.state_size(model)
+    if not surplus:
+        return trials
+    forces = compat.state_columns(model)["xfrc_applied"]
+    end = forces.stop + surplus
+    if surplus < 0 or trials.initial_state[:, forces.start : end].any():
         raise InputError("the setting changes the size of the model's state")
+    states = np.delete(trials.initial_state, slice(forces.stop, end), axis=1)
+    return replace(trials, initial_state=states)
+
+
+def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
+    trials = fitted(model, trials)
     nstep = steps_per_control(model, trials.control_s)
     nrun, ncontrol = trials.nrun, trials.ncontrol
     out = Trajectories(

@@ -9,10 +9,11 @@ and the search begins again where the two do not differ.
 import math
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Collection, Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
-from typing import ClassVar, TypeVar
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.commands.versions import function_sides, function_verdict
@@ -20,15 +21,18 @@ from mjbench.commands.versions.function_sides import RevisionComparison
 from mjbench.commands.versions.target_verdict import decide_targets
 from mjbench.errors import InputError, MachineError
 from mjbench.formats import listed, short_commit
+from mjbench.paired import targets
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs
+from mjbench.paths import BASE
+from mjbench.releases import catalogue, installs
 from mjbench.releases.catalogue import ReleaseRange
-from mjbench.releases.release_names import INSTALLED
+from mjbench.releases.release_names import INSTALLED, ReleaseSpec
 from mjbench.results.runs import Record
+from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
 
@@ -379,3 +383,65 @@ def search_revisions(
     rows = [VersionRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)]
     searched = SearchRange(function.text, VersionKind.COMMIT, old.name, new.name, rows)
     return Search(decide, searched, plan.min_effect, earlier).run()
+
+
+# -- as measurements --------------------------------------------------------------------------
+
+# Yields what is measured; called with what shows the text of a phase, and with earlier records.
+_Search = Callable[[Callable[[str], None], Sequence[Record]], Iterator[BisectMeasured]]
+
+
+def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
+    plan = replace(plan, as_shipped=True)
+    (function,) = comparison.functions
+    return _measurement(
+        lambda *observers: search_revisions(comparison, plan, *observers),
+        VersionKind.COMMIT,
+        {
+            **asdict(plan),
+            "revisions": [asdict(each) for each in (comparison.baseline, comparison.candidate)],
+            "function": function.text,
+            "own_files": comparison.own_files,
+        },
+        comparison.files,
+    )
+
+
+def release_bisection(
+    baseline: ReleaseSpec, candidate: ReleaseSpec, source: ModelSource, plan: VerdictPlan
+) -> Measurement:
+    """Return the search between two releases; InputError for packages, or another metric."""
+    if baseline.has_packages or candidate.has_packages:
+        raise InputError(
+            "bisect searches releases of MuJoCo alone: `mjbench versions` has packages"
+        )
+    targets.check_metric(plan.sizes.metric, [BASE])
+    releases = catalogue.releases_between(baseline, candidate)
+    measurement = _measurement(
+        lambda *observers: search_releases(releases, source, plan, *observers),
+        VersionKind.RELEASE,
+        {
+            **asdict(plan),
+            "releases": [release.key for release in releases.specs],
+            "model": source.name,
+        },
+        input_files([source], releases.specs, plan.sizes.starts),
+    )
+    return replace(measurement, notes=[*releases.notes, *measurement.notes])
+
+
+def _measurement(
+    search: _Search, kind: VersionKind, arguments: Mapping[str, Any], files: Sequence[Path]
+) -> Measurement:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Items:
+        if any(isinstance(record, BisectRecord) for record in earlier):
+            return
+        expected = 0
+        for number, record in enumerate(search(observer.begin, earlier), 1):
+            yield Item([record])
+            if isinstance(record, BisectComparison):
+                expected = expected or expected_comparisons(record.version.number)
+                text = short_name(record.version, kind)
+                observer(text, number / max(expected, number + 1))
+
+    return Measurement("bisect", arguments, files, measure, finished, pinning_notes())

@@ -130,6 +130,16 @@ def test_what_is_measured_together_is_no_conclusion_where_less_halves_the_work()
     assert "5.00 × as fast" in section.conclusions[0].text
 
 
+def test_a_stage_that_no_setting_shortens_comes_first_where_it_costs_more_than_is_gained() -> None:
+    for share, is_first in ((0.8, True), (0.7, False)):
+        record = tuned(stages={"collision": share, "constraint solver": 1 - share})
+        paths = of_paths((BATCH_STEP, 4.0))
+        texts = [each.text for each in checkup.list_section(run(*paths, record)).conclusions]
+        stage = f"{100 * share:.0f} % of a step is collision"
+        line = f"{TARGET}: {stage}: simpler or fewer geoms would help most"
+        assert texts.index(line) == (0 if is_first else 1)
+
+
 def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
     far = recommended(Effect.APPROXIMATE, 0.1, 0.6, TIMESTEP)
     section = checkup.list_section(run(tuned(FREE, LONGER, far), part(CheckupPart.SETTINGS)))
@@ -257,19 +267,12 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
     ) in section.notes
 
 
-def test_a_combination_that_gains_less_than_one_change_alone_is_a_note() -> None:
-    verdict = replace(FASTER, ratio=Interval(0.5, 0.49, 0.51))
-    section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
-    assert section.conclusions[0].text.endswith(" with Batch.step on 2 threads (RL)")
-    assert any("is 2.00 × as fast" in note for note in section.notes)
-    assert not any("mjbench ab" in note for note in section.notes)
-
-
-def test_a_combination_that_is_not_faster_or_does_other_work_is_no_advice() -> None:
-    for verdict in (SAME, replace(FASTER, changed_work=True)):
-        section = checkup.list_section(run(*PATHS, combined(verdict)))
+def test_a_combination_that_gains_less_than_one_change_or_does_other_work_is_no_advice() -> None:
+    less = replace(FASTER, ratio=Interval(0.5, 0.49, 0.51))
+    for verdict in (SAME, less, replace(FASTER, changed_work=True)):
+        section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
         assert section.conclusions[0].text.endswith(" with Batch.step on 2 threads (RL)")
-        assert not any("Together" in note for note in section.notes)
+        assert not any("mjbench ab" in note for note in section.notes)
 
 
 def test_nothing_to_gain_is_an_answer_with_its_reasons() -> None:

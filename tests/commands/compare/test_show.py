@@ -36,7 +36,7 @@ def test_a_model_is_its_name_its_conclusions_its_table_and_then_the_details() ->
     assert lines[1].startswith("For RL (closed loop): Batch.step")
     assert lines[2].startswith("For controls known beforehand (open loop): mujoco.rollout")
     assert lines[3].split() == ["path", "ns/step", "speed-up", "95", "%", "×", "real", "loop"]
-    assert lines[4].split()[:3] == ["python_loop", "1,000", "1.00"]
+    assert lines[4].split()[:3] == ["python_loop", "998", "1.00"]
     assert lines[5].startswith("✓  rollout threads=2 pool=kept")
     assert lines[-1].startswith("nv 2, euler, newton; per step 1.0 contacts")
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from still_clock import StillClock
 
 from mjbench.commands.env.callees import Callee
 from mjbench.commands.env.layers import Layer
@@ -18,44 +19,31 @@ from mjbench.commands.env.timer import (
 )
 
 
-class Clock:
-    """Moves only when it is told to."""
-
-    def __init__(self) -> None:
-        self.now_ns = 100
-
-    def __call__(self) -> int:
-        return self.now_ns
-
-    def work(self, ns: int) -> None:
-        self.now_ns += ns
-
-
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
+def clock() -> StillClock:
+    return StillClock(100)
 
 
 def times(timer: LayerTimer) -> dict[str, tuple[float, ...]]:
     return {t.name: (t.calls, t.timed_calls, t.inner_calls, *t.ns) for t in timer.layers()}
 
 
-def test_layers_exclude_what_they_call_and_add_up_to_the_step(clock: Clock) -> None:
+def test_layers_exclude_what_they_call_and_add_up_to_the_step(clock: StillClock) -> None:
     timer = LayerTimer(clock)
-    engine = timer.timed(lambda: clock.work(70), Layer.PHYSICS, "mj_step")
+    engine = timer.timed(lambda: clock.move(70), Layer.PHYSICS, "mj_step")
 
     def simulate() -> None:
-        clock.work(5)
+        clock.move(5)
         engine()
         engine()
-        clock.work(3)
+        clock.move(3)
 
     simulation = timer.timed(simulate, Layer.STEPPING, "do_simulation")
 
     def step(action: Any) -> str:
-        clock.work(10)
+        clock.move(10)
         simulation()
-        clock.work(2)
+        clock.move(2)
         return f"after {action}"
 
     run = timer.outermost(step, Layer.REST, "step")
@@ -71,9 +59,9 @@ def test_layers_exclude_what_they_call_and_add_up_to_the_step(clock: Clock) -> N
     assert sum(t.ns[0] for t in after_one) == 160, "what was returned stays"
 
 
-def test_calls_outside_of_a_step_and_in_other_threads_are_not_charged(clock: Clock) -> None:
+def test_calls_outside_of_a_step_and_in_other_threads_are_not_charged(clock: StillClock) -> None:
     timer = LayerTimer(clock)
-    engine = timer.timed(lambda: clock.work(70), Layer.PHYSICS, "mj_step")
+    engine = timer.timed(lambda: clock.move(70), Layer.PHYSICS, "mj_step")
     engine()
 
     def step(action: Any) -> None:
@@ -85,11 +73,11 @@ def test_calls_outside_of_a_step_and_in_other_threads_are_not_charged(clock: Clo
     assert times(timer) == {"step": (1, 0, 0, 70)}
 
 
-def test_an_exception_passes_and_leaves_the_timer_usable(clock: Clock) -> None:
+def test_an_exception_passes_and_leaves_the_timer_usable(clock: StillClock) -> None:
     timer = LayerTimer(clock)
 
     def fail() -> None:
-        clock.work(7)
+        clock.move(7)
         raise ValueError("no")
 
     failing = timer.timed(fail, Layer.REWARD, "reward")
@@ -100,10 +88,10 @@ def test_an_exception_passes_and_leaves_the_timer_usable(clock: Clock) -> None:
     assert times(timer)["reward"] == (2, 2, 0, 14)
 
 
-def test_functions_of_one_name_and_layer_share_an_entry(clock: Clock) -> None:
+def test_functions_of_one_name_and_layer_share_an_entry(clock: StillClock) -> None:
     timer = LayerTimer(clock)
-    first = timer.timed(lambda: clock.work(1), Layer.WRAPPERS, "Scale")
-    second = timer.timed(lambda: clock.work(2), Layer.WRAPPERS, "Scale")
+    first = timer.timed(lambda: clock.move(1), Layer.WRAPPERS, "Scale")
+    second = timer.timed(lambda: clock.move(2), Layer.WRAPPERS, "Scale")
     timer.outermost(lambda _: (first(), second()), Layer.REST, "step")(None)
     assert times(timer)["Scale"] == (2, 2, 0, 3)
 
@@ -132,7 +120,7 @@ class Refusing:
         raise AttributeError("read-only")
 
 
-def test_functions_are_replaced_and_put_back(clock: Clock) -> None:
+def test_functions_are_replaced_and_put_back(clock: StillClock) -> None:
     owner, refusing, timer = Owner(), Refusing(), LayerTimer(clock)
     before = dict(vars(owner))
     callees = [
@@ -150,7 +138,7 @@ def test_functions_are_replaced_and_put_back(clock: Clock) -> None:
     assert "absent" not in times(timer)
 
 
-def test_a_timed_function_keeps_its_name(clock: Clock) -> None:
+def test_a_timed_function_keeps_its_name(clock: StillClock) -> None:
     def reward() -> None:
         """Say how good it is."""
 

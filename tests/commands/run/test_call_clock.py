@@ -227,6 +227,47 @@ def test_rollout_and_its_pool_stay_two_functions(slow, tmp_path):
     assert [call.callee for call in read(tmp_path).calls] == ["rollout", "Rollout.rollout"]
 
 
+@pytest.mark.parametrize(("width", "frame"), [(640, (480, 640)), (None, None)])
+def test_what_gymnasium_draws_is_timed_with_its_size_and_a_state(
+    slow, looks, tmp_path, monkeypatch, width, frame
+):
+    class MujocoRenderer:
+        model, data, height = "model", "data", 480
+
+        def render(self, render_mode):
+            return render_mode
+
+    states = []
+    monkeypatch.setattr(looks, "keep_state", lambda *state: states.append(state))
+    MujocoRenderer.width = width
+    slow.install_gymnasium(SimpleNamespace(MujocoRenderer=MujocoRenderer))
+    assert MujocoRenderer().render("rgb_array") == "rgb_array"
+    (call,) = read(tmp_path).calls
+    assert (call.callee, call.activity, call.frame) == ("render", Activity.RENDERING, frame)
+    assert states == [("model", "data")]
+
+
+def test_a_scene_of_mujoco_leaves_the_state_that_it_shows(slow, looks, monkeypatch):
+    class Renderer:
+        model, height, width = "model", 48, 64
+
+        def update_scene(self, data):
+            pass
+
+        def render(self):
+            pass
+
+    states = []
+    monkeypatch.setattr(looks, "keep_state", lambda *state: states.append(state))
+    module = ModuleType("mujoco")
+    module.Renderer = Renderer
+    slow.install(module)
+    renderer = module.Renderer()
+    renderer.update_scene("data")
+    renderer.render()
+    assert states == [("model", "data")]
+
+
 def test_a_callback_is_the_programs_own_when_it_asks_for_it(slow):
     module = ModuleType("mujoco")
     kept = {}

@@ -1,22 +1,14 @@
 """Garbage collections are counted and timed, and no signal is lost in them."""
 
 import pytest
+from still_clock import StillClock
 
 from mjbench.commands.run.hook import collection_clock
 
 
-class Clock:
-    """A clock that only the test moves."""
-
-    now_ns = 1_000
-
-    def __call__(self):
-        return self.now_ns
-
-
 @pytest.fixture
 def fake():
-    return Clock()
+    return StillClock(1_000)
 
 
 @pytest.fixture
@@ -26,7 +18,7 @@ def clock(fake):
 
 def collect(clock, fake, ns):
     clock.callback("start", {"generation": 0})
-    fake.now_ns += ns
+    fake.now += ns
     clock.callback("stop", {"generation": 0})
 
 
@@ -52,6 +44,6 @@ def test_what_was_before_the_beginning_and_after_the_end_does_not_count(clock, f
 def test_a_collection_that_began_before_the_clock_counts_from_then(clock, fake):
     written = []
     clock.begin(lambda *totals: written.append(totals))
-    fake.now_ns += 10
+    fake.now += 10
     clock.callback("stop", {})
     assert written[-1] == (1, 10, 10)

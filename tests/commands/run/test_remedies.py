@@ -291,6 +291,31 @@ def test_a_renderer_is_tried_at_its_size_and_with_its_library():
     )
 
 
+def drawing(count):
+    draws = call("render", 16, count, 7.0, frame=(48, 64), backend="egl")
+    return loop_of(step(2.0), call("update_scene", 15, count, 1.0), draws)
+
+
+@pytest.mark.parametrize(
+    ("count", "gains"), [(120, []), (230, []), (240, [0.8 / 2]), (1000, [0.8 * 7 / 8])]
+)
+def test_more_images_than_a_video_shows_are_left_out(count, gains):
+    """1,000 steps of 2 ms are two seconds, and 120 images of a video."""
+    listed = listing.remedies(drawing(count), timestep_s=0.002)
+    assert [each.gain for each in listed] == pytest.approx(gains)
+    assert listing.remedies(drawing(count)) == []
+
+
+def test_coarser_images_save_a_part_of_all_that_draws():
+    pair = RemedyPair(
+        call_remedies.coarser_images, frame=(48, 64), backend="egl", by_wall_time=True
+    )
+    time = drawing(100)
+    assert pair in listing.pairs([time], [])
+    (coarser,) = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.25)}))
+    assert (coarser.gain, coarser.share) == (pytest.approx(0.6), pytest.approx(0.8))
+
+
 def test_a_finding_of_lint_gives_its_message_and_its_code():
     time = loop_of(step(), call("MjData"))
     (remedy,) = listing.remedies(time, [finding("MJB005")])

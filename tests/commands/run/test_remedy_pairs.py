@@ -19,7 +19,7 @@ PAIRS = [
     RemedyPair(call_remedies.functions, ("mj_kinematics",)),
     *(
         RemedyPair(getattr(call_remedies, name))
-        for name in ("inverse", "uncentered", "one_call", "rays", "no_rollout", "renderer")
+        for name in ("inverse", "uncentered", "one_call", "rays", "no_rollout")
     ),
     RemedyPair(call_remedies.rollouts, ("rollout", "Rollout.rollout")),
     RemedyPair(call_remedies.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),
@@ -38,7 +38,7 @@ PAIRS = [
     RemedyPair(loop_remedies.no_timer),
     RemedyPair(loop_remedies.batch, on_threads=True),
 ]
-WITHOUT_GRAPHICS = [pair for pair in PAIRS if pair.ways is not call_remedies.renderer]
+GRAPHICS = [RemedyPair(call_remedies.renderer), RemedyPair(call_remedies.coarser_images)]
 
 FALLING = """
 <mujoco>
@@ -84,7 +84,7 @@ def test_contacts_one_by_one_and_as_arrays_are_the_same():
     assert np.array_equal(one_by_one.run(data), arrays.run(data))
 
 
-@pytest.mark.parametrize("pair", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
+@pytest.mark.parametrize("pair", PAIRS, ids=lambda each: each.ways.__name__)
 def test_both_ways_of_each_pair_run(pair):
     for way in pair.ways(model(), replace(pair, simulations=2)):
         way.run(mujoco.MjData(model()))
@@ -98,7 +98,7 @@ def test_each_pair_of_ways_is_tried_here():
         if inspect.isfunction(function)
         and function.__annotations__.get("return") == tuple[TimedWay, TimedWay]
     }
-    assert {pair.ways for pair in PAIRS} == declared
+    assert {pair.ways for pair in [*PAIRS, *GRAPHICS]} == declared
 
 
 def test_a_mistake_in_a_pair_is_no_lack_of_a_release():
@@ -173,7 +173,7 @@ def answers(questions, model=MODEL):
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("pair", WITHOUT_GRAPHICS, ids=lambda each: each.ways.__name__)
+@pytest.mark.parametrize("pair", PAIRS, ids=lambda each: each.ways.__name__)
 def test_every_pair_can_be_timed(pair):
     if pair.ways is loop_remedies.batch or "Batch.step" in (pair.functions or ()):
         pytest.importorskip("mujoco.batch", reason="this MuJoCo has no Batch")

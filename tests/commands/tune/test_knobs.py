@@ -384,6 +384,14 @@ def test_geoms_that_are_only_drawn_can_be_discarded() -> None:
     assert offered(seen(model_xml(bodies=bodies, more=sensor)), "visual_geoms") == []
 
 
+def test_bodies_that_cannot_move_in_their_parents_are_merged_into_them() -> None:
+    bodies = ARM.replace("</body>", "<body><geom size='.1'/></body></body><body mocap='true'/>")
+    (setting,) = knobs.settings(seen(model_xml(bodies=bodies)))["fusestatic"]
+    assert setting.evidence == "1 of 3 bodies have no joint"
+    assert apply(mujoco.MjSpec.from_string(model_xml(bodies=bodies)), [setting]).nbody == 3
+    assert offered(seen(model_xml()), "fusestatic") == []
+
+
 def test_a_file_that_is_not_mjcf_has_no_compiler_settings() -> None:
     drawn = "<geom size='.1' contype='0' conaffinity='0' mass='0'/></body>"
     compiled = seen(

@@ -91,26 +91,6 @@ def test_what_saves_much_by_count_is_named_though_there_was_no_time_for_it():
     assert tuning.conclusion(record(FREE, untried_halving=[RK4])).endswith(
         f"jacobian=sparse; {text}"
     )
-    assert tuning.counted(replace(of_all, allow=Effect.FREE)) == []
-
-
-def test_what_was_timed_without_a_reference_says_that_its_error_is_unknown():
-    timed = replace(timed_alone("integrator=Euler", [0.25, 0.26, 0.25, 0.24]), settings=(RK4,))
-    (known,) = tuning.counted(record(attempts=[timed]))
-    assert known.text == "about 4 × as fast (its error was not measured)"
-    slower = replace(timed, ratio=Interval(1.2, 1.1, 1.3))
-    erring = replace(timed, accuracy=Accuracy(Effect.APPROXIMATE, apart(0.3), apart(0.3), []))
-    failed = replace(timed, status=Status.CRASHED)
-    for judged in (slower, erring, failed):
-        assert tuning.counted(record(attempts=[judged])) == []
-
-
-def test_what_saves_by_count_is_of_a_stage_where_it_says_so():
-    noslip = Setting("noslip_iterations", "n", evidence="60", saves=0.9, stages=("solver",))
-    of_all = record(untried_halving=[noslip])
-    assert tuning.counted(replace(of_all, stages={"solver": 0.3})) == []
-    (known,) = tuning.counted(replace(of_all, stages={"solver": 0.8}))
-    assert known.factor == pytest.approx(1 / 0.28)
 
 
 def test_lines_to_paste_are_those_of_each_recommendation():

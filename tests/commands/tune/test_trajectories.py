@@ -68,6 +68,22 @@ def test_a_model_with_another_state_is_refused(cartpole):
         trajectories.run(models.load(models.resolve("humanoid")), trials)
 
 
+def test_a_model_with_fewer_bodies_runs_from_the_same_starts():
+    xml = (
+        "<mujoco><compiler fusestatic='{}'/><worldbody><body><joint axis='0 1 0'/>"
+        "<geom size='.1' pos='.2 0 0'/><body pos='.3 0 0'><geom size='.1'/></body></body>"
+        "</worldbody></mujoco>"
+    )
+    whole, fused = (mujoco.MjModel.from_xml_string(xml.format(text)) for text in ("false", "true"))
+    assert fused.nbody < whole.nbody
+    trials = trials_of(whole)
+    runs = trajectories.run(fused, trials)
+    np.testing.assert_allclose(runs.qpos, trajectories.run(whole, trials).qpos, rtol=1e-9)
+    trials.initial_state[0, -1] = 1.0  # a force on a body that may have gone
+    with pytest.raises(InputError, match="size"):
+        trajectories.run(fused, trials)
+
+
 def test_one_bit_is_a_difference(cartpole):
     trials = trials_of(cartpole)
     runs, others = (trajectories.run(cartpole, trials) for _ in range(2))

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from mjbench.commands.versions import family
 from mjbench.commands.versions import show as verdicts
+from mjbench.commands.versions.show import describe_ratio
 from mjbench.interval import Interval
 from mjbench.measuring.calls import Compilation
+from mjbench.paired.metrics import Metric
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
 from mjbench.paired.records import (
     CompilationFigures,
@@ -262,3 +264,24 @@ def test_a_median_without_an_interval_has_its_number_of_processes() -> None:
 
 def test_steps_in_c_have_no_table_of_compiling() -> None:
     assert [table.title for table in verdicts.section([ROW], 0.99).tables] == ["Verdicts"]
+
+
+@pytest.mark.parametrize(
+    ("metric", "verdict", "ratio", "text"),
+    [
+        (Metric.LOAD, Verdict.SLOWER, Interval(1.05, 1.04, 1.06), "slower by 5 % (interval "),
+        (Metric.LOAD, Verdict.SLOWER, Interval(3.0, 2.9, 3.1), "slower, takes 3 times as long"),
+        (
+            Metric.MEMORY,
+            Verdict.SLOWER,
+            Interval(1.05, 1.04, 1.06),
+            "more memory by 5 % (interval ",
+        ),
+        (Metric.MEMORY, Verdict.SLOWER, Interval(3.0, 2.9, 3.1), "more memory by 200 %"),
+        (Metric.MEMORY, Verdict.INCONCLUSIVE, Interval(1.0, None, None), "inconclusive, "),
+    ],
+)
+def test_a_change_is_said_in_the_words_of_its_metric(
+    metric: Metric, verdict: Verdict, ratio: Interval, text: str
+) -> None:
+    assert describe_ratio(metric, verdict, ratio).startswith(text)

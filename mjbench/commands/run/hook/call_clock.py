@@ -48,6 +48,8 @@ IN_TURN, CALLBACK = "simulations in turn", "callback"
 PROCESS_START, THREADED_ROLLOUT = "start of a process", "rollout on threads"
 EAGER_MJX, COPIED_ENVIRONMENT = "mjx.step", "copy of an environment"
 COPY_OF_DATA, DEEP_COPY_OF_DATA = COPIES_OF_DATA = "copy of MjData", "deep copy of MjData"
+# What has the size of an image.
+DRAWERS = ("Renderer", "render")
 # Functions of the engine that are timed with steps; each is called with a model and its data.
 STEPS = ("mj_step", "mj_step1", "mj_step2")
 # What loads or compiles a model. Several models without a step between them are one set-up.

@@ -12,6 +12,7 @@ from .call_clock import (
     COPIES_OF_DATA,
     COPY_OF_DATA,
     DEEP_COPY_OF_DATA,
+    DRAWERS,
     EAGER_MJX,
     PROCESS_START,
     THREADED_ROLLOUT,
@@ -66,13 +67,20 @@ class RareCalls:
         if original is None:
             return
         before = self._keep_copied if callee in COPIES_OF_DATA else None
-        detail = _frame_size if callee == "Renderer" else None
+        before = self._keep_drawn if callee in ("update_scene", "render") else before
+        detail = _frame_size if callee in DRAWERS else None
         with suppress(AttributeError, TypeError):
             timed = self._calls.slow(original, callee, before=before, detail=detail)
             setattr(owner, method, kind(timed))
 
     def _keep_copied(self, args: Sequence[Any]) -> None:
         self._watch.keep_state(args[0].model, args[0], "copied")
+
+    def _keep_drawn(self, args: Sequence[Any]) -> None:
+        """Keep a state of what is drawn: a program that draws each step may end before a burst."""
+        drawer, *given = args  # of Gymnasium, which has the data, or of MuJoCo
+        if given:
+            self._watch.keep_state(drawer.model, getattr(drawer, "data", given[0]))
 
     def _setting(self, setter: Any, name: str) -> Any:
         def set_callback(function: Any) -> Any:
@@ -92,6 +100,9 @@ class RareCalls:
             return function.__wrapped__ if is_timed else function
 
         return named_like(getter, get_callback)
+
+    def install_gymnasium(self, module: ModuleType) -> None:
+        self._replace(module.MujocoRenderer, "render", "render")
 
     def install_processes(self, module: ModuleType) -> None:
         self._replace(module.BaseProcess, "start", PROCESS_START)

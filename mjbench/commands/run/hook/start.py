@@ -65,6 +65,7 @@ def start(folder: str) -> None:
         "mujoco.rollout": slow.install_rollout,
         "mujoco.batch": slow.install_batch,
         "mujoco.mjx": slow.install_mjx,
+        "gymnasium.envs.mujoco.mujoco_rendering": slow.install_gymnasium,
         "gymnasium.utils.ezpickle": watch.install_copies,
         "jax": of_jax.install,
         "multiprocessing.process": slow.install_processes,

@@ -8,6 +8,7 @@ import copy
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -34,6 +35,9 @@ _COPIERS: Mapping[str, Callable[[mujoco.MjData], mujoco.MjData]] = {
     call_clock.COPY_OF_DATA: copy.copy,
     call_clock.DEEP_COPY_OF_DATA: copy.deepcopy,
 }
+# Pixels of a side of a shadow map: that of MuJoCo has 4096, which takes the processor most of an
+# image.
+_SHADOW_SIZE = 1024
 # Rays of a pair where nothing steps between them, and at most.
 _USUAL_RAYS, _MOST_RAYS = 32, 1000
 
@@ -226,6 +230,13 @@ def renderer(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWa
     return TimedWay.creating(create, draw), TimedWay(lambda data: draw(permanent, data))
 
 
+def coarser_images(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
+    coarse = copy.copy(model)
+    quality = coarse.vis.quality
+    quality.shadowsize, quality.offsamples = min(quality.shadowsize, _SHADOW_SIZE), 0
+    return renderer(model, pair)[1], renderer(coarse, pair)[1]
+
+
 # -- what rows ask, and whether they apply ---------------------------------------------------------
 
 
@@ -243,6 +254,10 @@ def _rays_pair(calls: CallsInLoop) -> RemedyPair:
 def _renderer_pair(calls: CallsInLoop) -> RemedyPair:
     frame = next((call.frame for call in calls.calls if call.frame), None) or (240, 320)
     return RemedyPair(renderer, frame=frame, backend=calls.calls[0].backend, by_wall_time=True)
+
+
+def _image_pair(calls: CallsInLoop) -> RemedyPair:
+    return replace(_renderer_pair(calls), ways=coarser_images)
 
 
 def _data_pair(calls: CallsInLoop) -> RemedyPair:
@@ -369,6 +384,15 @@ CALL_REMEDIES = (
         is_bound=True,
         codes=("MJB012",),
         keeps_first=True,
+    ),
+    CallRemedy(
+        callees=("render",),
+        text=f'draw coarser images, by <quality shadowsize="{_SHADOW_SIZE}" offsamples="0"/> in'
+        " <visual> of the model",
+        effect="shadows, and edges, which are not smoothed",
+        pair=_image_pair,
+        saving=call_savings.of_images,
+        is_of_loop=True,
     ),
     CallRemedy(
         callees=(call_clock.COMPILE, call_clock.TRACE),

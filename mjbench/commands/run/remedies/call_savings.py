@@ -144,6 +144,18 @@ def of_renderers(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Savi
     return _of_objects(calls, drawing, 0.0, ratio)
 
 
+def of_images(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Saving:
+    """Return what coarser images save; the pair updates the scene, too."""
+    share = share_of(calls.loop, drawing(calls.loop))
+    return _paired(ratio.saved * share, share, ratio)
+
+
+def drawing(loop: LoopTime) -> list[CallTime]:
+    """Return the calls that draw images, without those that create a renderer."""
+    calls = (call for call in loop.calls if call.activity == Activity.RENDERING)
+    return [call for call in calls if call.callee != "Renderer"]
+
+
 def of_new_data(calls: CallsInLoop, pair: RemedyPair, ratio: TimeRatio) -> Saving:
     """Return what it saves to create an MjData once; the pair leaves out most steps with it."""
     steps = [call for call in calls.loop.calls if call.is_step]

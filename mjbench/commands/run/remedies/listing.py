@@ -77,6 +77,7 @@ def remedies(
     incidents: Sequence[Incident] = (),
     others_busy_s: float = 0.0,
     pools: ThreadPools | None = None,
+    timestep_s: float | None = None,
 ) -> list[Remedy]:
     """Return what to do about a loop, by gain.
 
@@ -93,6 +94,7 @@ def remedies(
         *(each for each in savings if (each.activity, each.place) not in explained),
         *loop_remedies.of_turns(loop, measured, incidents),
         *loop_remedies.of_pools(loop, pools),
+        *loop_remedies.of_frames(loop, timestep_s),
     ]
     worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
     return sorted(worthwhile, key=lambda remedy: remedy.rank)

@@ -12,6 +12,7 @@ from mjbench.commands.run.hook import argument_types, call_clock
 from mjbench.commands.run.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime
 from mjbench.commands.run.remedies.call_savings import (
     count_of,
+    drawing,
     seconds_of,
     share_of,
     share_with_python,
@@ -39,6 +40,9 @@ _VECTOR_ADVICE = (
 _COLLECTION_ADVICE = (
     "call gc.disable() before the loop, and gc.collect() where a pause does no harm"
 )
+# Images of a simulated second that a video in real time shows.
+VIDEO_HZ = 60
+_COUNT_SLACK = 1.02
 # What to do where JAX compiles again, by what differs in an argument.
 _RECOMPILED_ADVICE: Mapping[str, str] = {
     argument_types.WEAK_TYPE: "create it with a dtype, such as jnp.full(n, x, dtype=jnp.float32)",
@@ -174,6 +178,32 @@ def _why_recompiled(changes: Sequence[ArgumentChange]) -> str:
         f"{each.argument} is {each.now}, and was {each.before}" for each in changes
     )
     return f"since {differing}: {_RECOMPILED_ADVICE[changes[0].kind]}"
+
+
+def of_frames(loop: LoopTime, timestep_s: float | None) -> Iterator[Remedy]:
+    """Yield how many images a video needs, where more are drawn."""
+    drawn = [call for call in loop.calls if call.callee == "render"]
+    simulated_s = (timestep_s or 0.0) * sum(call.all_steps for call in loop.calls)
+    if not drawn or not simulated_s:
+        return
+    rate = count_of(drawn) / simulated_s
+    # counts are estimated, and 59.9 frames may be 60
+    every = int(_COUNT_SLACK * rate / VIDEO_HZ)
+    if every < 2:
+        return
+    share = share_of(loop, drawing(loop))
+    yield Remedy(
+        RemedyKind.CALL,
+        Activity.RENDERING,
+        max(drawn, key=lambda call: call.seconds).place,
+        f"{rate:,.0f} images are drawn for a simulated second: for a video of {VIDEO_HZ} a second,"
+        f" draw one in {every}",
+        share * (1 - 1 / every),
+        None,
+        basis=Basis.TIMED,
+        share=share,
+        effect="the number of images",
+    )
 
 
 # -- steps -----------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import pytest
 from commands import PYTHONPATH, TESTS
 from example_environment_records import record as invented_record
 
-from mjbench.commands.env import measurement
+from mjbench.commands.env import driver
 from mjbench.commands.env.child_process import EnvironmentPlan
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.result import EnvironmentRecord
@@ -24,7 +24,7 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def measured(factory: str, **plan: Any) -> EnvironmentRecord:
     source = resolve(f"example_environments:{factory}", TESTS)
-    return measurement.measure(source, dataclasses.replace(PLAN, **plan))
+    return driver.measure(source, dataclasses.replace(PLAN, **plan))
 
 
 def test_an_environment_is_measured_and_compared() -> None:
