@@ -162,7 +162,9 @@ def beside_remedies(row: ProgramRow) -> str | None:
     if has_most:
         beside = "" if costly is None else f"; {costly.with_share}, no change is known for this"
         return f"{_mostly_physics(row, time)}{beside}"
-    return _nothing_to_do(time, costly) if remedy is None else _without_remedy(time, costly)
+    if remedy is None or costly is None:
+        return _nothing_to_do(time, costly)
+    return _without_remedy(time, costly)
 
 
 def _taken(remedy: Remedy) -> float:
