@@ -1,14 +1,14 @@
 """Run `mjbench` as a user types it, in this process or in one of its own."""
 
 import contextlib
-import functools
 import importlib.util
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 from unittest import mock
 
 from click.testing import CliRunner
@@ -37,25 +37,37 @@ def mjbench(*words: str, cwd: Path = ROOT, env: Mapping[str, str] | None = None)
     return _without_traceback(invoke())
 
 
-def mjbench_process(
-    *words: str,
+def mjbench_process(*words: str, **options: Any) -> Completed:
+    """Return how a command ended that ran in a process of its own."""
+    return _without_traceback(python("-m", "mjbench", *words, **options))
+
+
+def python(*arguments: str, **options: Any) -> Completed:
+    """Return how Python ended in a process of its own; see `_of_python`."""
+    return subprocess.run(check=False, timeout=300, **_of_python(arguments, **options))
+
+
+def started(*arguments: str, **options: Any) -> "subprocess.Popen[str]":
+    """Return a process of Python that has started; see `_of_python`."""
+    return subprocess.Popen(**_of_python(arguments, **options))
+
+
+def _of_python(
+    arguments: Sequence[str],
     cwd: Path = ROOT,
     env: Mapping[str, str] | None = None,
-    preexec_fn: Callable[[], None] | None = None,
-) -> Completed:
-    """Return how a command ended that ran in a process of its own; `env` is added to this one's."""
-    run = functools.partial(
-        subprocess.run,
-        [sys.executable, "-m", "mjbench", *words],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH, **(env or {})},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        preexec_fn=preexec_fn,
-    )
-    return _without_traceback(run())
+    **options: Any,
+) -> dict[str, Any]:
+    """Return how to start a Python that finds mjbench; `env` is added to this process's."""
+    return {
+        "args": [sys.executable, *arguments],
+        "cwd": cwd,
+        "env": {**os.environ, "PYTHONPATH": PYTHONPATH, **(env or {})},
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "text": True,
+        **options,
+    }
 
 
 def _without_traceback(done: Completed) -> Completed:

@@ -7,7 +7,7 @@ from typing import Any
 from mjbench.host.machine import Machine
 from mjbench.results import runs
 from mjbench.results.run_writer import RunFile
-from mjbench.results.runs import Record, RunHeader
+from mjbench.results.runs import Record, Run, RunHeader
 
 MACHINE = Machine(
     cpu="AMD EPYC 7763 64-Core Processor",
@@ -28,20 +28,25 @@ def labelled(label: str, **fields: Any) -> Machine:
     return replace(MACHINE, **{"label": label, **fields})
 
 
-def run_file(
-    folder: Path,
-    machine: Machine,
+def run_of(
+    command: str,
     *records: Record,
-    command: str = "compare",
+    machine: Machine = MACHINE,
     arguments: dict[str, Any] | None = None,
-    began: str = "",
+    **header: Any,
+) -> Run:
+    """Return a run of a command."""
+    return Run(RunHeader(runs.SCHEMA, command, machine, arguments or {}, **header), records)
+
+
+def run_file(
+    folder: Path, machine: Machine, *records: Record, command: str = "compare", **header: Any
 ) -> Path:
     """Return a run file of a machine."""
-    header = RunHeader(
-        runs.SCHEMA, command, machine, arguments or {}, (), (command, "a model"), began
-    )
-    file = RunFile.create(folder, header)
-    for record in records:
+    words = (command, "a model")
+    run = run_of(command, *records, machine=machine, command_line=words, **header)
+    file = RunFile.create(folder, run.header)
+    for record in run.records:
         file.append(record)
     file.close()
     return file.path

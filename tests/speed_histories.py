@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-from set_files import labelled
+from set_files import labelled, run_of
 
 from benchmarks.history import speed_series
 from benchmarks.history.release_ratios import (
@@ -17,7 +17,7 @@ from benchmarks.history.release_ratios import (
 from benchmarks.history.speed_series import SpeedSeries
 from mjbench.counts.records import ExplainRecord, FunctionDifference, Pair
 from mjbench.releases.placement import Placement
-from mjbench.results.runs import SCHEMA, Run, RunHeader
+from mjbench.results.runs import Run
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
 
@@ -75,9 +75,8 @@ def history(ratios: Sequence[float]) -> SpeedSeries:
 
 def history_run(machine: str, ratios: Sequence[float], model: str = "pile") -> Run:
     """Return a run of the history on a machine that the user gave a name."""
-    header = RunHeader(SCHEMA, "history", labelled(machine), {})
     records = [record(v, r, model) for v, r in zip(VERSIONS, ratios, strict=False)]
-    return Run(header, tuple(records))
+    return run_of("history", *records, machine=labelled(machine))
 
 
 # A model that becomes slower by a quarter, and the instructions of the releases around the change.

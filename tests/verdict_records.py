@@ -7,6 +7,7 @@ from typing import Any
 from mjbench.interval import Interval
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import LaunchRow, TargetRow, VerdictRecord
+from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.status import Status
 
 SIDES = tuple(
@@ -50,7 +51,8 @@ def of_model(verdict: VerdictRecord, model: str, **fields: Any) -> VerdictRecord
     return replace(verdict, model=model, sides=sides, **fields)
 
 
-def launch(log_ratio: float) -> LaunchRow:
+def launch(log_ratio: float, placements: PlacementPair = AS_SHIPPED) -> LaunchRow:
     """Return a launch in which the candidate takes longer by a log ratio."""
     slow = round(1_000_000_000 * math.exp(log_ratio))
-    return LaunchRow(0, None, ["ABBA"], [[1_000_000_000, slow, slow, 1_000_000_000]])
+    ns = [[1_000_000_000, slow, slow, 1_000_000_000]]
+    return LaunchRow(0, None, ["ABBA"], ns, placements, [1])

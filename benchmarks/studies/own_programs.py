@@ -6,10 +6,10 @@ runs each program of programs/own under `mjbench run`, and compares what it says
 known to be right. Where that saves time, the same program with the change runs beside it, in turns,
 without mjbench; the last column is the time of its loop over that of the original's, as the median
 of the rounds. With more than five points between the two, or than the interval shown of the first,
-or another first advice than expected, the command fails.
+or another first advice than expected, the command fails. With `--write`, each program is stored as
+soon as it is measured, and the same command continues with those that are not stored.
 """
 
-import json
 import math
 import os
 import statistics
@@ -23,6 +23,7 @@ from pathlib import Path
 from benchmarks.studies import tally_command, tally_file
 from benchmarks.studies.page_part import PagePart
 from mjbench.host import machine
+from mjbench.results import runs
 from mjbench.status import ExitCode
 
 FOLDER = Path(__file__).parent / "programs" / "own"
@@ -42,7 +43,8 @@ class OwnProgram:
       name: of its file, without the suffix.
       line: what stands on the line that is to be changed.
       says: what the advice says.
-      is_wrong: whether the program's results are wrong.
+      has_change: whether the change is timed; not where the results are wrong, a loop keeps a rate,
+        or the change is of the model.
       environment: variables that it needs.
       is_bound: whether what replaces the line takes a time that mjbench cannot know, so that the
         predicted time is the least possible.
@@ -51,7 +53,7 @@ class OwnProgram:
     name: str
     line: str
     says: str
-    is_wrong: bool = False
+    has_change: bool = True
     environment: tuple[tuple[str, str], ...] = ()
     is_bound: bool = False
 
@@ -87,12 +89,26 @@ PROGRAMS = (
     OwnProgram("inverse_beside_step", "mujoco.mj_inverse(model, data)", "mj_inverseSkip"),
     OwnProgram("inverse_kinematics", "mujoco.mj_forward(model, data)", "mj_kinematics"),
     OwnProgram("rollout_of_one", "states, _ = rollout.rollout(", "mj_step"),
+    OwnProgram("growing_log", "log = np.vstack(", "grow", is_bound=True),
+    OwnProgram("perturbed_steps", "for i in range(model.nv)", "mjd_transitionFD"),
+    OwnProgram(
+        "put_each_episode", "device_model = mjx.put_model(", "put it there once", is_bound=True
+    ),
+    OwnProgram("many_objects", "", "gc.disable()"),
+    OwnProgram("blas_in_workers", "outputs = np.tanh(", "OPENBLAS_NUM_THREADS=1"),
+    OwnProgram("long_rollout", "", "A list of"),
+    OwnProgram("paced_with_collections", "", "gc.freeze()", has_change=False),
+    OwnProgram("small_rk4_steps", "", "RK4", has_change=False),
     OwnProgram("jit_in_loop", "push = jax.jit(", "before the loop"),
     OwnProgram("bare_loop", "", "mj_resetCallbacks"),
-    OwnProgram("stored_views", "return {", "every entry will show the last state", True),
-    OwnProgram("halves_of_rk4", "mujoco.mj_step2(model, data)", "Euler", True),
-    OwnProgram("diverged", "mujoco.mj_step(model, data)", "diverged", True),
-    OwnProgram("unfilled_forces", "total += data.cfrc_ext[1, 5]", "mj_rnePostConstraint", True),
+    OwnProgram(
+        "stored_views", "return {", "every entry will show the last state", has_change=False
+    ),
+    OwnProgram("halves_of_rk4", "mujoco.mj_step2(model, data)", "Euler", has_change=False),
+    OwnProgram("diverged", "mujoco.mj_step(model, data)", "diverged", has_change=False),
+    OwnProgram(
+        "unfilled_forces", "total += data.cfrc_ext[1, 5]", "mj_rnePostConstraint", has_change=False
+    ),
 )
 
 
@@ -103,7 +119,7 @@ class Advice:
     Attributes:
       line: the text of the line; "" for the whole loop.
       text: what to do.
-      predicted: time of the loop with the change, over that of today; None for a wrong result.
+      predicted: time of the loop with the change, over that of today; None where it is not said.
       error: its standard error.
     """
 
@@ -124,25 +140,29 @@ def advice(program: OwnProgram, count: int, mjbench: Command | None = None) -> A
     Args:
       mjbench: runs mjbench with arguments; None for a process of its own.
     """
+    from mjbench.commands.run import show
+    from mjbench.commands.run.remedies import listing
     from mjbench.commands.run.remedies.remedy import Basis
+    from mjbench.commands.run.result import ProgramRow
+    from mjbench.commands.show import kinds
 
     def mjbench_process(*arguments: str) -> object:
         return _run([sys.executable, "-m", "mjbench", *arguments], program)
 
     with tempfile.TemporaryDirectory() as folder:
-        document = Path(folder) / "run.json"
-        options = ("--seconds", "none", "--json", str(document), "--results", folder)
         run = mjbench or mjbench_process
-        run("run", *options, str(program.file), str(count))
-        (row,) = json.loads(document.read_text(encoding="utf-8"))["results"]
-    remedies = row["wrong"] or row["loops"][0]["remedies"]
-    if not remedies:
-        return Advice("", "", None)
-    first = remedies[0]
-    place, gain = first["place"], first["gain"]
-    line = "" if place is None else _line(program.file, place["line"])
-    error = first["gain_error"] if first["basis"] == Basis.PAIRED else None
-    return Advice(line, first["text"], None if gain is None else 1 - gain, error or 0.0)
+        run("run", "--seconds", "none", "--results", folder, str(program.file), str(count))
+        (file,) = runs.newest_first(Path(folder))
+        (row,) = runs.load(file, kinds.RECORD_TYPES).of_type(ProgramRow)
+    text = show.conclusion(row)
+    listed = row.wrong or (row.loops and show.first_loop(row).remedies)
+    first = listing.first(listed or ())
+    is_remedy = program.has_change or row.wrong
+    if first is None or not is_remedy or first.text not in text:
+        return Advice("", text.replace(f"{FOLDER}/", ""), None)
+    line = "" if first.place is None else _line(program.file, first.place.line)
+    error = first.gain_error if first.basis in (Basis.PAIRED, Basis.RERUN) else None
+    return Advice(line, first.text, None if first.gain is None else 1 - first.gain, error or 0.0)
 
 
 @dataclass(frozen=True)
@@ -158,8 +178,8 @@ class MeasuredShare:
 
 
 def measured(program: OwnProgram, count: int, rounds: int) -> MeasuredShare | None:
-    """Run both programs in turns, in fresh processes; None of one whose results are wrong."""
-    if program.is_wrong:
+    """Run both programs in turns, in fresh processes; None of one without a change."""
+    if not program.has_change:
         return None
     ratios = []
     for number in range(rounds):
@@ -203,8 +223,8 @@ class ProgramResult:
     Attributes:
       advice: what to do.
       is_right: whether an expert would say so, of the same line.
-      predicted, measured: time of the loop with the change, over that without it; None for a wrong
-        result.
+      predicted, measured: time of the loop with the change, over that without it; None where it is
+        not said, or not measured.
       reach: half the width of the interval of the predicted time, which `mjbench run` shows.
       measured_reach: likewise of the measured time, twice its standard error.
       is_near: whether the two are within 0.05, or within the first reach.
@@ -261,19 +281,17 @@ class ProgramTally:
     rounds: int
     programs: Sequence[ProgramResult]
 
-    def beside(self, stored: "ProgramTally") -> "ProgramTally":
-        """Return a stored tally with these programs in place of its own of the same names."""
-        new = {each.name: each for each in self.programs}
-        programs = [new.pop(each.name, each) for each in stored.programs]
-        return replace(
-            stored, load=max(stored.load, self.load), programs=[*programs, *new.values()]
-        )
+    def with_result(self, result: ProgramResult) -> "ProgramTally":
+        """Return the tally with a program, in place of the earlier result of the same name."""
+        results = {each.name: each for each in [*self.programs, result]}
+        ordered = [results[each.name] for each in PROGRAMS if each.name in results]
+        return replace(self, programs=ordered)
 
     def lines(self) -> Iterator[str]:
         """Yield what the page of the method has."""
         wrong = [f"`{each.name}`" for each in self.programs if not each.is_right]
         timed = [each for each in self.programs if each.measured is not None]
-        predicted = [each for each in timed if not each.is_bound]
+        predicted = [each for each in timed if not each.is_bound and each.predicted is not None]
         far = [f"`{each.name}`" for each in predicted if not each.is_near]
         bounds = [each.is_near for each in timed if each.is_bound]
         wide = sum(each.is_wide for each in predicted)
@@ -285,7 +303,7 @@ class ProgramTally:
             f" {_MOST_DIFFERENCE} of the measured time or contain it in their interval, which"
             f" {wide} of them have{_named(' (not ', far, ')')}. Of {len(bounds)} bounds,"
             f" {sum(bounds)} hold. (MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a"
-            f" load of {self.load:g} at the beginning; {self.rounds} rounds.)"
+            f" load of up to {self.load:g} at the beginning; {self.rounds} rounds.)"
         )
 
 
@@ -301,37 +319,56 @@ def _named(before: str, names: Sequence[str], after: str = "") -> str:
     return f"{before}{', '.join(names)}{after}" if names else ""
 
 
-def main() -> None:
-    """Print the table; fail where an advice is wrong."""
+def measure(programs: Sequence[OwnProgram], count: int, tally: ProgramTally, writes: bool) -> bool:
+    """Measure programs, one after the other; return whether all of the tally are as they should be.
+
+    Args:
+      writes: whether to store each as soon as it is measured, and the page.
+    """
+    for program in programs:
+        result = ProgramResult.of(program, count, tally.rounds)
+        print(f"{result.name} | {result.advice} | {result.shares}", flush=True)
+        tally = tally.with_result(result)
+        if writes:
+            tally_file.write(TALLY, tally)
+            PART.write(tally.lines())
+    print("\n".join(tally.lines()))
+    return all(each.is_right and each.is_near for each in tally.programs)
+
+
+def main() -> ExitCode:
+    """Run the command; return its exit code."""
     parser = tally_command.parser(__doc__)
     parser.add_argument("programs", nargs="*", metavar="PROGRAM")
-    parser.add_argument("--count", type=int, default=1000, help="iterations, in their units")
-    parser.add_argument("--rounds", type=int, default=5, help="runs with and without the change")
+    parser.add_argument("--count", type=int, default=3000, help="iterations, in their units")
+    parser.add_argument("--rounds", type=int, default=9, help="runs with and without the change")
     parser.add_argument("--write", action="store_true", help=f"write {TALLY.name} and the page")
-    arguments = parser.parse_args()
-    here = machine.describe()
-    chosen = [p for p in PROGRAMS if p.name in (arguments.programs or [p.name])]
-    results = []
-    for program in chosen:
-        results.append(ProgramResult.of(program, arguments.count, arguments.rounds))
-        print(f"{results[-1].name} | {results[-1].advice} | {results[-1].shares}", flush=True)
-    tally = ProgramTally(
-        here.versions["mujoco"],
-        here.cpu,
-        here.usable_cores,
-        here.load_1min,
-        arguments.rounds,
-        results,
-    )
-    print("\n".join(tally.lines()))
-    if arguments.write:
-        if arguments.programs:  # others keep what they have
-            tally = tally.beside(tally_file.continued(TALLY, tally, "programs"))
-        tally_file.write(TALLY, tally)
-        PART.write(tally.lines())
-    failed = not all(each.is_right and each.is_near for each in results)
-    sys.exit(ExitCode.FINDING if failed else ExitCode.OK)
+    options = parser.parse_args()
+    known = [each.name for each in PROGRAMS]
+    if unknown := sorted(set(options.programs) - set(known)):
+        parser.error(f"no such program: {', '.join(unknown)}; there are {', '.join(known)}")
+
+    def action() -> ExitCode:
+        here = machine.describe()
+        tally = ProgramTally(
+            here.versions["mujoco"],
+            here.cpu,
+            here.usable_cores,
+            here.load_1min,
+            options.rounds,
+            [],
+        )
+        if options.write:
+            stored_tally = tally_file.continued(TALLY, tally, "programs")
+            tally = replace(stored_tally, load=max(stored_tally.load, tally.load))
+        stored = {each.name for each in tally.programs}
+        names = options.programs or [name for name in known if name not in stored]
+        chosen = [each for each in PROGRAMS if each.name in names]
+        are_right = measure(chosen, options.count, tally, options.write)
+        return ExitCode.OK if are_right else ExitCode.FINDING
+
+    return tally_command.run("own_programs", action, "the same command with --write continues")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

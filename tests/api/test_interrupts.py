@@ -4,7 +4,6 @@ import gc
 import os
 import pty
 import signal
-import subprocess
 import sys
 import threading
 import weakref
@@ -12,7 +11,7 @@ from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
 import pytest
-from commands import PYTHONPATH
+from commands import python
 
 from mjbench.api import interrupts
 from mjbench.host import child
@@ -165,11 +164,7 @@ def test_a_ctrl_c_is_not_lost_in_a_hook_of_fork() -> None:
         "threading.Event().wait(60.0)\n"
         "print('goes on after 3 Ctrl-C')"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = python("-c", program)
     assert (done.returncode, done.stdout) == (-signal.SIGINT, "")
     assert "Exception ignored" not in done.stderr
 
@@ -201,11 +196,7 @@ def test_imports_that_are_interrupted_end_with_130_and_print_nothing(
         "sys.meta_path.insert(0, Sender())\n"
         "main()"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program, "--help"],
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = python("-c", program, "--help")
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 

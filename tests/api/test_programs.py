@@ -1,13 +1,10 @@
 """mjbench in programs of a user's: a script, `python -c`, a notebook, and Ctrl-C in one."""
 
-import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from commands import PYTHONPATH, ROOT
+from commands import ROOT, python, started
 
 # No `if __name__ == "__main__"`: child processes must not import the script.
 SCRIPT = """
@@ -43,18 +40,6 @@ except KeyboardInterrupt:
 """
 
 
-def python(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [sys.executable, *arguments],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-
-
 def test_a_script_needs_no_guard_and_is_left_without_processes(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
     done = python("script.py", cwd=tmp_path)
@@ -85,14 +70,7 @@ def test_importing_is_cheap_and_a_timer_needs_only_the_standard_library(tmp_path
 
 
 def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", LONG],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as process:
+    with started("-c", LONG, cwd=tmp_path, stderr=None, start_new_session=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "steps\n"
         process.send_signal(signal.SIGINT)

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from example_races import compared, raced
+from set_files import run_of
 from step_profiles import step_profile
 from verdict_records import SLOWER, of_model
 
@@ -22,15 +23,14 @@ from mjbench.host import machine
 from mjbench.measuring.timing import Progress
 from mjbench.paired.records import VerdictRecord
 from mjbench.results import runs
-from mjbench.results.runs import Record, Run, RunHeader
+from mjbench.results.runs import Record, Run
 from mjbench.session import Item, Items, Measurement, Observer
 
 HOSTILE = "<img src=x onerror=alert(1)>&\x1b[31m"
 
 
 def run(command: str, *records: Any, **arguments: Any) -> Run:
-    header = RunHeader(runs.SCHEMA, command, machine.describe(), arguments)
-    return Run(header, tuple(records))
+    return run_of(command, *records, machine=machine.describe(), arguments=arguments)
 
 
 def verdict(model: str = "humanoid") -> VerdictRecord:

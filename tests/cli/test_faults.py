@@ -6,13 +6,12 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from commands import PYTHONPATH, Completed, mjbench, mjbench_process
+from commands import PYTHONPATH, Completed, mjbench, mjbench_process, python, started
 from example_models import CONTACT_XML
 
 from mjbench.cli import cli
@@ -83,13 +82,8 @@ def test_an_interrupt_is_one_line_and_saves_what_was_measured(
     words = ["--paths", "python_loop_hold,wrong_paths:Tells,wrong_paths:Hangs", *QUICK]
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "scratch").mkdir()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mjbench", "compare", contact_file, *words],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH,
-             "MJBENCH_TEST_PIPE": str(tmp_path / "pipe"), "TMPDIR": str(tmp_path / "scratch")},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    env = {"MJBENCH_TEST_PIPE": str(tmp_path / "pipe"), "TMPDIR": str(tmp_path / "scratch")}
+    process = started("-m", "mjbench", "compare", contact_file, *words, cwd=tmp_path, env=env)
     if when == "while a path hangs":
         (tmp_path / "pipe").read_text()  # returns when the path before it was prepared
     process.send_signal(number)
@@ -124,12 +118,7 @@ def test_a_closed_output_is_no_traceback(tmp_path: Path) -> None:
         "sys.argv[0] = 'mjbench'\n"
         "main()"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, "compare", "cartpole", *QUICK],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = started("-c", program, "compare", "cartpole", *QUICK, cwd=tmp_path)
     assert process.stdout is not None
     assert process.stderr is not None
     process.stdout.close()
@@ -199,10 +188,7 @@ def test_a_pipe_is_written_to_and_not_replaced(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
     (tmp_path / "a.py").write_text("x = 1\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "mjbench", "lint", "a.py", "--json", "pipe"],
-        cwd=tmp_path, env={**os.environ, "PYTHONPATH": PYTHONPATH}, check=False,
-    )  # fmt: skip
+    done = mjbench_process("lint", "a.py", "--json", "pipe", cwd=tmp_path)
     assert done.returncode == 0
     assert json.loads(os.read(reader, 1 << 16))["findings"] == []
     os.close(reader)
@@ -228,11 +214,7 @@ def test_an_output_that_cannot_be_written_is_one_line(tmp_path: Path, target: st
 @pytest.mark.parametrize("words", [["--help"], ["paths"], ["paths", "--json", "-"]])
 def test_a_full_disk_behind_standard_output_is_one_line(words: list[str]) -> None:
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "mjbench", *words],
-            env={**os.environ, "PYTHONPATH": PYTHONPATH},
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
+        done = python("-m", "mjbench", *words, stdout=full)
     assert done.returncode == 3
     assert done.stderr.count("mjbench: ") == 1
     assert "No space left on device" in done.stderr.splitlines()[-1]

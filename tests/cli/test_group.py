@@ -1,13 +1,11 @@
 """What every command shares: help, version, missing packages."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from commands import PYTHONPATH, ROOT, mjbench_process
+from commands import PYTHONPATH, ROOT, mjbench_process, python
 
 from mjbench import errors
 from mjbench.cli import group
@@ -24,22 +22,14 @@ def test_help_and_version_need_no_engine() -> None:
         "sys.exit(f'imported {heavy}' if heavy else 0)\n"
     )
     for word in ("--help", "--version"):
-        done = subprocess.run(
-            [sys.executable, "-c", program, word],
-            env={**os.environ, "PYTHONPATH": PYTHONPATH},
-            capture_output=True, text=True, timeout=60,
-        )  # fmt: skip
+        done = python("-c", program, word)
         assert done.returncode == 0, done.stderr
         assert "mjbench" in done.stdout
 
 
 def test_without_its_optional_packages_the_command_says_what_to_install() -> None:
     program = "import sys; sys.modules['click'] = None\nfrom mjbench.__main__ import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
+    done = python("-c", program)
     assert done.returncode != 0
     assert "python -m pip install " in done.stderr
     assert "Traceback" not in done.stderr

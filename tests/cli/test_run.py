@@ -2,16 +2,14 @@
 
 import functools
 import json
-import os
 import signal
-import subprocess
 import sys
 import threading
 from pathlib import Path
 
 import program_runs
 import pytest
-from commands import PYTHONPATH, ROOT, mjbench
+from commands import ROOT, mjbench, mjbench_process, python, started
 
 PLANTED = ROOT / "tests" / "commands" / "run" / "planted"
 HUMANOID = str(ROOT / "models" / "humanoid.xml")
@@ -95,9 +93,7 @@ def can_render():
     """Return whether MuJoCo draws by EGL here."""
     model = "mujoco.MjModel.from_xml_string('<mujoco/>')"
     text = f"import mujoco; mujoco.Renderer({model}).render()"
-    environment = {**os.environ, "MUJOCO_GL": "egl"}
-    done = subprocess.run([sys.executable, "-c", text], env=environment, capture_output=True)
-    return done.returncode == 0
+    return python("-c", text, env={"MUJOCO_GL": "egl"}).returncode == 0
 
 
 def test_rendering_comes_first(tmp_path):
@@ -124,16 +120,8 @@ def test_output_input_arguments_and_exit_code_are_the_programs(tmp_path):
     program.write_text(
         "import sys\nprint(sys.argv[1:], input())\nprint('to stderr', file=sys.stderr)\nsys.exit(5)"
     )
-    done = subprocess.run(
-        [sys.executable, "-m", "mjbench", "run", str(program), "--seconds", "-m", "--help"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        input="typed\n",
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    words = ["run", str(program), "--seconds", "-m", "--help"]
+    done = mjbench_process(*words, cwd=tmp_path, input="typed\n")
     assert done.returncode == 5
     assert done.stdout == "['--seconds', '-m', '--help'] typed\n"
     assert "to stderr" in done.stderr
@@ -153,9 +141,7 @@ def test_a_module_runs_with_its_arguments(tmp_path, capfd):
 def test_an_exception_is_shown_as_python_shows_it(tmp_path, capfd):
     program = tmp_path / "broken.py"
     program.write_text("raise RuntimeError('mine')")
-    plain = subprocess.run(
-        [sys.executable, str(program)], capture_output=True, text=True, check=False
-    )
+    plain = python(str(program))
     done, row = run(tmp_path, program)
     assert done.returncode == 1
     assert capfd.readouterr().err == plain.stderr
@@ -202,14 +188,8 @@ def test_a_signal_reaches_the_program_and_the_report_comes(tmp_path):
         "try:\n    while True: time.sleep(0.01)\n"
         "except KeyboardInterrupt:\n    print('cleaned up')\n    raise SystemExit(9)\n"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mjbench", "run", "--json", "run.json", str(program)],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    words = ["run", "--json", "run.json", str(program)]
+    process = started("-m", "mjbench", *words, cwd=tmp_path)
     while not Path(tmp_path / "ready").exists():
         assert process.poll() is None
         threading.Event().wait(0.05)

@@ -1,7 +1,6 @@
 """`mjbench show OLD NEW`: two run files of one kind."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,23 +11,14 @@ from example_records import measurement, model_record
 from set_files import labelled, run_file
 
 from mjbench.cli import cli
-from mjbench.host import machine
-from mjbench.results import runs
-from mjbench.results.run_writer import RunFile
 
 RUNS = ROOT / "results/runs"
 
 
 def stored_run(folder: Path, jax: str, seconds: float) -> str:
-    versions = {"jax": jax}
-    file = RunFile.create(
-        folder,
-        runs.RunHeader(runs.SCHEMA, "compare", replace(machine.describe(), versions=versions), {}),
-    )
-    file.append(model_record())
-    file.append(measurement(path="mjx", precision="float32", device="cpu", samples_s=[seconds] * 9))
-    file.close()
-    return str(file.path)
+    machine = labelled("a", versions={"jax": jax})
+    row = measurement(path="mjx", precision="float32", device="cpu", samples_s=[seconds] * 9)
+    return str(run_file(folder, machine, model_record(), row))
 
 
 def test_the_order_of_two_runs_is_that_of_their_times(tmp_path: Path) -> None:

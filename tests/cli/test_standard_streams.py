@@ -8,7 +8,7 @@ from pathlib import Path
 from unittest import mock
 
 import pytest
-from commands import PYTHONPATH
+from commands import PYTHONPATH, python
 from example_races import invent_comparisons
 
 from mjbench.cli import cli, standard_streams
@@ -106,8 +106,5 @@ def test_the_process_ends_with_the_code_of_the_command(
 def test_a_start_that_fails_where_standard_error_is_full_is_exit_code_3() -> None:
     program = "import sys; sys.modules['click'] = None\nfrom mjbench.__main__ import main; main()"
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, "PYTHONPATH": PYTHONPATH}, stderr=full, check=False,
-        )  # fmt: skip
+        done = python("-c", program, stderr=full)
     assert done.returncode == ExitCode.ENVIRONMENT

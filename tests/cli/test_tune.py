@@ -2,15 +2,12 @@
 
 import contextlib
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 
 import psutil
 import pytest
-from commands import PYTHONPATH, ROOT, mjbench
+from commands import ROOT, mjbench, started
 
 CARTPOLE = ROOT / "models" / "cartpole.xml"
 
@@ -104,15 +101,8 @@ def measures(pid: int) -> bool:
 
 
 def test_ctrl_c_keeps_what_was_tried(tmp_path):
-    command = [sys.executable, "-m", "mjbench", "tune", str(CARTPOLE), "--results", "runs"]
-    process = subprocess.Popen(
-        [*command, "--json", "tune.json"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    words = ["tune", str(CARTPOLE), "--results", "runs", "--json", "tune.json"]
+    process = started("-m", "mjbench", *words, cwd=tmp_path)
     while process.poll() is None and not measures(process.pid):
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)

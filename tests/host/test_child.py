@@ -8,7 +8,7 @@ from pathlib import Path
 
 import isolated_tasks
 import pytest
-from commands import PYTHONPATH, TESTS
+from commands import TESTS, python, started
 from isolated_tasks import Process
 from process_tree import ends
 
@@ -39,13 +39,7 @@ def test_children_die_with_a_parent_that_is_killed(tmp_path: Path, task: str, co
         f"isolate.run(isolated_tasks.{task}, (request,),"
         f" lambda message: print(message.pid, flush=True), 60.0, {str(TESTS)!r})"
     )
-    parent = subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-    )
+    parent = started("-c", program, cwd=tmp_path, stderr=None)
     processes = [os.pidfd_open(int(parent.stdout.readline())) for _ in range(count)]
     parent.kill()
     parent.wait()
@@ -55,11 +49,7 @@ def test_children_die_with_a_parent_that_is_killed(tmp_path: Path, task: str, co
 
 def test_a_child_whose_parent_has_ended_before_it_could_ask_to_die_with_it_ends() -> None:
     program = "from mjbench.host import child; child.die_with_parent(1 << 22); print('on')"
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
+    done = python("-c", program)
     assert (done.returncode, done.stdout) == (1, "")
 
 
@@ -70,10 +60,7 @@ def test_a_program_that_knows_nothing_of_it_ends_with_its_parent() -> None:
         "shell = ['sh', '-c', 'echo $$; exec sleep 600']\n"
         "subprocess.run(child.ending_with_parent(shell))"
     )
-    environment = {**os.environ, "PYTHONPATH": PYTHONPATH}
-    parent = subprocess.Popen(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=environment
-    )
+    parent = started("-c", program, stderr=None)
     process = os.pidfd_open(int(parent.stdout.readline()))
     parent.kill()
     parent.communicate()

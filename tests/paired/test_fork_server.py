@@ -4,7 +4,6 @@ import importlib.metadata
 import os
 import signal
 import socket
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import process_tree
 import pytest
-from commands import ROOT
+from commands import python
 from paired_examples import INSTALLED
 
 from mjbench.errors import MachineError
@@ -39,9 +38,7 @@ def test_a_server_imports_numpy_but_not_mujoco() -> None:
         "[importlib.import_module(name) for name in fork_server._MODULES];"
         "print(sorted({'mujoco', 'numpy', 'psutil'} & {*sys.modules}))"
     )
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['numpy']"
+    assert python("-c", code).stdout.strip() == "['numpy']"
 
 
 def stack_begin(process: WorkerProcess) -> int:
@@ -306,7 +303,6 @@ try:
 except BaseException:
     os.write(1, b"a worker that goes on\n")
 """
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    done = python("-c", code)
     assert sorted(done.stdout.splitlines()) == ["a worker", "the server"]
     assert "SystemExit: 7" in done.stderr

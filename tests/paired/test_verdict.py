@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from example_records import WORK
 from paired_examples import BRIEF, CARTPOLE, INSTALLED, InventedPair
+from verdict_records import launch
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.commands.versions import show as verdicts
@@ -28,7 +30,6 @@ from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results import runs
 from mjbench.simulation import models
-from mjbench.simulation.reference_run import Work
 from mjbench.simulation.starts import KEYFRAME_STARTS, Starts
 from mjbench.simulation.state_drift import StateDrift
 from mjbench.status import Status
@@ -223,7 +224,6 @@ def test_a_family_is_rarely_called_slower_and_hardly_takes_more_launches() -> No
 # Why two builds differ.
 
 OTHER_BUILD = replace(CARTPOLE, release=ReleaseSpec("3.5.0", "3.5.0"))
-WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 SAME_WORK = WorkDifference(
     WORK, WORK, StateDrift(0.0), (0, 0), ({}, {}), nbatch=4, nstep=10, starts=Starts(0.0, 0.0)
 )
@@ -307,13 +307,6 @@ def test_builds_that_cannot_be_moved_are_compared_as_shipped_and_the_row_says_wh
     sentence = verdicts.describe_verdict(row)
     assert "because of its code or of where that lies in memory, same work" in sentence
     assert sentence.endswith("; compared as shipped: MuJoCo 3.5.0: no reason")
-
-
-def launch(log_ratio: float, placements: PlacementPair) -> LaunchRow:
-    """Return a launch of one quad with a log ratio."""
-    slower = round(1e9 * math.exp(log_ratio))
-    ns = np.array([[10**9, slower, slower, 10**9]])
-    return LaunchRow(0, None, ["ABBA"], ns.tolist(), placements, [1])
 
 
 def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:

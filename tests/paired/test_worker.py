@@ -1,15 +1,13 @@
 """What one worker does: what it imports, what it sets, and what it refuses."""
 
 import importlib
-import subprocess
-import sys
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import cast
 
 import mujoco
 import pytest
-from commands import ROOT
+from commands import python
 from paired_examples import INSTALLED
 
 from mjbench.errors import MachineError
@@ -25,9 +23,7 @@ def test_a_worker_imports_neither_mujoco_nor_numpy_before_it_has_mapped_other_me
     code = (
         "import sys, mjbench.paired.worker; print({'mujoco', 'numpy', 'msgspec'} & {*sys.modules})"
     )
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
+    assert python("-c", code).stdout.strip() == "set()"
 
 
 def test_a_task_whose_module_is_missing_in_the_release_is_a_failure_that_names_it(

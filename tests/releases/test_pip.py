@@ -4,13 +4,12 @@ import contextlib
 import logging
 import os
 import select
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from commands import PYTHONPATH
+from commands import started
 from packaging import tags
 
 from mjbench.errors import InputError, MachineError
@@ -140,12 +139,8 @@ def test_pip_dies_with_the_process_that_runs_it(tmp_path: Path) -> None:
         "import sys; from pathlib import Path; from mjbench.releases import pip;"
         f" sys.executable = {str(tmp_path / 'python')!r}; pip.install('3.5.0', (), Path('target'))"
     )
-    user = subprocess.Popen(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH},
-        start_new_session=True,
-    )
+    quiet = {"stdout": None, "stderr": None}
+    user = started("-c", program, cwd=tmp_path, start_new_session=True, **quiet)
     with contextlib.ExitStack() as closing:
         closing.callback(user.wait)
         closing.callback(user.kill)

@@ -1,12 +1,11 @@
 """The timer of MuJoCo's Python package, off and on again: the same states, no times in between."""
 
 import contextlib
-import subprocess
-import sys
 
 import mujoco
 import numpy as np
 import pytest
+from commands import python
 from example_models import CONTACT_XML
 
 import mjbench
@@ -97,10 +96,7 @@ def test_mujocos_own_call_turns_it_off_without_mjbench() -> None:
         "mujoco.mj_step(model, data)\n"
         "print(data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration)\n"
     )
-    completed = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert completed.stdout == "0.0\n"
+    assert python("-c", program).stdout == "0.0\n"
 
 
 def test_a_clock_of_the_users_own_is_set_back(model: mujoco.MjModel) -> None:

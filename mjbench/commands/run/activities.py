@@ -49,6 +49,8 @@ class Activity(enum.StrEnum):
     """Once for each machine: Warp stores what it compiles in its cache."""
     DISPATCH = "calling compiled functions of JAX"
     """JAX starts what a function computes; on a processor, it may compute it meanwhile."""
+    COMPARING = "comparing models of MJX"
+    """A compiled function compares the NumPy fields of a new model with those that it knows."""
     DEVICE_WAIT = "waiting for JAX"
     """Until an array is computed, and copied to the host."""
     TRANSFER = "transfers to the device"
@@ -101,6 +103,7 @@ _DRAWING_FILE = re.compile(
 _POLICY_FILE = re.compile(
     r"-packages/(torch|jax|jaxlib|flax|haiku|optax|tensorflow|keras|onnxruntime)/"
 )
+_MJX_FIELDS_FILE = re.compile(r"/mujoco/mjx/_src/dataclasses\.py$")
 _BUILDING_FILE = re.compile(r"-packages/dm_control/mjcf/(?!physics\.py)")
 _LOGGING_FILE = re.compile(
     r"-packages/(tensorboard|tensorboardX|wandb|mlflow|imageio|imageio_ffmpeg|h5py|moviepy)/"
@@ -184,6 +187,8 @@ def _by_caller(stack: Sequence[Frame], has_thread_pool: bool) -> Activity | None
         return Activity.RENDERING
     for frame in called:
         file = frame.file
+        if frame.function.endswith("__eq__") and _MJX_FIELDS_FILE.search(file):
+            return Activity.COMPARING
         if _POLICY_FILE.search(file):
             return Activity.POLICY
         if _BUILDING_FILE.search(file):

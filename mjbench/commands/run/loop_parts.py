@@ -5,15 +5,16 @@ are allocated once; shares of activities, packages and lines are sums of them.
 """
 
 import itertools
+import re
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from mjbench.commands.run import activities
 from mjbench.commands.run.activities import Activity, Place, is_own
 from mjbench.commands.run.call_times import CallTime
-from mjbench.commands.run.hook import file_owners
+from mjbench.commands.run.hook import call_clock, file_owners
 from mjbench.commands.run.loop_time import FEW_SAMPLES, LineStay, error_of, shares_of
 from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
 
@@ -25,6 +26,8 @@ _KNOWN_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity
 _LEAST_REST = 0.02
 # Smaller shares are differences of rounded numbers.
 _LEAST_PART = 1e-6
+# A line that is one call.
+ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)(\s*#.*)?$")
 # Average gaps between timed calls that may lie beyond the first and the last by chance: more do in
 # 4 % of the cases, if the gaps are exponentially distributed. Times that samples must see calls.
 _MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
@@ -59,6 +62,12 @@ class Sample:
         own = (frame for frame in reversed(self.inner) if is_own(frame))
         return next(own, self.inner[0])
 
+    @cached_property
+    def called(self) -> Sequence[Frame]:
+        """What that line calls, outermost first."""
+        beyond = itertools.takewhile(lambda each: each != self.own_frame, reversed(self.inner))
+        return list(beyond)[::-1]
+
 
 @dataclass(frozen=True)
 class Part:
@@ -78,6 +87,38 @@ class Part:
     def package(self) -> str:
         """The installed package whose Python runs; "" for the user's own code."""
         return file_owners.package_of(self.sample.python.file) if self.sample else ""
+
+
+def untorn(samples: Sequence[Sample], calls: Sequence[CallTime]) -> list[Sample]:
+    """Return samples in which no line that is one step calls something else.
+
+    The program runs while its stack is read, from the innermost function on. What such a line seems
+    to call is what the line before it called.
+    """
+    steps = {
+        call.place.position
+        for call in calls
+        if call.callee in call_clock.STEPS and ONE_CALL.match(call.place.text)
+    }
+    callers = defaultdict[tuple[str, str], Counter[Frame]](Counter)
+    are_torn = []
+    for sample in samples:
+        calls_other = bool(sample.called) and not activities.is_step_clock(sample.called[0])
+        is_step = activities.place_of(sample.own_frame).position in steps
+        are_torn.append(calls_other and is_step)
+        if calls_other and not is_step:
+            callers[sample.called[0].file, sample.called[0].function][sample.own_frame] += 1
+
+    def whole(sample: Sample) -> Sample:
+        own, called = sample.own_frame, sample.called[0]
+        of_called = callers[called.file, called.function]
+        caller = max(of_called, key=lambda each: of_called[each], default=own)
+        return replace(sample, inner=[caller if each == own else each for each in sample.inner])
+
+    return [
+        whole(sample) if is_torn else sample
+        for sample, is_torn in zip(samples, are_torn, strict=True)
+    ]
 
 
 def shown_places(stack: Sequence[Frame]) -> list[Place]:
@@ -114,15 +155,14 @@ def _seconds_of(parts: Iterable[Sample | Part | CallTime]) -> float:
 
 def loop_seconds(samples: Sequence[Sample], calls: Sequence[CallTime]) -> float:
     """Return how long a loop runs, summed over threads: by its calls, and by samples beyond."""
+    sampled_s = _seconds_of(samples)
     if not calls:
-        return _seconds_of(samples)
+        return sampled_s
     seconds = _span_s(calls)
     if equal_samples(samples) < FEW_SAMPLES:
         return seconds
-    stretch = _stretch(samples, {call.place.position for call in calls})
-    if stretch is not None:
-        return seconds * stretch
-    sampled_s = _seconds_of(samples)  # it also runs without these calls
+    seconds *= _stretch(samples, {call.place.position for call in calls}) or 1.0
+    # it also runs without these calls, or those after the last burst took longer than those in it
     return sampled_s if sampled_s > _LEAST_BEYOND * seconds else seconds
 
 
@@ -138,7 +178,7 @@ def parts_of(
       seconds: that the loop takes.
       collections_s: seconds of garbage collections, which samples of Python alone do not show.
     """
-    parts = [Part(call.activity, call.seconds, call.place) for call in calls]
+    parts = list(_of_calls(samples, calls, seconds))
     left_s = max(0.0, seconds - _seconds_of(calls))
     if (collected_s := min(left_s, collections_s)) > 0:
         parts.append(Part(Activity.COLLECTION, collected_s, None))
@@ -155,6 +195,25 @@ def parts_of(
     return [*parts, *(sampled if left_s > _LEAST_PART * seconds else ())]
 
 
+def _of_calls(
+    samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float
+) -> Iterator[Part]:
+    """Yield what calls took; what compiled functions compare, as samples show, is apart."""
+    compared_s = defaultdict[tuple[str, int], float](float)
+    factor = seconds / max(1e-9, _seconds_of(samples))
+    for sample in samples:
+        if sample.activity == Activity.COMPARING:
+            position = activities.place_of(sample.own_frame).position
+            compared_s[position] += factor * sample.seconds
+    for call in calls:
+        of_call_s = 0.0
+        if call.activity == Activity.DISPATCH:
+            of_call_s = min(call.seconds, compared_s.pop(call.place.position, 0.0))
+        yield Part(call.activity, call.seconds - of_call_s, call.place)
+        if of_call_s:
+            yield Part(Activity.COMPARING, of_call_s, call.place)
+
+
 def _beside(samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float) -> Sequence[Part]:
     """Return the samples of what is not timed.
 
@@ -162,6 +221,8 @@ def _beside(samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float
     what they see beyond its time makes the call, or frees its result.
     """
     timed = {call.activity for call in calls}
+    if Activity.DISPATCH in timed:
+        timed.add(Activity.COMPARING)
     slow = shares_of(
         (
             (call.place.position, call.seconds)

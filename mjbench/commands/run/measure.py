@@ -41,11 +41,18 @@ def observed(
         seen.pools.environment,
     )
     speedup = _steps_per_s(second) / _steps_per_s(seen)
-    return replace(seen, pools=replace(seen.pools, speedup=speedup or None))
+    error = math.hypot(_relative_error(second), _relative_error(seen))
+    return replace(seen, pools=replace(seen.pools, speedup=speedup or None, relative_error=error))
 
 
 def _steps_per_s(seen: ProgramObservation) -> float:
     return sum(each.steps_per_s or 0.0 for each in seen.steps)
+
+
+def _relative_error(seen: ProgramObservation) -> float:
+    """Return the standard error of steps per second; processes are slow together."""
+    iterations = [each.iteration for each in seen.steps if each.iteration is not None]
+    return max((each.mean_error for each in iterations), default=0.0)
 
 
 def record(name: str, observation: ProgramObservation) -> ProgramRow:

@@ -1,6 +1,5 @@
 """Where the time of a program's stepping loops goes, from samples of its stacks."""
 
-import itertools
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -18,6 +17,7 @@ from mjbench.commands.run.loop_parts import (
     loop_seconds,
     parts_of,
     shown_places,
+    untorn,
 )
 from mjbench.commands.run.loop_time import (
     FEW_SAMPLES,
@@ -263,6 +263,7 @@ def _loop_time(
     main_pid: int,
     collections_s: Mapping[int, float],
 ) -> LoopTime:
+    samples = untorn(samples, calls)
     threads = {sample.thread.thread for sample in samples}
     pids = sorted({each.pid for each in threads or calls})
     is_main = any(each.pid == main_pid == each.tid for each in threads)
@@ -371,9 +372,7 @@ def _most_torn_s(seconds: Sequence[float]) -> float:
 
 
 def _called_package(sample: Sample) -> str:
-    own = sample.own_frame
-    called = list(itertools.takewhile(lambda frame: frame != own, reversed(sample.inner)))
-    packages = (file_owners.package_of(each.file) for each in called[::-1])
+    packages = (file_owners.package_of(each.file) for each in sample.called)
     return next(filter(None, packages), "")
 
 

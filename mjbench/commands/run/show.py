@@ -42,6 +42,7 @@ _LEAST_LOOPS = 0.05
 # Lines and remedies that are printed; the JSON document has all.
 _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
+_MEASURED = (Basis.PAIRED, Basis.RERUN)
 # Half the width of an interval of a share from which on it is shown.
 _CLOSE = 0.05
 # The last tenth of so many iterations takes so many times as long as the first: they grow.
@@ -347,9 +348,14 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
 
 
 def _uncertain(remedy: Remedy) -> Interval | None:
-    """Return the share that a pair saves, if its interval is wide, as of calls on threads."""
+    """Return the share that was measured to be saved, if its interval is wide, as of threads."""
     gain = remedy.share_saved
-    if remedy.basis != Basis.PAIRED or gain is None or gain.low is None or gain.high is None:
+    if (
+        remedy.basis not in (Basis.PAIRED, Basis.RERUN)
+        or gain is None
+        or gain.low is None
+        or gain.high is None
+    ):
         return None
     return gain if gain.high - gain.low > 2 * _CLOSE else None
 

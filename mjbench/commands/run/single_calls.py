@@ -43,6 +43,11 @@ class SingleCall:
         """Threads that get no chunk."""
         return max(0, self.nthread - math.ceil(self.nbatch / self.chunk)) if self.chunk else 0
 
+    @property
+    def chunk_for_all(self) -> NonNegativeInt:
+        """Simulations of a chunk with which no thread is idle; 0 where there are too few."""
+        return self.nbatch // self.nthread
+
     def sentence(self, wall_s: float) -> str:
         step = duration(1e9 * self.seconds / (self.nbatch * self.nstep))
         chunks = f", in chunks of {self.chunk}" if self.chunk and self.nthread > 1 else ""
@@ -54,11 +59,14 @@ class SingleCall:
         )
         return ". ".join([text, *self._advice(), *self._instant()])
 
+    @property
+    def idle_sentence(self) -> str:
+        smaller = f": chunk_size={self.chunk_for_all} uses all" if self.chunk_for_all else ""
+        return f"{self.idle_threads} of its {self.nthread} threads get no chunk{smaller}"
+
     def _advice(self) -> Iterator[str]:
         if self.idle_threads:
-            size = self.nbatch // self.nthread
-            smaller = f": chunk_size={size} uses all" if size else ""
-            yield f"{self.idle_threads} of its {self.nthread} threads get no chunk{smaller}"
+            yield self.idle_sentence
         elif self.nthread < min(self.usable_cores, self.nbatch):
             threads = min(self.usable_cores, self.nbatch)
             is_batch = self.function.startswith("Batch")
@@ -72,22 +80,25 @@ class SingleCall:
 
 def single_calls(calls: Sequence[CallTime], usable_cores: int) -> list[SingleCall]:
     """Return the calls that step and that no loop runs, the longest first."""
-    single = [
-        SingleCall(
-            function="rollout" if call.callee == THREADED_ROLLOUT else call.callee,
-            place=call.place,
-            seconds=max(0.0, call.seconds),
-            nbatch=max(1, round(call.all_steps / call.steps)),
-            nstep=max(1, round(call.steps)),
-            nthread=max(1, call.threads.count),
-            chunk=_chunk(call),
-            has_sensors=call.threads.has_sensors,
-            usable_cores=usable_cores,
-        )
-        for call in calls
-        if call.loop is None and call.steps and call.threads is not None
-    ]
-    return sorted(single, key=lambda each: -each.seconds)
+    single = [of_call(call, usable_cores) for call in calls if call.loop is None]
+    return sorted(filter(None, single), key=lambda each: -each.seconds)
+
+
+def of_call(call: CallTime, usable_cores: int) -> SingleCall | None:
+    """Return what a call comes to; None where it does not step on threads."""
+    if not call.steps or call.threads is None:
+        return None
+    return SingleCall(
+        function="rollout" if call.callee == THREADED_ROLLOUT else call.callee,
+        place=call.place,
+        seconds=max(0.0, call.seconds),
+        nbatch=max(1, round(call.all_steps / call.steps)),
+        nstep=max(1, round(call.steps)),
+        nthread=max(1, call.threads.count),
+        chunk=_chunk(call),
+        has_sensors=call.threads.has_sensors,
+        usable_cores=usable_cores,
+    )
 
 
 def _chunk(call: CallTime) -> int | None:

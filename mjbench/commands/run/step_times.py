@@ -22,6 +22,9 @@ LEAST_TIMER_SHARE, MOST_TIMER_SHARE = 1e-3, 1.1
 
 # An iteration is late that takes so many medians.
 _LATE = 1.5
+# Parts, in the order of time, whose means say how much a mean varies: iterations of one part are
+# often slow together.
+_PARTS = 10
 _RECORDS = np.dtype([(name, "<i8") for name in ("kind", "thread", "begin", "end", "nstep", "dt")])
 
 
@@ -70,6 +73,7 @@ class Durations:
       max_ns: the longest.
       late: how many took longer than `late_ns`.
       early_ns, end_ns: medians of the first tenth, and of the last.
+      mean_error: standard error of the mean, as a share of it; 0 of few.
     """
 
     count: NonNegativeInt
@@ -79,6 +83,7 @@ class Durations:
     late: NonNegativeInt = 0
     early_ns: NonNegativeFloat = 0.0
     end_ns: NonNegativeFloat = 0.0
+    mean_error: NonNegativeFloat = 0.0
 
     @property
     def late_ns(self) -> float:
@@ -91,6 +96,8 @@ class Durations:
             return None
         p50, p99 = np.quantile(durations_ns, [0.5, 0.99], method="higher")
         tenth = max(1, len(durations_ns) // 10)
+        means = [part.mean() for part in np.array_split(durations_ns, _PARTS) if len(part)]
+        has_parts = len(means) == _PARTS and sum(means) > 0
         return cls(
             count=len(durations_ns),
             p50_ns=float(p50),
@@ -99,6 +106,9 @@ class Durations:
             late=int((durations_ns > _LATE * p50).sum()),
             early_ns=float(np.median(durations_ns[:tenth])),
             end_ns=float(np.median(durations_ns[-tenth:])),
+            mean_error=float(np.std(means, ddof=1) / np.mean(means) / _PARTS**0.5)
+            if has_parts
+            else 0.0,
         )
 
 

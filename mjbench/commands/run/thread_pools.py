@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mjbench.bounds import NonNegativeInt, PositiveFloat
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat
 from mjbench.commands.run.activities import Activity
 from mjbench.commands.run.gil_waits import ThreadTime
 
@@ -31,6 +31,7 @@ class ThreadPools:
       variables: that set the number of threads, by what a loop mostly does.
       speedup: steps per second with one thread each, over those of the program as it is; None where
         it did not run a second time.
+      relative_error: standard error of `speedup`, as a share of it.
     """
 
     pids: Sequence[NonNegativeInt]
@@ -38,6 +39,7 @@ class ThreadPools:
     usable_cores: NonNegativeInt
     variables: Mapping[Activity, str]
     speedup: PositiveFloat | None = None
+    relative_error: NonNegativeFloat = 0.0
 
     @property
     def environment(self) -> Mapping[str, str]:

@@ -4,13 +4,13 @@ import dataclasses
 from collections.abc import Sequence
 
 import pytest
-from set_files import labelled
+from set_files import labelled, run_of
 from speed_histories import VERSIONS, history_run, operation_record
 
 from benchmarks.history import files, known_causes, page
 from benchmarks.history.speed_history import SpeedHistory
 from mjbench.errors import InputError
-from mjbench.results.runs import SCHEMA, Run, RunHeader
+from mjbench.results.runs import Run
 
 FLAT = [1.0] * 8
 STEP = [1.0] * 4 + [1.1] * 4
@@ -24,7 +24,7 @@ def operations_run(machine: str, cpu: str, ratios: Sequence[float]) -> Run:
     """Return a run in which only operations were timed."""
     labels = dataclasses.replace(labelled(machine), cpu=cpu)
     records = [operation_record("load pile", *each) for each in zip(VERSIONS, ratios, strict=False)]
-    return Run(RunHeader(SCHEMA, "history", labels, {}), tuple(records))
+    return run_of("history", *records, machine=labels)
 
 
 def test_steps_of_two_machines_are_no_history() -> None:

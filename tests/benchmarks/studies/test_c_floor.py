@@ -2,15 +2,13 @@
 
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from commands import ROOT
+from commands import python
 
 from benchmarks.studies import c_floor, c_floor_page
 from benchmarks.studies.c_floor_tally import FloorRow, LaunchTimes, Spread
@@ -97,13 +95,7 @@ def test_the_command_prints_four_times_and_two_ratios_for_each_model_and_path() 
         "sys.argv = ['c_floor', 'cube_table', '--budget', '0', '--launches', '1']\n"
         "runpy.run_module('benchmarks.studies.c_floor', run_name='__main__', alter_sys=True)\n"
     )
-    completed = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", command],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    completed = python("-W", "ignore", "-c", command)
     assert completed.returncode == 0, completed.stderr
     header, row = completed.stdout.splitlines()
     assert header == c_floor_page.HEADING

@@ -6,7 +6,7 @@ from typing import Any
 import example_environment_records as environments
 import pytest
 from example_races import BATCH_STEP, ROLLOUT, THREADS, Entrant, compared, raced
-from set_files import MACHINE
+from set_files import run_of
 from tuning_values import apart, present
 
 from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial, trial
@@ -16,7 +16,7 @@ from mjbench.commands.lint.check import Finding
 from mjbench.commands.tune.result import Accuracy, Attempt, Effect, Recommendation, TuneRecord
 from mjbench.commands.tune.settings import Edit, Part, Setting
 from mjbench.interval import Interval
-from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
+from mjbench.results.runs import Record, Run
 from mjbench.status import Status
 
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
@@ -27,7 +27,7 @@ FAST, SLOWER = (ROLLOUT, 3.0), (BATCH_STEP, 2.0)
 
 def run(*records: Record, kind: TargetKind = TargetKind.MODEL) -> Run:
     part = CheckedPart(target="robot", kind=kind, part=CheckupPart.PATHS)
-    return Run(RunHeader(SCHEMA, "checkup", MACHINE, {}), (part, *records))
+    return run_of("checkup", part, *records)
 
 
 def paths(*entrants: Entrant) -> list[Record]:

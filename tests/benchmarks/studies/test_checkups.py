@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from set_files import MACHINE
+from set_files import run_of
 
 from benchmarks.studies import checkups, tally_file
 from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial
@@ -14,19 +14,17 @@ from mjbench.commands.checkup.result import CheckedPart, CheckupPart
 from mjbench.commands.checkup.targets import TargetKind
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import InputError, MachineError
-from mjbench.results.runs import SCHEMA, Run, RunHeader
+from mjbench.results.runs import Run
 from mjbench.status import ExitCode
 
 HOPPER, ANT = (Target(name, TargetKind.ENVIRONMENT) for name in ("Hopper-v5", "Ant-v5"))
 
 
-def run(*records: Any) -> Run:
-    return Run(RunHeader(SCHEMA, "tune", MACHINE, {}), records)
-
-
 def test_runs_of_commands_are_the_parts_of_a_checkup() -> None:
     record = TuneRecord(model="m")
-    whole = checkups.as_checkup(HOPPER, [("compare", run()), ("tune", run(record))])
+    whole = checkups.as_checkup(
+        HOPPER, [("compare", run_of("compare")), ("tune", run_of("tune", record))]
+    )
     parts = whole.of_type(CheckedPart)
     assert [part.part for part in parts] == [CheckupPart.PATHS, CheckupPart.SETTINGS]
     assert whole.of_type(TuneRecord) == [record]

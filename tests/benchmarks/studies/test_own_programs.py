@@ -41,7 +41,7 @@ def test_the_first_advice_is_the_right_one(name: str, tmp_path: Path) -> None:
 def test_every_program_whose_fault_costs_time_has_its_change() -> None:
     for program in own_programs.PROGRAMS:
         assert program.file.is_file()
-        assert program.changed_file.is_file() != program.is_wrong
+        assert program.changed_file.is_file() == program.has_change
 
 
 def test_the_page_has_the_committed_results() -> None:
@@ -77,11 +77,10 @@ def test_the_uncertainty_of_a_measured_share_is_of_the_median_of_its_rounds(
     assert share.error == pytest.approx(1.2533 * 0.1 / 3**0.5, rel=1e-3)
 
 
-def test_programs_that_are_measured_again_replace_their_rows_alone() -> None:
+def test_a_program_that_is_measured_again_replaces_its_row_alone() -> None:
     tally = tally_file.load(own_programs.TALLY, own_programs.ProgramTally, "programs")
     first, *others = tally.programs
     again = dataclasses.replace(first, measured=0.9)
-    new = dataclasses.replace(tally, programs=[again], load=tally.load + 1)
-    both = new.beside(tally)
-    assert both.programs == [again, *others]
-    assert both.load == new.load
+    assert tally.with_result(again).programs == [again, *others]
+    without = dataclasses.replace(tally, programs=others)
+    assert without.with_result(again).programs == [again, *others]

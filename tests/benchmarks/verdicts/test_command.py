@@ -2,17 +2,14 @@
 
 import importlib
 import json
-import os
 import signal
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import process_tree
 import pytest
 from click.testing import CliRunner, Result
-from commands import PYTHONPATH, ROOT
+from commands import started
 
 from benchmarks.history.speed_series import NO_CHANGE_PAIRS
 from benchmarks.verdicts import trials
@@ -135,12 +132,8 @@ def test_trials_are_measured_and_stored() -> None:
 
 def test_ctrl_c_saves_what_was_measured_and_leaves_no_process() -> None:
     before = process_tree.descendants()
-    with subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.verdicts", "cartpole", "--slowdown", "0"],
-        env={**os.environ, "PYTHONPATH": f"{PYTHONPATH}{os.pathsep}{ROOT}"},
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
+    words = ["-m", "benchmarks.verdicts", "cartpole", "--slowdown", "0"]
+    with started(*words, stdout=None) as process:
         try:
             while len(process_tree.descendants() - before) < 4 and process.poll() is None:
                 threading.Event().wait(0.05)

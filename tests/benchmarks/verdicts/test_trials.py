@@ -9,6 +9,7 @@ import numpy as np
 import process_tree
 import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
+from verdict_records import launch
 
 from benchmarks.history.speed_series import NoChangePair
 from benchmarks.verdicts import trials
@@ -48,12 +49,6 @@ def trial(verdict: Verdict, estimate: float, half_width: float = 0.005, **others
             **others,
         }
     )
-
-
-def launch(log_ratio: float, placements: PlacementPair) -> LaunchRow:
-    candidate_ns = 1e6 * np.exp(log_ratio)
-    ns = np.array([[1e6, candidate_ns, candidate_ns, 1e6]])
-    return LaunchRow(0, None, ["ABBA"], ns.tolist(), placements, [1])
 
 
 def result(

@@ -6,7 +6,7 @@ from typing import Any
 import example_environment_records
 import pytest
 from example_races import BATCH_STEP, ROLLOUT, compared, raced
-from set_files import MACHINE
+from set_files import run_of
 from step_profiles import step_profile
 from tuning_values import apart, blocks, present
 from verdict_records import FASTER, SAME
@@ -41,7 +41,7 @@ from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
 from mjbench.interval import Interval
 from mjbench.results import terminal
 from mjbench.results.content import Tone
-from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
+from mjbench.results.runs import Record, Run
 from mjbench.status import Status
 from mjbench.verification.plan import WITHOUT_TIMER
 
@@ -58,7 +58,7 @@ def part(name: CheckupPart, kind: TargetKind = TargetKind.MODEL, **fields: Any) 
 
 
 def run(*records: Record) -> Run:
-    return Run(RunHeader(SCHEMA, "checkup", MACHINE, {}), records)
+    return run_of("checkup", *records)
 
 
 def of_paths(*entrants: Any, **fields: Any) -> list[Record]:

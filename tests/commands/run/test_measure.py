@@ -1,5 +1,6 @@
 """What a program does elsewhere while one of its loops waits, and what a second run shows."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -10,7 +11,7 @@ from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.launch import Program, ProgramObservation
 from mjbench.commands.run.loop_time import LoopTime
 from mjbench.commands.run.source_loops import SourceLoop
-from mjbench.commands.run.step_times import StepTimes
+from mjbench.commands.run.step_times import Durations, StepTimes
 from mjbench.commands.run.thread_pools import ThreadPools
 
 LOOP = SourceLoop("train.py", 10, 20)
@@ -52,7 +53,8 @@ POOLS = ThreadPools([2, 3], 2, 2, {Activity.NUMPY: "OPENBLAS_NUM_THREADS"})
 
 
 def seen(steps_per_s, pools=None):
-    times = StepTimes(2, 1.0, 1, steps_per_s, 1.0, None, None, False, {}, 0.0, 0, 0.0, 0.0)
+    iteration = Durations(100, 1e6, 1e6, 1e6, mean_error=steps_per_s / 1000)
+    times = StepTimes(2, 1.0, 1, steps_per_s, 1.0, None, iteration, False, {}, 0.0, 0, 0.0, 0.0)
     return ProgramObservation(10.0, 1, [], [times, replace(times, pid=3)], 100, pools=pools)
 
 
@@ -66,7 +68,9 @@ def test_a_program_with_too_many_threads_runs_again_with_one_in_each_process(mon
 
     monkeypatch.setattr(measure.launch, "run", run)
     program = Program(["train.py"])
-    assert measure.observed(program, 3.0).pools.speedup == pytest.approx(2.5)
+    pools = measure.observed(program, 3.0).pools
+    assert pools.speedup == pytest.approx(2.5)
+    assert pools.relative_error == pytest.approx(math.hypot(0.1, 0.25))
     assert [arguments[1] for arguments in asked] == [3.0, 3.0]
     assert asked[1][-1] == {"OPENBLAS_NUM_THREADS": "1"}
 

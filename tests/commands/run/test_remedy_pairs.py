@@ -24,6 +24,7 @@ PAIRS = [
     RemedyPair(call_remedies.rollouts, ("rollout", "Rollout.rollout")),
     RemedyPair(call_remedies.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),
     RemedyPair(call_remedies.rollouts, ("Rollout.rollout", "Batch.step")),
+    RemedyPair(call_remedies.rollouts, ("Rollout.rollout", "mj_step")),
     RemedyPair(call_remedies.new_data, ("MjData", "mj_resetData")),
     RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData")),
     RemedyPair(call_remedies.new_data, (call_clock.COPY_OF_DATA, "mj_copyData"), of_copied=True),

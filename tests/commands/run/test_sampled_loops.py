@@ -269,6 +269,34 @@ def test_samples_that_saw_few_calls_say_how_long_a_loop_runs(file):
     assert time.seconds == pytest.approx(6.0)
 
 
+def test_calls_that_take_longer_after_the_last_that_was_timed_are_as_long_as_samples_say(file):
+    seen = [stacks(file)["step"], stacks(file)["observe"]] * 30
+    timed = [call("mj_step", 8, 0.6, 0, 4, **STEP)]
+    (time,) = sampled_loops.loop_times([samples(seen)], 1, calls=timed)
+    assert time.seconds == pytest.approx(6.0)
+
+
+def test_what_a_line_with_one_step_seems_to_call_belongs_to_the_line_that_calls_it(file):
+    array = Frame("vstack", "/env/lib/python3.11/site-packages/numpy/shape.py", 7)
+    beside, torn = [Frame("main", file, 9), array], [Frame("main", file, 8), array]
+    timed = call("mj_step", 8, 1.0, 0, 5, **STEP)
+    timed = replace(timed, place=replace(timed.place, text="step()"))
+    seen = [beside] * 30 + [torn] * 10 + [stacks(file)["step"]] * 10
+    (time,) = sampled_loops.loop_times([samples(seen)], 1, calls=[timed])
+    assert {line.place.line: line.share for line in time.lines} == pytest.approx({9: 0.8, 8: 0.2})
+
+
+def test_what_a_compiled_function_compares_is_apart_from_its_calls(file):
+    fields = "/env/lib/python3.11/site-packages/mujoco/mjx/_src/dataclasses.py"
+    compare = [Frame("main", file, 8), Frame("_Wrapper.__eq__", fields, 5)]
+    seen = [compare] * 10 + [[Frame("main", file, 8)]] * 20 + [stacks(file)["observe"]] * 10
+    timed = [call(DISPATCH, 8, 3.0, 0, 4)]
+    (time,) = sampled_loops.loop_times([samples(seen)], 1, calls=timed)
+    parts = {Activity.DISPATCH: 0.5, Activity.COMPARING: 0.25, Activity.PYTHON: 0.25}
+    assert time.activities == pytest.approx(parts)
+    assert not time.is_timed(Activity.COMPARING)
+
+
 def test_what_frees_the_result_of_a_slow_call_is_of_its_line(file):
     seen = [stacks(file)["step"]] * 36 + [stacks(file)["observe"]] * 4
     timed = [call("MjData", 8, 2.0, 0, 4), call("mj_step", 9, 0.4, 0, 4, **STEP)]

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from set_files import MACHINE
+from set_files import run_of
 from verdict_records import FAILED, OPEN, SAME, SLOWER, of_model
 
 from mjbench.commands.show import comment
@@ -13,7 +13,6 @@ from mjbench.errors import InputError
 from mjbench.interval import Interval
 from mjbench.paired.outcomes import ResultsOutcome
 from mjbench.paired.records import ControlRow, Pair, VerdictRecord
-from mjbench.results.runs import Run, RunHeader
 from mjbench.status import Status
 
 CONTROL = ControlRow(Interval(1.002, 0.996, 1.008), 8, covers=True)
@@ -43,8 +42,7 @@ NEW = replace(FAILED, status=Status.NEW, detail="new, so not compared: bench has
 
 
 def lines(records: Sequence[VerdictRecord], words: Sequence[str] = ()) -> list[str]:
-    header = RunHeader(1, "ab", MACHINE, {}, (), tuple(words))
-    return comment.text(Run(header, tuple(records))).splitlines()
+    return comment.text(run_of("ab", *records, command_line=tuple(words))).splitlines()
 
 
 @pytest.mark.parametrize(
@@ -112,6 +110,5 @@ def test_a_comment_is_no_longer_than_github_allows() -> None:
 
 def test_a_run_of_another_command_is_refused() -> None:
     record: Any = object()
-    header = RunHeader(1, "profile", MACHINE, {})
     with pytest.raises(InputError, match="a run of `profile` has no verdicts"):
-        comment.text(Run(header, (record,)))
+        comment.text(run_of("profile", record))

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import pytest
 from click.testing import CliRunner
 from commands import ROOT
+from verdict_records import FAILED, OPEN, SLOWER
 
 import mjbench
 from mjbench.cli import cli
@@ -16,12 +17,8 @@ from mjbench.commands.show import exports, forms
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.show.reports import NamedRun
 from mjbench.errors import InputError
-from mjbench.interval import Interval
-from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.results import runs
 from mjbench.results.runs import Record, Run
-from mjbench.status import Status
 
 COMPARISON = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
 
@@ -47,17 +44,7 @@ def empty(comparison: Run) -> Run:
 
 def verdict_run(comparison: Run) -> Run:
     """Return a run with a slower, an undecided and a failed comparison."""
-    sides = [TargetRow(release, "m", "python_loop", {}, {}) for release in ("3.17.0", "4.0.0")]
-    fields = {"model": "m", "path": "python_loop", "old": "3.17.0", "new": "4.0.0", "sides": sides}
-    ratio = Interval(1.02, 1.01, 1.03)
-    records = (
-        VerdictRecord(
-            **fields, status=Status.OK, verdict=Verdict.SLOWER, ratio=ratio, e_slower=1e6
-        ),
-        VerdictRecord(**fields, status=Status.OK, verdict=Verdict.INCONCLUSIVE, ratio=ratio),
-        VerdictRecord(**fields, status=Status.FAILED, detail="it crashed"),
-    )
-    return file_of(comparison, *records)
+    return file_of(comparison, SLOWER, OPEN, FAILED)
 
 
 def test_a_run_is_a_flat_table() -> None:
@@ -88,10 +75,10 @@ def test_benchmark_tools_get_names_units_and_values(comparison: Run) -> None:
     assert len({entry["name"] for entry in entries}) == len(entries)
     first, *_ = json.loads(exports.as_github_action_benchmark(verdict_run(comparison)))
     assert first == {
-        "name": "m: 3.17.0 → 4.0.0",
+        "name": "m: 1.0.0 → 2.0.0",
         "unit": "ratio",
-        "value": 1.02,
-        "range": "1.01 to 1.03",
+        "value": 1.03,
+        "range": "1.02 to 1.04",
     }
 
 
@@ -107,7 +94,7 @@ def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: Run) ->
     ]
     failure = suite.find("testcase/failure")
     assert failure is not None
-    assert "slower by 2" in str(failure.get("message"))
+    assert "slower by 3" in str(failure.get("message"))
     assert ElementTree.fromstring(exports.as_junit(comparison).encode()).get("failures") == "0"
 
 

@@ -7,14 +7,14 @@ import example_races
 import pytest
 from example_races import ROLLOUT
 from example_records import model_record
-from set_files import labelled
+from set_files import labelled, run_of
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.commands.show import machine_comparison
 from mjbench.host.machine import Machine
 from mjbench.paired.metrics import Metric
 from mjbench.results.content import Section, Tone
-from mjbench.results.runs import SCHEMA, InputFile, Record, Run, RunHeader
+from mjbench.results.runs import InputFile, Record, Run
 from mjbench.status import Status
 from mjbench.verification.records import ModelRecord
 
@@ -22,7 +22,7 @@ from mjbench.verification.records import ModelRecord
 def run(machine: Machine | str, *records: Record, **header: object) -> Run:
     """Return a run of a machine, which may be a label."""
     machine = labelled(machine) if isinstance(machine, str) else machine
-    return Run(RunHeader(SCHEMA, "versions", machine, {}, **header), records)
+    return run_of("versions", *records, machine=machine, **header)
 
 
 def section(*runs: Run) -> Section:

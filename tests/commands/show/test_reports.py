@@ -2,7 +2,6 @@
 
 import csv
 import html.parser
-import platform
 import re
 import urllib.parse
 from dataclasses import replace
@@ -14,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from commands import ROOT
 from example_records import measurement, model_record
-from set_files import labelled, run_file
+from set_files import MACHINE, labelled, run_file
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench import formats
@@ -22,14 +21,12 @@ from mjbench.cli import cli
 from mjbench.commands.show import reports
 from mjbench.commands.show.kinds import RECORD_TYPES
 from mjbench.commands.show.reports import NamedRun
-from mjbench.host import machine
 from mjbench.interval import Interval
 from mjbench.results import html as as_html
 from mjbench.results import markdown as as_markdown
 from mjbench.results import runs
 from mjbench.results.content import Column, DataTable, Report, Section, Tone
-from mjbench.results.run_writer import RunFile
-from mjbench.results.runs import Record, RunHeader
+from mjbench.results.runs import Record
 from mjbench.status import Status
 
 COMMITTED = sorted((ROOT / "results/runs").glob("reference-*.jsonl"))
@@ -52,17 +49,6 @@ class Page(html.parser.HTMLParser):
 
     def count(self, tag: str) -> int:
         return sum(name == tag for name, _ in self.tags)
-
-
-def run_file_here(folder: Path, *records: Record, command: str = "compare") -> Path:
-    header = RunHeader(
-        runs.SCHEMA, command, machine.describe(), {}, command_line=(command, "a model.xml")
-    )
-    file = RunFile.create(folder, header)
-    for record in records:
-        file.append(record)
-    file.close()
-    return file.path
 
 
 def compared(name: str, **fields: Any) -> list[Record]:
@@ -103,8 +89,9 @@ def test_what_went_wrong_comes_first(tmp_path: Path) -> None:
         "agrees": False,
         "agreement": "qpos[0] of simulation 0 differs after step 3",
     }
-    file = run_file_here(
+    file = run_file(
         tmp_path,
+        MACHINE,
         *compared("fine"),
         *compared("spoilt", **wrong),
         model_record(model="dead", status=Status.TIMEOUT, detail="killed", facts=None, work=None),
@@ -115,11 +102,11 @@ def test_what_went_wrong_comes_first(tmp_path: Path) -> None:
     page = Page(as_html.render(report))
     assert "spoilt" in page.text
     assert "dead" in page.text
-    assert "mjbench compare 'a model.xml'" in page.text
+    assert "mjbench compare 'a model'" in page.text
 
 
 def test_a_run_without_records_says_so(tmp_path: Path) -> None:
-    report = reports.build([named(run_file_here(tmp_path))])
+    report = reports.build([named(run_file(tmp_path, MACHINE))])
     assert report.conclusions[0].text == "Nothing was measured."
     assert "Nothing was measured." in Page(as_html.render(report)).text
 
@@ -129,7 +116,7 @@ def test_a_report_of_many_models_has_all_tables_and_some_charts(
 ) -> None:
     monkeypatch.setattr(reports, "_MOST_FIGURES", 2)
     records = [record for name in "abc" for record in compared(name)]
-    report = reports.build([named(run_file_here(tmp_path, *records))])
+    report = reports.build([named(run_file(tmp_path, MACHINE, *records))])
     sections = [*report.summaries, *report.sections]
     assert [len(section.figures) for section in sections] == [1, 1, 0, 0]
     assert len(sections[2].tables) == 1
@@ -137,7 +124,7 @@ def test_a_report_of_many_models_has_all_tables_and_some_charts(
 
 
 def test_several_runs_are_one_report(tmp_path: Path) -> None:
-    files = [run_file_here(tmp_path, *compared(name)) for name in ("first", "second")]
+    files = [run_file(tmp_path, MACHINE, *compared(name)) for name in ("first", "second")]
     report = reports.build([named(file) for file in files])
     assert len(report.sections) == 2
     assert len(report.machines.rows) == 2
@@ -147,7 +134,7 @@ def test_the_command_writes_a_file_or_markdown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    file = run_file_here(tmp_path / "results/runs", *compared("cartpole"))
+    file = run_file(tmp_path / "results/runs", MACHINE, *compared("cartpole"))
     result = CliRunner().invoke(cli, ["show", "--html", "page.html"])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "page.html").read_text().startswith("<!doctype html>")
@@ -165,7 +152,7 @@ def test_what_the_head_of_a_report_has_no_room_for_is_folded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reports, "_MOST_CONCLUSIONS", 1)
-    report = reports.build([named(run_file_here(tmp_path, *compared("m")))])
+    report = reports.build([named(run_file(tmp_path, MACHINE, *compared("m")))])
     assert (len(report.conclusions), len(report.further)) == (1, 1)
     assert "<summary>1 further conclusion</summary>" in as_html.render(report)
     assert report.further[0].text in "\n".join(as_markdown.render(report))
@@ -174,7 +161,7 @@ def test_what_the_head_of_a_report_has_no_room_for_is_folded(
 def test_of_several_models_the_head_has_what_is_advised_and_what_went_wrong(tmp_path: Path) -> None:
     wrong = {"status": Status.DISAGREES, "agrees": False}
     records = [record for name in "abc" for record in compared(name)]
-    report = reports.build([named(run_file_here(tmp_path, *records, *compared("d", **wrong)))])
+    report = reports.build([named(run_file(tmp_path, MACHINE, *records, *compared("d", **wrong)))])
     assert "does other work" in report.conclusions[0].text
     assert report.conclusions[-1].text.startswith("Advice for 4 models: ")
     assert [section.heading.split(":")[0] for section in report.summaries] == ["Advice"]
@@ -183,10 +170,10 @@ def test_of_several_models_the_head_has_what_is_advised_and_what_went_wrong(tmp_
 
 
 def test_the_head_says_what_was_measured_when_and_where(tmp_path: Path) -> None:
-    file = run_file_here(tmp_path, *compared("m"))
+    file = run_file(tmp_path, MACHINE, *compared("m"))
     report = reports.build([named(file)])
-    assert report.title == "mjbench compare 'a model.xml'"
-    assert f"Python {platform.python_version()}" in report.subtitle
+    assert report.title == "mjbench compare 'a model'"
+    assert f"Python {MACHINE.python}" in report.subtitle
     assert report.subtitle in Page(as_html.render(report)).text
 
 

@@ -6,12 +6,13 @@ from typing import Any
 
 import pytest
 from example_records import measurement, model_record
+from set_files import run_of
 
 from mjbench.commands.show.run_differences import RunDifference, differences, differences_section
 from mjbench.host import machine
 from mjbench.paired.outcomes import Verdict
 from mjbench.paths.accelerated import CPU
-from mjbench.results.runs import SCHEMA, Run, RunHeader
+from mjbench.results.runs import Run
 from mjbench.simulation.accelerated_judgement import Precision
 from mjbench.status import Status
 
@@ -19,10 +20,10 @@ MACHINE = replace(machine.describe(), cpu="c", versions={"jax": "1"}, flags={})
 
 
 def run(jax: str = "1", model: Mapping[str, Any] | None = None, **fields: Any) -> Run:
-    header = RunHeader(SCHEMA, "compare", replace(MACHINE, versions={"jax": jax}), {})
     accelerated = {"path": "mjx", "precision": Precision.FLOAT32, "device": CPU}
     record = measurement(**{"samples_s": [1.0] * 9, **accelerated, **fields})
-    return Run(header, (model_record(**(model or {})), record))
+    machine = replace(MACHINE, versions={"jax": jax})
+    return run_of("compare", model_record(**(model or {})), record, machine=machine)
 
 
 def difference(old: Run, new: Run, across: bool = False) -> RunDifference:
@@ -59,8 +60,7 @@ def test_rows_that_only_one_run_has_are_left_out() -> None:
 
 def run_of_paths(times: Mapping[str, float], **machine: Any) -> Run:
     records = [measurement(path=path, samples_s=[s] * 9) for path, s in times.items()]
-    header = RunHeader(SCHEMA, "compare", replace(MACHINE, **machine), {})
-    return Run(header, (model_record(), *records))
+    return run_of("compare", model_record(), *records, machine=replace(MACHINE, **machine))
 
 
 ONE_EACH = {"python_loop": 1.0, "rollout": 1.0, "threads": 1.0}

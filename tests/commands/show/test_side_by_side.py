@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from set_files import labelled
+from set_files import labelled, run_of
 from verdict_records import SAME, SLOWER, of_model
 
 from mjbench.commands.profile.measure import ProfileRow
@@ -16,15 +16,15 @@ from mjbench.host.disturbance import Disturbance
 from mjbench.host.machine import Machine
 from mjbench.interval import Interval
 from mjbench.paired.records import VerdictRecord
-from mjbench.results.runs import SCHEMA, Record, Run, RunHeader
+from mjbench.results.runs import Record
 from mjbench.status import Status
 
 DESK, LAPTOP = labelled("desk"), labelled("laptop")
 
 
 def named(*records: Record, began: str = "", machine: Machine = DESK) -> NamedRun:
-    header = RunHeader(SCHEMA, "versions", machine, {}, began=began)
-    return NamedRun(Path(f"{began or 'run'}.jsonl"), Run(header, records))
+    run = run_of("versions", *records, machine=machine, began=began)
+    return NamedRun(Path(f"{began or 'run'}.jsonl"), run)
 
 
 def profile(model: str) -> ProfileRow:

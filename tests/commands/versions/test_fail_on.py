@@ -3,15 +3,14 @@
 from dataclasses import replace
 
 import pytest
+from set_files import run_of
 
 from mjbench.commands.versions.bisect import BisectChange, BisectRecord, VersionRow
 from mjbench.commands.versions.fail_on import FailOnOptions as FailOn
 from mjbench.commands.versions.fail_on import GateFinding
-from mjbench.host import machine
 from mjbench.interval import Interval
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
-from mjbench.results.runs import SCHEMA, Run, RunHeader
 from mjbench.status import Status
 
 SPEED = (GateFinding.SLOWER,)
@@ -78,8 +77,7 @@ def test_a_search_fails_by_the_changes_that_it_finds_or_by_its_ends(
         ends=row(ends),
         changes=[BisectChange(VersionRow(1, "2"), row(verdict)) for verdict in changes],
     )
-    search = Run(RunHeader(SCHEMA, "bisect", machine.describe(), {}), [record])
-    assert FailOn((finding,)).exit_code_of_run(search, 0.99) == code
+    assert FailOn((finding,)).exit_code_of_run(run_of("bisect", record), 0.99) == code
 
 
 def test_an_inconclusive_verdict_passes_where_the_user_allows_it() -> None:

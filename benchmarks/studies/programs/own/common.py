@@ -25,7 +25,7 @@ REACHER = """
 </mujoco>
 """
 # Iterations that the program is asked for.
-COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
+COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 3000
 
 
 class Stopwatch:

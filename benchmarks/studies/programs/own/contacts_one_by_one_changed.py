@@ -7,6 +7,6 @@ model = mujoco.MjModel.from_xml_string(REACHER)
 data = mujoco.MjData(model)
 depth = 0.0
 with Stopwatch():
-    for _ in range(15 * COUNT):
+    for _ in range(10 * COUNT):
         mujoco.mj_step(model, data)
         depth += data.contact.dist.sum()

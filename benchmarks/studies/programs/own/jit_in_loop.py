@@ -13,7 +13,7 @@ MODEL = """
 model = mjx.put_model(mujoco.MjModel.from_xml_string(MODEL))
 state = mjx.make_data(model)
 with Stopwatch():
-    for gain in range(max(4, COUNT // 200)):
+    for gain in range(max(4, COUNT // 500)):
         push = jax.jit(lambda d, gain=gain: mjx.step(model, d.replace(qvel=d.qvel + 0.01 * gain)))
         state = push(state)
     state.qpos.block_until_ready()

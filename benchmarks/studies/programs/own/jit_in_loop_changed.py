@@ -14,6 +14,6 @@ model = mjx.put_model(mujoco.MjModel.from_xml_string(MODEL))
 state = mjx.make_data(model)
 with Stopwatch():
     push = jax.jit(lambda d, gain: mjx.step(model, d.replace(qvel=d.qvel + 0.01 * gain)))
-    for gain in range(max(4, COUNT // 200)):
+    for gain in range(max(4, COUNT // 500)):
         state = push(state, float(gain))
     state.qpos.block_until_ready()

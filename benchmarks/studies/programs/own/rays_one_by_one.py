@@ -9,7 +9,7 @@ data = mujoco.MjData(model)
 geom = np.zeros(1, dtype=np.int32)
 angles = 2 * np.pi * np.arange(36) / 36
 with Stopwatch():
-    for _ in range(2 * COUNT):
+    for _ in range(5 * COUNT):
         mujoco.mj_step(model, data)
         origin, scan = data.site_xpos[0], []
         for angle in angles:

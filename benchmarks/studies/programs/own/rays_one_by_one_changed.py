@@ -12,7 +12,7 @@ geoms, scan = np.zeros(36, dtype=np.int32), np.zeros(36)
 angles = 2 * np.pi * np.arange(36) / 36
 directions = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
 with Stopwatch():
-    for _ in range(2 * COUNT):
+    for _ in range(5 * COUNT):
         mujoco.mj_step(model, data)
         cast_rays(model, data, data.site_xpos[0], directions, geoms, scan)
         data.ctrl[0] = 0.1 * scan.min()

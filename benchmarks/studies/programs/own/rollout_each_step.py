@@ -12,6 +12,6 @@ states = np.zeros((4, mujoco.mj_stateSize(model, spec)))
 for state in states:
     mujoco.mj_getState(model, datas[0], state, spec)
 with Stopwatch():
-    for _ in range(5 * COUNT):
+    for _ in range(2 * COUNT):
         ends, _ = rollout.rollout(model, datas, states, nstep=1)
         states = ends[:, -1]

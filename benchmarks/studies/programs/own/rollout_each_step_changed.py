@@ -13,6 +13,6 @@ for state in states:
     mujoco.mj_getState(model, datas[0], state, spec)
 pool = rollout.Rollout(nthread=2)
 with Stopwatch():
-    for _ in range(5 * COUNT):
+    for _ in range(2 * COUNT):
         ends, _ = pool.rollout(model, datas, states, nstep=1)
         states = ends[:, -1]

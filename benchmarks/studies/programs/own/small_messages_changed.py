@@ -24,7 +24,7 @@ if __name__ == "__main__":
     process = multiprocessing.get_context("fork").Process(target=simulate, args=(there,))
     process.start()
     with Stopwatch():
-        for _ in range(30 * COUNT // STEPS):
+        for _ in range(10 * COUNT // STEPS):
             here.send(0.1)
             qpos = here.recv()
     here.send(None)

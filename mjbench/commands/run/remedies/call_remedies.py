@@ -13,6 +13,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from mjbench.commands.run.activities import Activity
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.remedies import call_savings
@@ -38,6 +39,11 @@ _COPIERS: Mapping[str, Callable[[mujoco.MjData], mujoco.MjData]] = {
 # Pixels of a side of a shadow map: that of MuJoCo has 4096, which takes the processor most of an
 # image.
 _SHADOW_SIZE = 1024
+# Simulations that one thread may step faster than several, which are woken for each step.
+_MOST_IN_TURN = 64
+_WITHOUT_WARM_START = (
+    "later states within the solver's tolerance: rollout begins without a warm start"
+)
 # Rays of a pair where nothing steps between them, and at most.
 _USUAL_RAYS, _MOST_RAYS = 32, 1000
 
@@ -144,6 +150,19 @@ def rollouts(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWa
 
             batch = Batch(model, pair.simulations)
             return TimedWay(lambda data: batch.step(nstep=nstep))
+        if name == "mj_step":
+            singles = [mujoco.MjData(model) for _ in range(pair.simulations)]
+
+            def set_states(data: mujoco.MjData) -> None:
+                compat.get_state(model, data, starts[0], compat.FULLPHYSICS)
+                for each in singles:
+                    compat.set_state(model, each, starts[0], compat.FULLPHYSICS)
+
+            def step_each(data: mujoco.MjData) -> None:
+                for each in singles:
+                    mujoco.mj_step(model, each)
+
+            return TimedWay(step_each, prepare=set_states)
         calls: Mapping[str, Callable[[], object]] = {
             "rollout": lambda: rollout.rollout(model, one, starts, nstep=nstep),
             call_clock.THREADED_ROLLOUT: lambda: rollout.rollout(model, datas, starts, nstep=nstep),
@@ -297,6 +316,15 @@ def _are_several_a_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) 
     return count_of(calls) > (1 + _COUNT_ERROR) * count_of(steps_of(of_loop))
 
 
+def _are_of_one_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
+    return all(call.steps == call.calls for call in calls)
+
+
+def _are_of_few(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
+    is_few = all(call.all_steps <= _MOST_IN_TURN * call.steps for call in calls)
+    return is_few and _are_of_one_step(calls, of_loop)
+
+
 def _are_spread(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
     """Return whether calls are made again and again, and not all at once, such as a pool's."""
     begin_ns = min(call.first_ns for call in of_loop)
@@ -424,6 +452,7 @@ CALL_REMEDIES = (
         needs_finding=True,
         is_of_loop=True,
         is_of_line=True,
+        also=Activity.COMPARING,
     ),
     CallRemedy(
         callees=(call_clock.TRANSFER,),
@@ -449,17 +478,25 @@ CALL_REMEDIES = (
         callees=("rollout",),
         text="rollout copies states for each step of one simulation: write data.ctrl, and call"
         " mj_step(model, data)",
-        effect="later states within the solver's tolerance: rollout begins without a warm start",
+        effect=_WITHOUT_WARM_START,
         pair=_rollout_pair(no_rollout),
         applies=lambda calls, of_loop: all(c.all_steps == c.calls for c in calls),
     ),
     CallRemedy(
         callees=("Rollout.rollout",),
-        text="rollout copies all states for each step: mujoco.batch.Batch keeps them, and its step"
-        " takes controls",
-        effect="later states within the solver's tolerance: rollout begins without a warm start",
+        text="rollout copies all states for each step: mujoco.batch.Batch keeps them; write"
+        " batch.ctrl, and call batch.step()",
+        effect=_WITHOUT_WARM_START,
         pair=_rollout_pair(rollouts, "Rollout.rollout", "Batch.step"),
-        applies=lambda calls, of_loop: all(c.steps == c.calls for c in calls),
+        applies=_are_of_one_step,
+    ),
+    CallRemedy(
+        callees=("Rollout.rollout",),
+        text="each step is handed over to threads: take many in one call where their controls are"
+        " known, or keep an MjData for each simulation, and call mj_step",
+        effect=_WITHOUT_WARM_START,
+        pair=_rollout_pair(rollouts, "Rollout.rollout", "mj_step"),
+        applies=_are_of_few,
     ),
     CallRemedy(
         callees=(call_clock.PROCESS_START,),

@@ -76,6 +76,7 @@ class CallRemedy:
       overlaps: whether the rest of the loop could run meanwhile: no more than that rest is saved.
       is_of_loop: whether it is about all these calls in a loop together.
       is_of_line: whether the rest of the line goes with the call, such as the end of a pool.
+      also: activity that goes with the calls, on whatever line.
       applies: whether calls from one line need it, beside the other calls of their loop.
     """
 
@@ -91,6 +92,7 @@ class CallRemedy:
     overlaps: bool = False
     is_of_loop: bool = False
     is_of_line: bool = False
+    also: Activity | None = None
     applies: Callable[[Sequence[CallTime], Sequence[CallTime]], bool] = lambda calls, of_loop: True
 
     def saved(self, calls: CallsInLoop, measured: MeasuredRatios) -> Saving | None:
@@ -120,6 +122,8 @@ class CallRemedy:
             positions = {call.place.position for call in calls.calls}
             lines = (line for line in calls.loop.lines if line.place.position in positions)
             share = max(share, sum(line.share for line in lines))
+        if self.also is not None:
+            share = min(1.0, share + calls.loop.activities.get(self.also, 0.0))
         return Saving(share, share, basis)
 
 

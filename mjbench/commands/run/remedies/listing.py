@@ -6,7 +6,6 @@ is an upper bound.
 
 import contextlib
 import math
-import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -16,6 +15,7 @@ from mjbench.commands.lint.check import Finding
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime, Incident
 from mjbench.commands.run.hook import call_clock
+from mjbench.commands.run.loop_parts import ONE_CALL
 from mjbench.commands.run.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime, shares_of
 from mjbench.commands.run.remedies import line_remedies, loop_remedies
 from mjbench.commands.run.remedies.call_remedies import CALL_REMEDIES
@@ -26,8 +26,6 @@ from mjbench.commands.run.remedies.remedy_pairs import MeasuredRatios, RemedyPai
 from mjbench.commands.run.thread_pools import ThreadPools
 from mjbench.errors import InputError
 
-# A line that is one call.
-_ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)(\s*#.*)?$")
 # Activities that samples tell by the text of a line.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
 # Rules whose findings are about calls that are timed, or about simulations in turn.
@@ -94,6 +92,7 @@ def remedies(
         *(each for each in savings if (each.activity, each.place) not in explained),
         *loop_remedies.of_turns(loop, measured, incidents),
         *loop_remedies.of_pools(loop, pools),
+        *loop_remedies.of_chunks(loop),
         *loop_remedies.of_frames(loop, timestep_s),
     ]
     worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
@@ -315,7 +314,7 @@ def _avoidable(line: LineTime) -> float:
 def _is_of_calls(loop: LoopTime, line: LineTime) -> bool:
     """Return whether what samples saw beside a timed call makes it, or frees its result."""
     of_line = [call for call in loop.calls if call.place.position == line.place.position]
-    is_one_call = bool(of_line) and _ONE_CALL.match(line.place.text) is not None
+    is_one_call = bool(of_line) and ONE_CALL.match(line.place.text) is not None
     return is_one_call or any(
         call.is_callback or call.activity in _WITH_THEIR_LINE for call in of_line
     )

@@ -6,6 +6,7 @@ from dataclasses import replace
 import mujoco
 
 from mjbench import formats
+from mjbench.commands.run import single_calls
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import ArgumentChange, Incident
 from mjbench.commands.run.hook import argument_types, call_clock
@@ -121,10 +122,14 @@ def of_pools(loop: LoopTime, pools: ThreadPools | None) -> Iterator[Remedy]:
         f" {pools.usable_cores} cores: set {pools.variables[activity]}=1 before Python starts"
     )
     if share:
-        gain = 1 - 1 / pools.speedup
-        remedy = _of_activity(loop, activity, text, gain, RemedyKind.THREADS)
+        after = 1 / pools.speedup
+        remedy = _of_activity(loop, activity, text, 1 - after, RemedyKind.THREADS)
         yield replace(
-            remedy, basis=Basis.RERUN, share=share, gain_error=None, effect="nothing but rounding"
+            remedy,
+            basis=Basis.RERUN,
+            share=share,
+            gain_error=after * pools.relative_error,
+            effect="nothing but rounding",
         )
 
 
@@ -204,6 +209,29 @@ def of_frames(loop: LoopTime, timestep_s: float | None) -> Iterator[Remedy]:
         share=share,
         effect="the number of images",
     )
+
+
+def of_chunks(loop: LoopTime) -> Iterator[Remedy]:
+    """Yield what calls save whose chunks leave threads without work."""
+    for call in loop.calls:
+        single = single_calls.of_call(call, machine.usable_cores())
+        if single is None or not single.idle_threads or not single.chunk_for_all:
+            continue
+        assert single.chunk is not None, "otherwise no thread is known to be idle"
+        share = share_of(loop, [call])
+        # of those that work at once now, and then
+        now = single.nthread - single.idle_threads
+        then = min(single.nthread, max(now, single.usable_cores))
+        yield Remedy(
+            RemedyKind.CALL,
+            Activity.PHYSICS,
+            call.place,
+            single.idle_sentence,
+            share * (1 - now / then),
+            None,
+            share=share,
+            effect="nothing",
+        )
 
 
 # -- steps -----------------------------------------------------------------------------------------
