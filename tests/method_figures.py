@@ -97,7 +97,7 @@ def paired() -> Iterator[str]:
     yield f"differ by more than {percent(changed_work.SAME_WORK, 1)}"
     yield f"`--min-effect` ({percent(outcomes.MIN_EFFECT)})"
     yield "does not contain 0 %"
-    yield "closer to `--min-effect` than to 0 %"
+    yield "and the estimate is at least half of `--min-effect`"
     yield f"at most {percent(1 - outcomes.CONFIDENCE)} are expected to be false alarms"
 
 
@@ -120,7 +120,7 @@ def tune() -> Iterator[str]:
     yield f"by at most {percent(reference.SAME_SHARE, 3)} of the motion"
     yield f"by more than {percent(trajectories.SENSOR_SHARE)} of its largest value"
     yield f"in more than {percent(solver_convergence.MOST_LIMITED)} of the steps"
-    yield f"with {percent(records.CONFIDENCE)} confidence, nine runs in ten"
+    yield f"With {percent(records.CONFIDENCE)} confidence, nine runs in ten"
     same, none = percent(records.SAME_ERROR), percent(records.NO_ERROR, 1)
     yield f"{same} more counts as the same, and {none} of the motion counts as none"
 

@@ -15,6 +15,7 @@ from commands import ROOT, mjbench
 
 from benchmarks.studies.results_page import ENOUGH_LAUNCHES
 from mjbench.cli import cli
+from mjbench.commands.checkup.result import CheckedPart
 from mjbench.commands.compare.results import derive_all
 from mjbench.commands.profile import habit_timing
 from mjbench.commands.show.kinds import RECORD_TYPES
@@ -35,11 +36,11 @@ LIMITS = {
     "README.md": 750,
     "CONTRIBUTING.md": 860,
     "models/README.md": 440,
-    "results/README.md": 510,
+    "results/README.md": 525,
     "docs/architecture.md": 830,
     "docs/asv.md": 360,
     "docs/commands.md": 3500,
-    "docs/faq.md": 1860,
+    "docs/faq.md": 2550,
     "docs/faults.md": 260,
     "docs/formats.md": 1000,
     "docs/glossary.md": 280,
@@ -209,6 +210,8 @@ def targets_of_few_launches(run: runs.Run) -> set[str]:
     launches = [(row.model, row.launches) for row in run.of_type(VerdictRecord)]
     for group in derive_all(run.records):
         launches += [(row.model, row.launches) for row in group.results if row.is_timed]
+    checkups = [each for each in run.of_type(CheckedPart) if each.verdict is not None]
+    launches += [(each.target, each.verdict.launches) for each in checkups]
     for search in run.of_type(TuneRecord):
         timed = (attempt for attempt in search.attempts if attempt.ratio is not None)
         launches += [(search.model, len(attempt.launches)) for attempt in timed]

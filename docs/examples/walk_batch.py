@@ -9,6 +9,7 @@ import argparse
 import time
 
 import gymnasium
+import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from walk_env import NACTION, NCANDIDATE, NHIDDEN, NOBSERVATION, NSTEP, Policy
@@ -44,6 +45,7 @@ def main():
     generations = parser.parse_args().generations
     env = gymnasium.make("Humanoid-v5")
     batch = Batch(env.unwrapped.model, NCANDIDATE)
+    mujoco.mj_resetCallbacks()  # turns off the timer of MuJoCo's Python package
     rng = np.random.default_rng(0)
     weights = np.zeros(NHIDDEN * (NOBSERVATION + NACTION))
     began, steps = time.perf_counter(), 0

@@ -334,6 +334,7 @@ def _settings(target: TargetRow) -> Mapping[str, Any]:
         "path": target.path,
         **target.options,
         **target.model_options,
+        **({} if target.has_timer else {"timer": "off"}),
     }
 
 

@@ -133,7 +133,7 @@ def test_trials_are_measured_and_stored() -> None:
 def test_ctrl_c_saves_what_was_measured_and_leaves_no_process() -> None:
     before = process_tree.descendants()
     words = ["-m", "benchmarks.verdicts", "cartpole", "--slowdown", "0"]
-    with started(*words, stdout=None) as process:
+    with started(*words, cwd=Path.cwd(), stdout=None) as process:
         try:
             while len(process_tree.descendants() - before) < 4 and process.poll() is None:
                 threading.Event().wait(0.05)

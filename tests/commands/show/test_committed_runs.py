@@ -20,6 +20,7 @@ from mjbench.status import Status
 COMPARISONS = sorted(RUNS.glob("reference-mujoco-*.jsonl"))
 STORY = sorted(RUNS.glob("reference-story-*.jsonl"))
 CHECKUP = RUNS / "reference-checkup-humanoid.jsonl"
+ENVIRONMENTS = RUNS / "reference-environments.jsonl"
 MJX = RUNS / "reference-mjx-cpu.jsonl"
 GPU = sorted(RUNS.glob("reference-gpu-*.jsonl"))
 
@@ -27,7 +28,7 @@ GPU = sorted(RUNS.glob("reference-gpu-*.jsonl"))
 def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert COMPARISONS
     series = {*COMPARISONS, *STORY, *GPU}
-    committed = series | {CHECKUP, MJX}
+    committed = series | {CHECKUP, ENVIRONMENTS, MJX}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 

@@ -149,6 +149,8 @@ def test_only_what_differs_between_the_targets_is_named() -> None:
     assert verdicts.describe_targets(row) == "chunk=8 → solver=cg"
     row = replace(ROW, sides=(OLD, replace(OLD, model_options={"solver": "cg"})))
     assert verdicts.describe_targets(row) == "default → solver=cg"
+    row = replace(ROW, sides=(OLD, replace(OLD, has_timer=False)))
+    assert verdicts.describe_targets(row) == "default → timer=off"
 
 
 def test_a_headline_names_each_of_two_models_once() -> None:
