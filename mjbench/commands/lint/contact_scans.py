@@ -17,7 +17,8 @@ from mjbench.commands.lint.script_syntax import (
 from mjbench.commands.lint.stepping_script import SteppingScript
 
 _OF_CONTACTS = {"contact", "geom1", "geom2"}
-_COUNTS = {"ncon", "nefc"}
+# How many there are differs from step to step.
+COUNTS = {"ncon", "nefc"}
 _NAMES = ("mj_id2name", "id2name", "geom_id2name", "body_id2name")
 
 
@@ -107,4 +108,4 @@ def _is_conditional(script: SteppingScript, loop: ast.expr | ast.stmt) -> bool:
     above = script.above(loop, script.step_loop_around(loop))
     around = itertools.takewhile(lambda node: not isinstance(node, FUNCTIONS), above)
     tests = (node.test for node in around if isinstance(node, ast.If | ast.IfExp))
-    return any(not attributes_in(test) & _COUNTS for test in tests)
+    return any(not attributes_in(test) & COUNTS for test in tests)

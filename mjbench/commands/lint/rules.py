@@ -8,7 +8,7 @@ import ast
 import re
 from collections.abc import Iterator
 
-from mjbench.commands.lint.contact_scans import contact_scans, names_contact
+from mjbench.commands.lint.contact_scans import COUNTS, contact_scans, names_contact
 from mjbench.commands.lint.finite_differences import finite_differences
 from mjbench.commands.lint.forward import forward_after_step
 from mjbench.commands.lint.growing_arrays import growing_arrays
@@ -22,9 +22,10 @@ from mjbench.commands.lint.new_objects import (
     new_renderers,
     new_rollout_pools,
 )
-from mjbench.commands.lint.repeats import in_steps
+from mjbench.commands.lint.repeats import in_steps, iterations
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
+    attributes_in,
     dotted_name,
     is_call,
     is_numpy_call,
@@ -33,7 +34,7 @@ from mjbench.commands.lint.script_syntax import (
     names_in,
     nodes_inside,
 )
-from mjbench.commands.lint.stepping_script import SteppingScript
+from mjbench.commands.lint.stepping_script import STORING_METHODS, SteppingScript
 from mjbench.commands.lint.stored_views import stored_views
 from mjbench.commands.lint.wrong_results import halves_of_runge_kutta, shared_data, written_views
 from mjbench.errors import InputError
@@ -122,7 +123,7 @@ def named_access(script: SteppingScript) -> Iterator[Match]:
     "a new array in every step; create one before the loop and write into its slices (x[:n] =)",
 )
 def allocations(script: SteppingScript) -> Iterator[Match]:
-    """Yield calls that allocate an array; not those under an `if`, which may run only once.
+    """Yield calls that allocate an array of the same size in every step.
 
     Each call allocates an array and fills it; in a small model this costs as much as part of a
     step.
@@ -132,6 +133,9 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
         observation = np.empty(model.nq + model.nv)       # instead, before the loop
         observation[: model.nq] = data.qpos
         observation[model.nq :] = data.qvel
+
+    There is no finding under an `if`, which may run only once, where the number of contacts or
+    constraints is the size, or where the array is appended to a list.
 
     Results: none change, unless the program keeps the arrays: then it needs one for each step.
     """
@@ -143,6 +147,8 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
         and is_numpy_call(call)
         and not any(keyword.arg == "out" for keyword in call.keywords)
         and growing.isdisjoint(script.above(call))  # they go with it
+        and attributes_in(call).isdisjoint({*COUNTS, "contact"})
+        and not is_call(script.parents[call], *STORING_METHODS)
     ]
     for call, each in in_steps(script, arrays, script.loops):
         if not script.is_conditional(call):
@@ -173,7 +179,8 @@ def serial_simulations(script: SteppingScript) -> Iterator[Match]:
     Results: none change where the controls are known before the steps.
     """
     for loop in script.episode_loops:
-        begins = any(is_call(node, *_EPISODE_STARTS) for node in nodes_inside(loop))
+        starts = (node for node in nodes_inside(loop) if is_call(node, *_EPISODE_STARTS))
+        begins = any(loop is each.loop for node in starts for each in iterations(script, node))
         inner = (node for node in nodes_inside(loop) if isinstance(node, ast.For))
         if begins and any(any(map(is_step, nodes_inside(each))) for each in inner):
             yield Match(loop)

@@ -87,6 +87,13 @@ class Place:
         return f"{self.file}:{self.line}"
 
 
+# What calls a function for each task of a pool, in a process or a thread.
+_TASK_CALLERS = {
+    ("multiprocessing/pool.py", "worker"),
+    ("concurrent/futures/process.py", "_process_worker"),
+    ("concurrent/futures/thread.py", "_worker"),
+}
+
 # Python files.
 _DRAWING_FILE = re.compile(
     r"/mujoco/(renderer|viewer)\.py$|/mujoco/rendering/|/mujoco/(egl|osmesa|cgl|glfw)/|mujoco_rendering\.py$"
@@ -239,6 +246,11 @@ def is_of_thread_pool(stack: Sequence[Frame]) -> bool:
         for name, frame in zip(names, stack, strict=True)
     )
     return is_worker and PROCESS_MODULE not in names
+
+
+def calls_tasks(frame: Frame) -> bool:
+    """Return whether a frame calls a function for each task of a pool."""
+    return (file_owners.standard_name(frame.file), frame.function) in _TASK_CALLERS
 
 
 def steps_on_threads(stack: Sequence[Frame]) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from mjbench.commands.run.activities import Activity
 from mjbench.commands.run.call_times import CallTime
-from mjbench.commands.run.loop_time import LoopTime
+from mjbench.commands.run.loop_time import LineStay, LoopTime
 from mjbench.commands.run.step_times import Durations, StepTimes
 from mjbench.formats import duration, plain, whole_percent
 
@@ -38,8 +38,9 @@ def pace(time: LoopTime, steps: Sequence[StepTimes], queued_s: float | None) -> 
         return f"{rate}, and none of {iteration.count:,} timed iterations was late"
     cause = (
         _by_collection(of_process, iteration, longest_ns)
+        or _by_line(time.longest_stay, iteration, longest_ns)
         or _by_call(time.calls, iteration)
-        or _by_others(queued_s, iteration)
+        or _by_others(queued_s, iteration, longest_ns)
     )
     return (
         f"{rate}, but {iteration.late:,} of {iteration.count:,} timed iterations were late (over"
@@ -57,6 +58,15 @@ def _by_collection(steps: StepTimes, iteration: Durations, longest_ns: float) ->
     )
 
 
+def _by_line(stay: LineStay | None, iteration: Durations, longest_ns: float) -> str:
+    if stay is None or 1e9 * stay.seconds < _LEAST_CAUSE * (longest_ns - iteration.p50_ns):
+        return ""
+    return (
+        f"{stay.place} took about {duration(1e9 * stay.seconds)} at once ({stay.place.text}); do"
+        " this after the loop, or in a process of its own"
+    )
+
+
 def _by_call(calls: Sequence[CallTime], iteration: Durations) -> str:
     longest = max(calls, key=lambda call: call.seconds / max(1.0, call.calls), default=None)
     if longest is None:
@@ -67,8 +77,8 @@ def _by_call(calls: Sequence[CallTime], iteration: Durations) -> str:
     return f"{longest.callee} at {longest.place} takes {duration(mean_ns)} each time"
 
 
-def _by_others(queued_s: float | None, iteration: Durations) -> str:
-    if queued_s is not None and 1e9 * queued_s >= iteration.late_ns:
+def _by_others(queued_s: float | None, iteration: Durations, longest_ns: float) -> str:
+    if queued_s is not None and 1e9 * queued_s >= _LEAST_CAUSE * (longest_ns - iteration.p50_ns):
         return (
             f"its thread waited {plain(queued_s, 2)} s for a core, which other programs had; run it"
             " alone, or on a core of its own (taskset)"

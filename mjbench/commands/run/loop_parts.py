@@ -15,7 +15,7 @@ from mjbench.commands.run import activities
 from mjbench.commands.run.activities import Activity, Place, is_own
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import call_clock, file_owners
-from mjbench.commands.run.loop_time import FEW_SAMPLES, error_of, shares_of
+from mjbench.commands.run.loop_time import FEW_SAMPLES, LineStay, error_of, shares_of
 from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
 
 # Where samples saw a loop for this many times as long as its calls span, they say how long it runs.
@@ -31,6 +31,8 @@ ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)(\s*#.*)?$")
 # Average gaps between timed calls that may lie beyond the first and the last by chance: more do in
 # 4 % of the cases, if the gaps are exponentially distributed. Times that samples must see calls.
 _MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
+# Runs of samples on one line that are expected less often than this are one stay.
+_RARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,22 @@ def equal_samples(samples: Sequence[Sample]) -> int:
     """Return how many samples of equal time tell as much (Kish's effective sample size)."""
     squares = sum(sample.seconds**2 for sample in samples)
     return round(_seconds_of(samples) ** 2 / squares) if samples else 0
+
+
+def longest_stay(samples: Sequence[Sample]) -> LineStay | None:
+    """Return the longest run of samples of a thread on one line that does not sleep.
+
+    Runs that samples of a line show by chance, at its share of them, are none.
+    """
+    places = [activities.place_of(sample.own_frame) for sample in samples]
+    counts, stays = Counter(places), []
+    of_line = zip(samples, places, strict=True)
+    for (_, place), run in itertools.groupby(of_line, key=lambda s: (s[0].thread.thread, s[1])):
+        seen = [sample for sample, _ in run]
+        chance = counts[place] * (counts[place] / len(samples)) ** (len(seen) - 1)
+        if chance < _RARE and all(sample.activity != Activity.SLEEPING for sample in seen):
+            stays.append(LineStay(place, _seconds_of(seen)))
+    return max(stays, key=lambda stay: stay.seconds, default=None)
 
 
 def _seconds_of(parts: Iterable[Sample | Part | CallTime]) -> float:

@@ -60,6 +60,14 @@ class LineTime:
 
 
 @dataclass(frozen=True)
+class LineStay:
+    """How long a thread was on one line, as consecutive samples saw it."""
+
+    place: Place
+    seconds: PositiveFloat
+
+
+@dataclass(frozen=True)
 class LoopTime:
     """Where the time of one loop goes.
 
@@ -83,6 +91,7 @@ class LoopTime:
       calls: of functions that are timed one by one, from lines of this loop.
       building: the outermost line under which models are built or loaded, and nothing steps; of
         several, that which builds most, with the time of all. None without one.
+      longest_stay: the longest on a line that does not sleep; None where each may be chance.
     """
 
     loop: SourceLoop
@@ -98,6 +107,7 @@ class LoopTime:
     inner_functions: Sequence[LineTime]
     calls: Sequence[CallTime] = ()
     building: LineTime | None = None
+    longest_stay: LineStay | None = None
     lines_on_stack: Sequence[LineTime] = ()
 
     @property

@@ -58,7 +58,8 @@ def _relative_error(seen: ProgramObservation) -> float:
 def record(name: str, observation: ProgramObservation) -> ProgramRow:
     """Return what an observation means, with remedies timed on the program's own model."""
     steps = [step for step in observation.steps if step.step is not None]
-    calls, incidents = observation.calls.calls, observation.calls.incidents
+    calls = sampled_loops.with_sampled_loops(observation.threads, observation.calls.calls)
+    incidents = observation.calls.incidents
     times = sampled_loops.loop_times(
         observation.threads,
         observation.pid,

@@ -13,6 +13,7 @@ from mjbench.commands.run.loop_parts import (
     Part,
     Sample,
     equal_samples,
+    longest_stay,
     loop_seconds,
     parts_of,
     shown_places,
@@ -27,7 +28,7 @@ from mjbench.commands.run.loop_time import (
     shares_of,
 )
 from mjbench.commands.run.py_spy import Frame, ThreadSamples
-from mjbench.commands.run.source_loops import SourceLoop, program_loop
+from mjbench.commands.run.source_loops import SourceLoop, function_around, program_loop
 
 # Loops with a smaller share of the time of all loops that step, on a thread, are left out.
 LEAST_LOOP_SHARE = 0.05
@@ -35,6 +36,44 @@ LEAST_LOOP_SHARE = 0.05
 _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
 # Calls that show a loop, of which there may be no samples, beside those that step.
 _SHOWN = (COMPILE, DISPATCH, PROCESS_START)
+# A function of a process: its file and its name.
+_Function = tuple[int, str, str]
+
+
+def with_sampled_loops(
+    threads: Sequence[ThreadSamples], calls: Sequence[CallTime]
+) -> list[CallTime]:
+    """Return calls with the loops in which samples mostly see the functions that make them.
+
+    The clock notes the stack of a line's first call alone, which may come before the loop. What a
+    function that a pool calls does again and again is of that function, as of a loop.
+    """
+    often = (call for call in calls if call.calls >= LEAST_REPEATS)
+    tasks = {_function_of(call.place) for call in often if call.loop is None}
+    counts: dict[_Function, Counter[SourceLoop | None]] = defaultdict(Counter)
+    outer: dict[tuple[_Function, SourceLoop], Sequence[Place]] = {}
+    for thread in threads:
+        for stack in thread.stacks:
+            running = _outermost_loop(stack, tasks)
+            loop, inner = running if running is not None else (None, stack)
+            above = shown_places(inner[:1])
+            holders = {(each.file, each.function) for each in above}
+            for place in shown_places(inner[1:] if loop else inner):
+                function = thread.thread.pid, place.file, place.function
+                counts[function][None if function[1:] in holders else loop] += 1
+                if loop is not None:
+                    outer.setdefault((function, loop), above.copy())
+                above.append(place)
+
+    def in_loop(call: CallTime) -> CallTime:
+        function = call.pid, call.place.file, call.place.function
+        loop, count = max(counts[function].items(), key=lambda each: each[1], default=(None, 0))
+        if loop is None or loop == call.loop or min(count, call.calls) < LEAST_REPEATS:
+            return call
+        lines = [call.place, *reversed(outer[function, loop])]
+        return replace(call, loop=loop, lines=[place.position for place in lines])
+
+    return list(map(in_loop, calls))
 
 
 def loop_times(
@@ -56,9 +95,10 @@ def loop_times(
         each.thread.pid for each in threads if any(map(activities.is_of_thread_pool, each.stacks))
     }
     by_loop: dict[SourceLoop, list[Sample]] = defaultdict(list)
+    of_calls = {call.loop for call in calls}
     for thread in threads:
         for stack in thread.stacks:
-            if (running := _outermost_loop(stack)) is not None:
+            if (running := _outermost_loop(stack, of_calls)) is not None:
                 loop, inner = running
                 activity = activities.activity(stack, thread.thread.pid in of_pools)
                 by_loop[loop].append(Sample(thread, stack, inner, activity))
@@ -169,17 +209,32 @@ def _waits_for_ends(time: LoopTime) -> bool:
     return longest is not None and waiting(longest) > 0 and ".join(" in longest.place.text
 
 
-def _outermost_loop(stack: Sequence[Frame]) -> tuple[SourceLoop, Sequence[Frame]] | None:
+def _outermost_loop(
+    stack: Sequence[Frame], tasks: Collection[SourceLoop | None] = ()
+) -> tuple[SourceLoop, Sequence[Frame]] | None:
     """Return the outermost loop that a stack runs, and the frames from its line on.
 
     Those of the process that forked this one, which stand on its stack, are not meant.
+
+    Args:
+      tasks: functions that count as loops where a pool calls them.
     """
     own = stack[_own_begin(stack) :]
+    callers = [i for i, frame in enumerate(own) if activities.calls_tasks(frame)]
+    first = next((i for i in range(callers[-1], len(own)) if is_own(own[i])), 0) if callers else 0
+    if first:
+        task = _function_of(activities.place_of(own[first]))
+        if task is not None and task in tasks:
+            return task, own[first - 1 :]
     running = program_loop([(frame.file, frame.line) for frame in own])
     if running is None:
         return None
     loop, i = running
     return replace(loop, file=activities.shown_path(loop.file)), own[i:]
+
+
+def _function_of(place: Place) -> SourceLoop | None:
+    return function_around(place.file, place.line)
 
 
 def _own_begin(stack: Sequence[Frame]) -> int:
@@ -233,6 +288,7 @@ def _loop_time(
         inner_functions=_inner_functions(parts, seconds),
         calls=calls,
         building=_building_line(samples, parts, calls, seconds),
+        longest_stay=longest_stay(samples),
     )
 
 

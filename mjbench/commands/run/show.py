@@ -156,11 +156,22 @@ def beside_remedies(row: ProgramRow) -> str | None:
         return f"the loop in {where(time)} {pace}"
     if time.is_mostly_physics and gain < 1 - MOSTLY_PHYSICS:
         return _mostly_physics(row, time)
-    if remedy is None:
-        is_known = time.is_half_physics and time.samples >= FEW_SAMPLES
-        has_most = is_known and (costly is None or costly.share < physics)
-        return _mostly_physics(row, time) if has_most else _nothing_to_do(time, costly)
-    return _without_remedy(time, costly) if costly is not None and costly.share > gain else None
+    is_known = time.is_half_physics and time.samples >= FEW_SAMPLES
+    has_most = is_known and (costly is None or costly.share < physics)
+    if remedy is not None and (costly is None or costly.share <= _taken(remedy)):
+        return None
+    if has_most:
+        beside = "" if costly is None else f"; {costly.with_share}, no change is known for this"
+        return f"{_mostly_physics(row, time)}{beside}"
+    if remedy is None or costly is None:
+        return _nothing_to_do(time, costly)
+    return _without_remedy(time, costly)
+
+
+def _taken(remedy: Remedy) -> float:
+    """Return the share of what a remedy is about; of the timer, which all steps read, its gain."""
+    gain = remedy.gain or 0.0
+    return gain if remedy.kind == RemedyKind.CLOCK else max(gain, remedy.share or 0.0)
 
 
 def _no_loop(row: ProgramRow) -> str:
@@ -260,8 +271,13 @@ def _outside(row: ProgramRow) -> str:
 def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
     physics = time.activities[Activity.PHYSICS]
     of_step = f"; {each}" if (each := _of_step(row)) else ""
+    shares = {line.place: line.activities.get(Activity.PHYSICS, 0.0) for line in time.lines}
+    most = max(shares, key=lambda place: shares[place], default=None)
+    at_line = ""
+    if most is not None and LEAST_GAIN < shares[most] < physics - LEAST_GAIN:
+        at_line = f", {whole_percent(shares[most])} at {most}"
     return (
-        f"physics takes {whole_percent(physics)} of the loop in {where(time)}{of_step}."
+        f"physics takes {whole_percent(physics)} of the loop in {where(time)}{at_line}{of_step}."
         " `mjbench tune` tries settings of the model, `mjbench compare` other ways of"
         " stepping it"
     )

@@ -47,6 +47,18 @@ def outermost_loop(file: str, line: int) -> SourceLoop | None:
     return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
 
 
+@cache
+def function_around(file: str, line: int) -> SourceLoop | None:
+    """Return the innermost function that holds a line, as what repeats it."""
+    functions = (node for node in ast.walk(_tree(file)) if isinstance(node, _FUNCTIONS))
+    holding = [
+        SourceLoop(file, node.lineno, node.end_lineno or node.lineno)
+        for node in functions
+        if node.lineno <= line <= (node.end_lineno or node.lineno)
+    ]
+    return min(holding, key=lambda function: function.last - function.first, default=None)
+
+
 def program_loop(lines: Sequence[tuple[str, int]]) -> tuple[SourceLoop, int] | None:
     """Return the outermost loop that a stack runs, and the number of its line on the stack.
 

@@ -71,7 +71,7 @@ def test_each_rule_finds_its_pattern(tmp_path: Path, line: str, code: str) -> No
     "line",
     [
         "log.append(data.qpos.copy())",
-        "log.append(np.array(data.qpos))  # noqa: MJB003",
+        "log.append(np.array(data.qpos))",
         "log.append(data.qpos[0])",
         "log.append(data.time)",
         "log.append(data.qpos + 0.0)",
@@ -92,6 +92,8 @@ def test_each_rule_finds_its_pattern(tmp_path: Path, line: str, code: str) -> No
         "data.ctrl = data.qpos",
         "self.last = data.qpos.copy()",
         "if i == 12: u = np.zeros(model.nu)",
+        "rows = np.zeros(data.nefc)",
+        "depths = np.array(data.contact.dist)",
     ],
 )
 def test_correct_code_has_no_finding(tmp_path: Path, line: str) -> None:
@@ -126,6 +128,17 @@ def test_a_new_mjdata_per_episode_and_serial_simulations_are_found(tmp_path: Pat
         """,
     )
     assert [f.code for f in results] == ["MJB006", "MJB005", "MJB017"]
+
+
+def test_a_loop_that_resets_at_times_is_none_over_simulations(tmp_path: Path) -> None:
+    text = """
+        for call in range(30):
+            if call == 12:
+                mujoco.mj_resetData(model, data)
+            for _ in range(hold):
+                mujoco.mj_step(model, data)
+        """
+    assert [f.code for f in findings(tmp_path, text)] == ["MJB017"]
 
 
 def test_what_runs_once_per_episode_does_not_run_in_every_step(tmp_path: Path) -> None:

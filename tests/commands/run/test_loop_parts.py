@@ -1,10 +1,12 @@
 """The time of a loop is divided once, however short what was timed is."""
 
+from dataclasses import replace
+
 import pytest
 
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
-from mjbench.commands.run.loop_parts import Sample, loop_seconds, parts_of
+from mjbench.commands.run.loop_parts import Sample, longest_stay, loop_seconds, parts_of
 from mjbench.commands.run.loop_time import shares_of
 from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
 from mjbench.commands.run.source_loops import SourceLoop
@@ -27,3 +29,12 @@ def test_calls_that_the_clock_did_not_see_leave_the_loop_to_the_rest(samples, re
     assert shares_of(parts, seconds) == pytest.approx({Activity.PHYSICS: 0.0, rest: 1.0})
     collected = parts_of(sampled, [UNSEEN], seconds, 0.1)
     assert sum(part.seconds for part in collected) == pytest.approx(seconds)
+
+
+def test_a_run_of_samples_on_one_line_is_a_stay_unless_the_line_is_often_seen() -> None:
+    saving = replace(SAMPLE, inner=[Frame("main", "train.py", 14)])
+    resting = replace(SAMPLE, activity=Activity.SLEEPING)
+    stay = longest_stay([resting] * 50 + [saving] * 4 + [resting] * 50)
+    assert stay is not None
+    assert (stay.place.line, stay.seconds) == (14, pytest.approx(0.08))
+    assert longest_stay([saving] * 4 + [resting] * 2) is None

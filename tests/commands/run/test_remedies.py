@@ -279,13 +279,15 @@ def test_only_an_mjdata_of_each_new_model_needs_no_advice(loads):
     listed = listing.remedies(loop_of(step(seconds=3.0), loading, created, copied))
     lines = {each.place.line for each in listed}
     assert lines == ({13, 15} if loads == 4 else {14, 15})
+    if loads == 4:  # the MjData of each model goes with it
+        assert next(r for r in listed if r.place.line == 13).share == pytest.approx(0.2)
 
 
-def test_copies_of_a_model_that_is_loaded_again_and_again_leave_the_loop():
+def test_who_copies_a_model_is_told_that_several_mjdata_share_one():
     copied = call("copy of MjModel", number=13, calls=100, seconds=4.0)
-    (remedy,) = listing.remedies(loop_of(step(), copied, call("from_xml_path", calls=5)))
-    assert remedy.text.startswith("compile the model once")
-    assert remedy.gain == pytest.approx(0.6 * (1 - 1 / 105))
+    (remedy,) = listing.remedies(loop_of(step(), copied))
+    assert "several MjData can share one MjModel" in remedy.text
+    assert remedy.gain == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("callee", call_clock.COPIES_OF_DATA)
@@ -402,6 +404,14 @@ def test_two_findings_of_one_rule_on_a_line_are_one_remedy():
     time = loop(line(15, {NUMPY: 0.6}), line(12, {PHYSICS: 0.4}))
     twice = [finding("MJB099"), replace(finding("MJB099"), col=30)]
     assert len(listing.remedies(time, twice)) == 1
+
+
+def test_one_remedy_on_lines_that_follow_each_other_is_one() -> None:
+    lines = [line(i, {BINDINGS: share}) for i, share in ((12, 0.2), (13, 0.1), (15, 0.1))]
+    found = [finding("MJB002", number=each.place.line) for each in lines]
+    first, then = listing.remedies(loop(*lines), found)
+    assert (first.where, then.where) == ("train.py:12–13", "train.py:15")
+    assert (first.gain, first.share) == (pytest.approx(0.3), pytest.approx(0.3))
 
 
 def test_named_access_saves_what_was_measured_not_the_share_of_its_line():

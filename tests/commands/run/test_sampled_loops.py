@@ -1,6 +1,7 @@
 """Samples become shares of a loop's time."""
 
 import importlib
+import multiprocessing
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -438,3 +439,28 @@ def _connection():
     import multiprocessing.connection
 
     return multiprocessing.connection.__file__
+
+
+def test_a_call_that_was_first_made_before_the_loop_is_of_the_loop_in_which_samples_see_it(file):
+    module = Frame("<module>", file, 11)
+    before = [module, Frame("main", file, 6), Frame("observe", file, 2)]
+    seen = samples([before] + [stacks(file)["observe"]] * 3)
+    made = replace(call("compile", 2, 0.1), place=Place("program.py", 2, "observe"), loop=None)
+    (compiled,) = sampled_loops.with_sampled_loops([seen], [made])
+    assert compiled.loop == SourceLoop("program.py", 7, 9)
+    assert compiled.lines == [("program.py", 2), ("program.py", 9)]
+    assert sampled_loops.with_sampled_loops([seen], [replace(made, pid=2)])[0].loop is None
+    of_main = replace(made, place=Place("program.py", 6, "main"))
+    assert sampled_loops.with_sampled_loops([seen], [of_main])[0].loop is None
+
+
+@pytest.mark.parametrize("calls", [2, 3])
+def test_what_a_task_of_a_pool_does_again_and_again_is_of_its_function(file, calls):
+    pool = Frame("worker", str(Path(multiprocessing.__file__).with_name("pool.py")), 125)
+    main = Frame("main", file, 8)
+    seen = [samples([[pool, replace(main, line=6)], [pool, main, ENGINE], [pool, main, ENGINE]])]
+    loading = replace(call("compile", 6, 0.1, calls=calls), loop=None)
+    made = sampled_loops.with_sampled_loops(seen, [loading, call("mj_step", 8, 0.1, **STEP)])
+    (time,) = sampled_loops.loop_times(seen, 2, calls=made)
+    assert (time.loop.first, time.loop.last) == ((5, 9) if calls == 3 else (7, 9))
+    assert len(time.calls) == (2 if calls == 3 else 1)

@@ -12,7 +12,7 @@ from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.gil_waits import GilWait
 from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.launch import UncaughtException
-from mjbench.commands.run.loop_time import LineTime, LoopTime
+from mjbench.commands.run.loop_time import LineStay, LineTime, LoopTime
 from mjbench.commands.run.physics_cost import PhysicsCost
 from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
 from mjbench.commands.run.result import LoopReport, ProgramRow
@@ -245,6 +245,21 @@ def test_the_costliest_place_without_a_remedy_is_named_first_and_as_that() -> No
     assert said.startswith(f"{numpy}; no change is known for this. Then, at train.py:7, do")
 
 
+def test_physics_comes_before_what_costs_less_than_it_with_its_costliest_line() -> None:
+    of_steps = [
+        replace(each, place=replace(PLACE, line=8))
+        for each in lines(0.5, activity=Activity.PHYSICS)
+    ]
+    mixed = loop({Activity.PHYSICS: 0.7, Activity.NUMPY: 0.3})
+    mixed = replace(mixed, lines=[*of_steps, *lines(0.2, activity=Activity.PHYSICS), *lines(0.3)])
+    said = program.conclusion(row(mixed, replace(remedy(), gain=0.1, share=0.1)))
+    assert said.startswith("physics takes 70 % of the loop in train.py:5–9, 50 % at train.py:8.")
+    assert "; your own Python and NumPy at train.py:5: 30 %, no change is known for this" in said
+    of_line = replace(remedy(), gain=0.1, share=0.4)
+    assert program.conclusion(row(mixed, of_line)).startswith("first, at train.py:7, do otherwise")
+    assert "Then, at train.py:7, do otherwise" in said
+
+
 def test_a_place_with_a_remedy_is_named_for_that_and_what_has_none_with_its_share() -> None:
     mixed = replace(MIXED, lines=[*lines(0.1), replace(lines(0.3)[0], place=PLACE)])
     section = list(program.sections([row(mixed, remedy())]))
@@ -414,7 +429,7 @@ PACED = loop({Activity.SLEEPING: 0.9, Activity.PHYSICS: 0.1})
             " loop",
         ),
         ({"late": 3}, {"queued_s": 1.2}, "the longest 90 ms: its thread waited 1.2 s for a core"),
-        ({"late": 3}, {"queued_s": 0.0}, "what they have in common was not seen"),
+        ({"late": 3}, {"queued_s": 0.03}, "what they have in common was not seen"),
     ],
 )
 def test_of_a_loop_that_keeps_real_time_late_iterations_and_their_cause_are_said(
@@ -432,6 +447,16 @@ def test_a_call_that_takes_as_long_as_a_period_makes_iterations_late() -> None:
     draws = CallTime("render", 1, 1, PLACE, None, 100.0, 0.5, 0, 1, 0, 0)
     said = program.conclusion(replace(row(replace(PACED, calls=[draws])), steps=[steps(late=9)]))
     assert said.endswith("the longest 90 ms: render at train.py:7 takes 5 ms each time")
+
+
+def test_a_line_that_takes_most_of_the_longest_delay_made_it() -> None:
+    saves = LineStay(replace(PLACE, text="np.savez(file, log)"), 0.06)
+    paced = replace(PACED, longest_stay=saves)
+    said = program.conclusion(replace(row(paced, queued_s=1.2), steps=[steps(late=9)]))
+    assert "train.py:7 took about 60 ms at once (np.savez(file, log)); do this after" in said
+    short = replace(paced, longest_stay=replace(saves, seconds=0.03))
+    said = program.conclusion(replace(row(short, queued_s=1.2), steps=[steps(late=9)]))
+    assert said.endswith("(taskset)")
 
 
 @pytest.mark.parametrize(("time", "factor"), [(PACED, 0.5), (loop({Activity.PHYSICS: 1.0}), 1.0)])

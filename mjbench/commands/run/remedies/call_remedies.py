@@ -265,7 +265,8 @@ def _functions_pair(calls: CallsInLoop) -> RemedyPair:
 
 
 def _rays_pair(calls: CallsInLoop) -> RemedyPair:
-    of_step = calls.count / calls.nstep if calls.nstep else _USUAL_RAYS
+    steps = count_of(steps_of(calls.loop.calls))
+    of_step = calls.count / steps if steps else _USUAL_RAYS
     return RemedyPair(rays, simulations=min(_MOST_RAYS, max(1, round(of_step))))
 
 
@@ -386,13 +387,21 @@ CALL_REMEDIES = (
         codes=("MJB005", "MJB010"),
     ),
     CallRemedy(
-        callees=(*call_clock.LOADERS, "copy of MjModel"),
-        text="compile the model once before the loop: change the compiled model, or keep a pool of"
-        " bodies and move those that are not needed away",
+        callees=call_clock.LOADERS,
+        text="compile the model once before the loop (in a pool of processes, by its initializer):"
+        " change the compiled model, or keep a pool of bodies and move those that are not needed"
+        " away",
         effect="nothing, if the model is the same",
         codes=("MJB011",),
         keeps_first=True,
         is_of_loop=True,
+        is_of_line=True,
+    ),
+    CallRemedy(
+        callees=("copy of MjModel",),
+        text="this copies the model, too: several MjData can share one MjModel; create one MjData"
+        " before the loop, and use mj_copyData in it",
+        effect="nothing, if the program does not change the copy of the model",
         is_of_line=True,
     ),
     CallRemedy(

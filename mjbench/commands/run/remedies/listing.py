@@ -5,6 +5,7 @@ is an upper bound.
 """
 
 import contextlib
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -143,6 +144,10 @@ def _calls(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[tuple[CallRe
         if remedy.is_of_loop and by_place:
             place = max(by_place, key=lambda each: seconds_of(by_place[each]))
             by_place = {place: [call for calls in by_place.values() for call in calls]}
+            created = [call for call in loop.calls if call.callee == "MjData"]
+            if by_place[place][0].activity == Activity.LOADING and created:
+                # an MjData of each new model is created once, too
+                by_place[place] += created if _are_of_new_models(loop, created) else []
         for place, calls in by_place.items():
             is_said = (remedy.callees, place) in said
             if is_said or _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
@@ -208,9 +213,36 @@ def _of_lines(
     """Yield what to do about each line that has a remedy of its own, and each that lint finds."""
     yield from _of_findings(loop, findings)
     yield from _of_whole_loops(loop, findings, measured)
-    for line in loop.lines:
+    joined: list[Remedy] = []
+    for line in sorted(loop.lines, key=lambda line: line.place.position):
         if _avoidable(line) >= LEAST_GAIN and not _is_of_calls(loop, line):
-            yield from _of_line(loop, line, findings, measured)
+            for each in _of_line(loop, line, findings, measured):
+                i = next((i for i, one in enumerate(joined) if _continues(one, each)), None)
+                if i is None:
+                    joined.append(each)
+                else:
+                    joined[i] = _joined(joined[i], each)
+    yield from joined
+
+
+def _continues(first: Remedy, then: Remedy) -> bool:
+    """Return whether two remedies are one, on lines of a function that follow each other."""
+    before, after = first.place, then.place
+    assert before is not None and after is not None, "lines have remedies here"
+    last = first.last_line or before.line
+    is_next = last < after.line <= last + 1 and before.file == after.file
+    return is_next and (first.text, first.basis) == (then.text, then.basis)
+
+
+def _joined(first: Remedy, then: Remedy) -> Remedy:
+    assert then.place is not None and first.gain is not None and then.gain is not None
+    return replace(
+        first,
+        gain=first.gain + then.gain,
+        gain_error=math.hypot(first.gain_error or 0.0, then.gain_error or 0.0),
+        share=(first.share or 0.0) + (then.share or 0.0),
+        last_line=then.place.line,
+    )
 
 
 def _of_findings(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[Remedy]:
