@@ -8,8 +8,8 @@ stored in FOLDER, and those that are there already are not repeated.
 
 The table says for each load and both kinds of loop: by how much the best way of the quiet machine
 is faster there than the way that is advised beside the load; and the speed-up of that way in both,
-with the interval beside the load. Each is computed twice: from the median of the blocks of a
-launch, and from the fastest block of a busy one, as `compare` does.
+with the interval beside the load. Each is computed twice: from the faster half of the blocks of
+every launch, and from the fastest block of a busy one, as `compare` does.
 """
 
 import contextlib
@@ -63,7 +63,7 @@ class Outcome:
     """What a comparison beside a load advises for one loop, against the quiet machine.
 
     Attributes:
-      takes_fastest: whether the fastest block of a busy launch counts, or the median.
+      takes_fastest: whether the fastest block of a busy launch counts, or the faster half.
       quiet: speed-up of the advised way there.
       regret: share by which the best way is faster there than the advised one.
     """
@@ -106,7 +106,7 @@ class BusyTally:
 
     def lines(self) -> Iterator[str]:
         """Yield the part of the page."""
-        yield "| Programs | Median block | Fastest block |"
+        yield "| Programs | Faster half | Fastest block |"
         yield "|---|---|---|"
         for load in LOADS:
             yield f"| {load} | {self._cell(load, False)} | {self._cell(load, True)} |"
@@ -157,7 +157,7 @@ def _results(folder: Path, name: str, load: str) -> Path:
 
 
 def read(file: Path, takes_fastest: bool) -> ModelResults:
-    """Return a stored comparison, as it is or from medians."""
+    """Return a stored comparison, as it is or from the faster half of all blocks."""
     records: list[Record] = []
     for record in runs.load(file, kinds.RECORD_TYPES).records:
         if isinstance(record, RaceRecord) and not takes_fastest:

@@ -106,7 +106,7 @@ def test_rendering_comes_first(tmp_path):
     )
     assert row["was_ended"]
     assert done.returncode == 0
-    assert "rendering at" in done.stderr
+    assert "images are drawn for a simulated second" in done.stderr
 
 
 def test_a_policy_comes_first(tmp_path):

@@ -39,7 +39,8 @@ _VECTOR_ADVICE = (
     " messages; `mjbench env` times both"
 )
 _COLLECTION_ADVICE = (
-    "call gc.disable() before the loop, and gc.collect() where a pause does no harm"
+    "garbage collection: call gc.disable() before the loop, and gc.collect() where a pause does no"
+    " harm"
 )
 # Images of a simulated second that a video in real time shows.
 VIDEO_HZ = 60
