@@ -41,7 +41,7 @@ help:
 	@echo "All but clean set up .venv first, if it is missing or out of date."
 
 bench: $(BASE)
-	$(BIN)/mjbench compare $(MODELS)
+	$(BIN)/mjbench compare $(MODELS) --budget 230s
 
 # Style and types beside each other; then the tests, in three processes, since some wait. CI checks the types of macOS, too.
 test: $(STAMP)

@@ -88,7 +88,7 @@ def test_what_is_certainly_slower_than_an_earlier_run_fails_in_ci(
     assert done.stdout.splitlines()[1].startswith(f"Of 4 rows: {4 - verdicts.count(None)} ")
 
 
-@pytest.mark.parametrize(("finding", "code"), [("slower", 1), ("faster", 0)])
+@pytest.mark.parametrize(("finding", "code"), [("changed-work", 1), ("slower", 0)])
 def test_a_stored_verdict_fails_in_ci(finding: str, code: int) -> None:
     run = RUNS / "reference-story-versions.jsonl"
     assert CliRunner().invoke(cli, ["show", str(run), "--fail-on", finding]).exit_code == code
@@ -96,7 +96,7 @@ def test_a_stored_verdict_fails_in_ci(finding: str, code: int) -> None:
 
 def test_of_several_runs_the_one_that_decides_is_named() -> None:
     runs = [str(RUNS / f"reference-{name}.jsonl") for name in ("story-versions", "story-env")]
-    done = CliRunner().invoke(cli, ["show", *runs, "--fail-on", "slower"])
+    done = CliRunner().invoke(cli, ["show", *runs, "--fail-on", "changed-work"])
     assert done.exit_code == 1
     assert "exit code 1: mjbench versions" in done.stderr
 
