@@ -55,13 +55,13 @@ def readme() -> Iterator[str]:
     machine = runs.load(RUNS / "reference-checkup-humanoid.jsonl", RECORD_TYPES).header.machine
     assert "AMD EPYC" in machine.cpu
     is_quiet = machine.load_1min < 0.5
-    how = "while nothing else ran" if is_quiet else f"a load of {machine.load_1min:.1f}"
+    how = "otherwise idle" if is_quiet else f"a load of {machine.load_1min:.1f}"
     version = machine.versions["mujoco"]
-    yield f"on two cores of an AMD EPYC with MuJoCo {version}"
+    yield f"on two cores of our AMD EPYC with MuJoCo {version}"
     yield how
     page = (ROOT / "README.md").read_text()  # its block is compared with its run
     ((gain, low, high),) = re.findall(r"^humanoid: ([\d.]+) × as fast \((\S+)–(\S+)\)", page, re.M)
-    yield f"physics is {gain} times as fast as in a plain Python loop"
+    yield f"step {gain} times as fast as in a plain Python loop"
     confidence = percent(race_record.CONFIDENCE)
     yield f"lies between {low} and {high} with {confidence} confidence"
     yield f"{trial_counts().alarms} comparisons without a slowdown"
