@@ -71,11 +71,11 @@ def timing() -> Iterator[str]:
     yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
     yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is decided"
     assert (race_record.BUSY_CORES, race.ROUNDS) == (0.25, 4)
-    yield "use a quarter of a core or more, a launch has eight rounds"
+    yield "use a quarter of a core or more, a launch has twice as many blocks"
     tally = json.loads((ROOT / "results/busy.json").read_text())
     yield f"({tally['budget_s']:.0f} s a model, {tally['cores']} cores, {tally['cpu']})"
-    yield f"Of {len(tally['outcomes']) // 6} pieces of advice"
-    yield f"are within {margin} of the quiet machine's best"
+    yield f"For {len(tally['outcomes']) // 6} pieces of advice"
+    yield f"are within {margin} of the quiet best"
     yield f"the host took {percent(disturbance.NOTABLE_STOLEN)} or more of the processor time"
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
     ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)

@@ -350,12 +350,7 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
 def _uncertain(remedy: Remedy) -> Interval | None:
     """Return the share that was measured to be saved, if its interval is wide, as of threads."""
     gain = remedy.share_saved
-    if (
-        remedy.basis not in (Basis.PAIRED, Basis.RERUN)
-        or gain is None
-        or gain.low is None
-        or gain.high is None
-    ):
+    if remedy.basis not in _MEASURED or gain is None or gain.low is None or gain.high is None:
         return None
     return gain if gain.high - gain.low > 2 * _CLOSE else None
 

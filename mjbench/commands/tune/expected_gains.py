@@ -61,7 +61,7 @@ def unjudged(record: TuneRecord) -> list[ExpectedGain]:
     judged = {one for each in record.front for one in each.settings}
     judged |= {one for each in record.withdrawn for one in each.settings}
     gains: dict[str, ExpectedGain] = {}
-    for setting in {*record.untried_halving, *tried} - judged:
+    for setting in sorted({*record.untried_halving, *tried} - judged, key=lambda each: each.label):
         attempt = tried.get(setting)
         factor = max(_counted_factor(setting, record), _timed_factor(attempt, record))
         if factor < _TWICE or not _may_be(attempt, record):
