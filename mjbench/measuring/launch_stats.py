@@ -168,19 +168,29 @@ def most_disturbed(count: int) -> int:
     return 0
 
 
-def student_interval(samples: Sequence[float], confidence: float) -> Interval:
+def student_interval(
+    samples: Sequence[float], confidence: float, beside: Sequence[float] = ()
+) -> Interval:
     """Return the mean of launches with Student's interval.
 
-    It holds for a number of launches that does not depend on what they say.
+    It holds for a number of launches that does not depend on what they say. Launches `beside` them
+    have a mean of their own, but the same deviation. Where both together show a larger one, it
+    counts: a few launches may agree by chance.
     """
     from scipy.special import stdtrit
 
     fitted = fit(cells(samples, None))
-    mean, freedom = float(fitted.mean[0]), int(fitted.freedom[0])
-    if freedom <= 0:
+    if beside:
+        other = fit(cells(beside, None))
+        freedom = fitted.freedom + other.freedom
+        pooled = (fitted.squares + other.squares) / np.maximum(1, freedom)
+        own = fitted.squares / np.maximum(1, fitted.freedom)
+        fitted = replace(fitted, freedom=freedom, squares=freedom * np.maximum(own, pooled))
+    mean, freedom_of_mean = float(fitted.mean[0]), int(fitted.freedom[0])
+    if freedom_of_mean <= 0:
         return Interval(mean, None, None)
-    half_width = float(stdtrit(freedom, (1 + confidence) / 2) * fitted.deviation[0])
-    return Interval.around(mean, half_width)
+    quantile = float(stdtrit(freedom_of_mean, (1 + confidence) / 2))
+    return Interval.around(mean, quantile * float(fitted.deviation[0]))
 
 
 def evidence(

@@ -329,13 +329,17 @@ class RaceRecord:
         """Return the ratio of two variants' times, the candidate's over the baseline's.
 
         How many launches there are after a race does not depend on what they say, so theirs has
-        Student's interval; that of launches of the race may be computed after any of them.
+        Student's interval, with the spread of those of the race where that is larger. The interval
+        of launches of the race may be computed after any of them.
         """
-        if all(launch.is_final for launch in launches):
-            ratios = [launch.log_ratio(baseline, candidate) for launch in launches]
-            return launch_stats.student_interval(ratios, CONFIDENCE).exponential
-        mean, half_width = log_ratio(launches, baseline, candidate)
-        return Interval.around(mean, half_width(CONFIDENCE)).exponential
+        if not all(launch.is_final for launch in launches):
+            mean, half_width = log_ratio(launches, baseline, candidate)
+            return Interval.around(mean, half_width(CONFIDENCE)).exponential
+        both = [each for each in self._race_launches if {baseline, candidate} <= set(each.variants)]
+        final, race = (
+            [each.log_ratio(baseline, candidate) for each in group] for group in (launches, both)
+        )
+        return launch_stats.student_interval(final, CONFIDENCE, beside=race).exponential
 
 
 def standing_of(

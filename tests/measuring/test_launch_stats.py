@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import integrate
+from scipy.special import stdtrit
 
 from mjbench.measuring import launch_stats
 
@@ -179,3 +180,16 @@ def test_e_values_of_a_family_are_rejected_together(
 def test_a_family_needs_a_level() -> None:
     with pytest.raises(ValueError, match="need a level"):
         launch_stats.e_benjamini_hochberg([1.0], 1.0)
+
+
+def test_launches_beside_others_have_the_wider_of_their_spread_and_the_common_one() -> None:
+    close, wide = [1.0, 1.01, 0.99, 1.0], [3.0, 5.0, 4.0, 4.0, 3.5]
+    alone, beside = (launch_stats.student_interval(close, 0.95, others) for others in ((), wide))
+    assert beside.estimate == alone.estimate
+    assert beside.half_width > alone.half_width
+    # a common spread that is narrower only adds degrees of freedom
+    more = launch_stats.student_interval(wide, 0.95, close * 5)
+    assert more.half_width == pytest.approx(
+        launch_stats.student_interval(wide, 0.95).half_width
+        * float(stdtrit(4 + 19, 0.975) / stdtrit(4, 0.975))
+    )
