@@ -183,6 +183,11 @@ class RaceRecord:
     def able(self) -> set[int]:
         return set(range(len(self.variants))) - {each.variant for each in self.unable}
 
+    @property
+    def other_cores(self) -> float:
+        """How many cores other programs used, in the median launch."""
+        return statistics.median(each.other_cores for each in self.launches)
+
     def threads(self, launch: RaceLaunch) -> list[int]:
         return [nthread(self.variants[i].options) for i in launch.variants]
 

@@ -296,8 +296,10 @@ def conclusion(advice: Advice, names_size: bool = False) -> str:
     gain = f", {formats.as_fast(advice.speedup)}" if advice.speedup is not None else ""
     begin = f"{_LOOPS[advice.loop]}{_size(advice.result.nbatch, names_size)}"
     probably = "" if advice.is_certain or advice.reason in _UNRIVALLED else "probably "
-    path = described(advice.variant)
-    return "; ".join([f"{begin}: {probably}{path}{gain}", *_reasons(advice)])
+    path = f"{probably}{described(advice.variant)}{gain}"
+    if advice.reason == Reason.NO_GAIN and probably:
+        path = "no path is certainly faster than the plain loop"
+    return "; ".join([f"{begin}: {path}", *_reasons(advice)])
 
 
 def _size(nbatch: int | None, names_size: bool) -> str:

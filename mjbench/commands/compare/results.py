@@ -20,7 +20,7 @@ from mjbench.commands.compare.advice import (
 )
 from mjbench.host import conditions, disturbance
 from mjbench.interval import Interval
-from mjbench.paired.race_record import Loop, RaceRecord
+from mjbench.paired.race_record import BUSY_CORES, Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.results.json_form import in_json
 from mjbench.results.runs import Record
@@ -193,7 +193,9 @@ class ModelResults:
     def disturbances(self) -> list[str]:
         clauses = self.race.disturbance.clauses if self.race is not None else []
         if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
-            clauses.append(f"threads had {self.cores}")
+            others = self.race.other_cores if self.race is not None else 0.0
+            by_others = f" (other programs used {others:.1f})" if others >= BUSY_CORES else ""
+            clauses.append(f"threads had {self.cores}{by_others}")
         return clauses
 
     @property

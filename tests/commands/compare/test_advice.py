@@ -132,6 +132,13 @@ def test_the_plain_loop_is_advised_where_no_path_is_faster() -> None:
     assert advise(model_results)[0].speedup is None
 
 
+def test_the_plain_loop_is_no_advice_where_other_paths_may_be_faster() -> None:
+    record = raced([(ROLLOUT, 0.95), (BATCH_STEP, 0.95)], spread=0.2, launches=4)
+    for sentence in sentences(derived(record)):
+        assert ": no path is certainly faster than the plain loop; " in sentence
+        assert re.search(r" may be faster by up to \d+ %$", sentence)
+
+
 def test_a_loop_that_nothing_else_was_timed_for_is_said() -> None:
     model_results = derived(raced([(ROLLOUT, 2.0)]))
     assert chosen(model_results)[1] == ("python_loop", Reason.ALONE, True)

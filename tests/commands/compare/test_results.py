@@ -124,6 +124,14 @@ def test_one_threshold_says_that_threads_had_too_few_cores(
     assert derived(raced(cores=cores)).disturbances == expected
 
 
+def test_too_few_cores_are_said_with_those_that_other_programs_used() -> None:
+    record = raced(cores=1.2)
+    launches = [dataclasses.replace(each, other_cores=0.8) for each in record.launches]
+    record = dataclasses.replace(record, launches=launches)
+    clause = "threads had 1.20 of 2 cores (other programs used 0.8)"
+    assert derived(record).disturbances == [clause]
+
+
 def test_a_run_is_derived_model_by_model_and_size_by_size() -> None:
     records = [
         record
