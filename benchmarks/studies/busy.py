@@ -2,14 +2,15 @@
 
     python -m benchmarks.studies.busy [MODEL …] [--budget-s 14] [--runs FOLDER] [--write]
 
-compares each of our models on the machine as it is, for four times the budget and for the budget,
-and beside each load of `LOADS`: programs that this one starts, and that end with it. Runs are
-stored in FOLDER, and those that are there already are not repeated.
+compares each of our models beside each load of `LOADS`: programs that this one starts, and that end
+with it. Runs are stored in FOLDER, and those that are there already are not repeated.
 
-The table says for each load and both kinds of loop: by how much the best way of the quiet machine
-is faster there than the way that is advised beside the load; and the speed-up of that way in both,
-with the interval beside the load. Each is computed twice: from the faster half of the blocks of
-every launch, and from the fastest block of a busy one, as `compare` does.
+What is fastest on the quiet machine follows from the launches of `benchmarks.studies.races`, which
+must be of the same machine. The table says for each load and both kinds of loop: by how much the
+best path of the quiet machine is faster there than the one that is advised beside the load; and the
+speed-up of that path in both, with the interval beside the load. Each is computed twice: from the
+faster half of the blocks of every launch, and from the fastest block of a busy one, as `compare`
+does.
 """
 
 import contextlib
@@ -19,11 +20,11 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from benchmarks.studies import tally_command, tally_file
+from benchmarks.studies import races, tally_command, tally_file
 from benchmarks.studies.page_part import PagePart
 from mjbench.commands.compare.results import ModelResults, derive_all
 from mjbench.commands.show import kinds
@@ -40,8 +41,6 @@ TALLY = Path(__file__).parents[2] / "results/busy.json"
 PART = PagePart("method/timing.md", "busy", "benchmarks.studies.busy")
 # Of each load: how many programs run, and the share of a core that each of them takes.
 LOADS = {"none": (0, 0.0), "one": (1, 0.5), "two": (2, 0.5)}
-# The run on the quiet machine that is the truth. It has more launches, so that its noise is small.
-REFERENCE, _REFERENCE_BUDGETS = "reference", 4
 # Runs for some milliseconds, and sleeps so long that it had its share.
 _LOAD = """\
 import random, sys, time
@@ -64,8 +63,8 @@ class Outcome:
 
     Attributes:
       takes_fastest: whether the fastest block of a busy launch counts, or the faster half.
-      quiet: speed-up of the advised way there.
-      regret: share by which the best way is faster there than the advised one.
+      regret: share by which the best path is faster on the quiet machine than the advised one.
+      quiet: speed-up of the advised path there.
     """
 
     model: str
@@ -74,7 +73,7 @@ class Outcome:
     takes_fastest: bool
     advised: str
     regret: float
-    quiet: Interval
+    quiet: float
     busy: Interval
 
     @property
@@ -83,14 +82,14 @@ class Outcome:
 
     @property
     def holds(self) -> bool:
-        return self.busy.covers(self.quiet.estimate)
+        return self.busy.covers(self.quiet)
 
     def line(self) -> str:
         good, holds = (("no", "yes")[answer] for answer in (self.is_good, self.holds))
         return (
             f"{self.model:18} {self.load:11} {self.loop:6} {self.advised:40}"
             f" best is {100 * self.regret:4.1f} % faster, within 5 %: {good:3}"
-            f" speed-up {self.quiet.estimate:.2f}, busy {_written(self.busy)}, holds: {holds}"
+            f" speed-up {self.quiet:.2f}, busy {_written(self.busy)}, holds: {holds}"
         )
 
 
@@ -135,13 +134,12 @@ def loaded(programs: int, share: float) -> Iterator[None]:
 def measure(names: Sequence[str], budget_s: float, folder: Path) -> None:
     """Store a comparison of each model beside each load."""
     for name in names:
-        for load in random.sample([REFERENCE, *LOADS], 1 + len(LOADS)):
+        for load in random.sample([*LOADS], len(LOADS)):
             if stored_file(folder, name, load) is not None:
                 continue
             results = str(_results(folder, name, load))
-            seconds = budget_s * (_REFERENCE_BUDGETS if load == REFERENCE else 1)
-            command = ["compare", name, "--budget", f"{seconds}s", "--results", results]
-            with loaded(*LOADS.get(load, LOADS["none"])):
+            command = ["compare", name, "--budget", f"{budget_s}s", "--results", results]
+            with loaded(*LOADS[load]):
                 subprocess.run([sys.executable, "-m", "mjbench", *command], capture_output=True)
             if stored_file(folder, name, load) is None:
                 raise MachineError(f"`mjbench {' '.join(command)}` stored nothing")
@@ -168,35 +166,40 @@ def read(file: Path, takes_fastest: bool) -> ModelResults:
     return results
 
 
-def outcomes(folder: Path, name: str, takes_fastest: bool) -> list[Outcome]:
-    """Return what comparisons of a model beside loads come to."""
-    quiet_file = stored_file(folder, name, REFERENCE)
-    if quiet_file is None:
-        return []
-    quiet, of_model = read(quiet_file, takes_fastest), []
+def outcomes(
+    folder: Path, quiet: Mapping[str, float], name: str, takes_fastest: bool
+) -> list[Outcome]:
+    """Return what comparisons of a model beside loads come to.
+
+    Args:
+      quiet: speed-up of each path on the quiet machine.
+    """
+    of_model = []
     for load in LOADS:
         file = stored_file(folder, name, load)
         if file is None:
             continue
-        for advice in read(file, takes_fastest).advice:
-            speedups = _speedups(quiet, advice.loop)
-            there = speedups[str(advice.variant)]
-            regret = max(each.estimate for each in speedups.values()) / there.estimate - 1
+        results = read(file, takes_fastest)
+        assert results.race is not None, "the model was compared"
+        groups = dict(zip(Loop, results.race.groups, strict=True))
+        for advice in results.advice:
+            best = max(quiet[str(results.race.variants[i])] for i in groups[advice.loop])
+            path = str(advice.variant)
             busy = advice.speedup or Interval(1.0, 1.0, 1.0)
-            way = str(advice.variant)
+            regret = best / quiet[path] - 1
             of_model.append(
-                Outcome(name, load, advice.loop, takes_fastest, way, regret, there, busy)
+                Outcome(name, load, advice.loop, takes_fastest, path, regret, quiet[path], busy)
             )
     return of_model
 
 
-def _speedups(results: ModelResults, loop: Loop) -> dict[str, Interval]:
-    """Return the speed-ups of the ways of stepping that compete for a loop, by their names."""
-    assert results.race is not None, "the model was compared"
-    race = results.race
-    group = race.groups[list(Loop).index(loop)]
-    known = ((str(race.variants[i]), race.speedups[i]) for i in group)
-    return {name: speedup for name, speedup in known if speedup is not None}
+def quiet_speedups() -> dict[str, dict[str, float]]:
+    """Return the speed-ups over the plain loop by model and path, of all stored launches."""
+    _, records = races.load(races.SHIPPED.launches_file)
+    return {
+        record.model: dict(zip(map(str, record.variants), races.true_speedups(record), strict=True))
+        for record in records
+    }
 
 
 def _written(interval: Interval) -> str:
@@ -219,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
             folder = options.runs or Path(temporary)
             folder.mkdir(parents=True, exist_ok=True)
             measure(names, options.budget_s, folder)
-            here = machine.describe()
+            here, quiet = machine.describe(), quiet_speedups()
             tally = BusyTally(
                 here.versions["mujoco"],
                 here.cpu,
@@ -229,7 +232,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
                     each
                     for takes_fastest in (False, True)
                     for name in names
-                    for each in outcomes(folder, name, takes_fastest)
+                    for each in outcomes(folder, quiet[name], name, takes_fastest)
                 ],
             )
         print("\n".join((*(each.line() for each in tally.outcomes), *tally.lines())))

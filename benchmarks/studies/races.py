@@ -279,7 +279,7 @@ def tally(stored: "RaceRecord", races: int, rng: np.random.Generator) -> ModelTa
       races: to run.
       rng: draws launches.
     """
-    truth = _true_speedups(stored)
+    truth = true_speedups(stored)
     outcomes = [_outcome(stored, truth, rng) for _ in range(races)]
     regrets = [each.regret for each in outcomes]
     widths = [width for each in outcomes for width in each.half_widths]
@@ -346,7 +346,7 @@ def _outcome(stored: "RaceRecord", truth: Sequence[float], rng: np.random.Genera
     )
 
 
-def _true_speedups(stored: "RaceRecord") -> list[float]:
+def true_speedups(stored: "RaceRecord") -> list[float]:
     """Return the speed-up of each variant over the plain loop in all undisturbed launches."""
     from mjbench.measuring import launch_stats
 

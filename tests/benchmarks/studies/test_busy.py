@@ -19,6 +19,6 @@ def test_the_page_has_the_committed_results() -> None:
 def test_advice_is_good_within_the_margin_and_its_interval_holds_the_quiet_speedup(
     regret: float, low: float, is_good: bool, holds: bool
 ) -> None:
-    quiet, beside = Interval(1.3, 1.3, 1.3), Interval(1.5, low, 1.6)
-    outcome = busy.Outcome("pile", "one", Loop.OPEN, True, "rollout", regret, quiet, beside)
+    beside = Interval(1.5, low, 1.6)
+    outcome = busy.Outcome("pile", "one", Loop.OPEN, True, "rollout", regret, 1.3, beside)
     assert (outcome.is_good, outcome.holds) == (is_good, holds)
