@@ -2,8 +2,10 @@
 
 A launch is a fresh process in which every path that is still in the race is timed beside the plain
 loop. Paths leave once they are certainly slower than the fastest of their loop. The race ends when
-no path that is left can be faster than the fastest by `MARGIN`. The winner of a race is flattered
-by it, so launches after the race give the figures of the paths that won, and of the plain loop.
+no path that is left can be faster than the fastest by `MARGIN`. Where there is no time for that,
+each further launch times the faster half of those that the one before timed. The winner of a race
+is flattered by it, so launches after it give the figures of the paths that won, and of the plain
+loop.
 Where a winner fails in one of these, the race goes on with those that left because of it.
 
 `RaceRule` says which paths the next launch times, `RaceLaunches` makes it (`launches.launch` goes
@@ -12,6 +14,7 @@ from one to the other), and `race_record` says what follows.
 
 import contextlib
 import functools
+import math
 import random
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -84,18 +87,20 @@ class RaceRule(StopRule[RaceLaunch]):
     def __init__(self, entered: RaceRecord, budget: RaceBudget):
         self.record, self._budget = entered, budget
         self._begin_s = self._launch_s = 0.0
-        self._is_final = False
+        self._is_narrow = self._is_final = False
 
     def next_targets(self) -> Sequence[int]:
         racing = self._next_of_race()
-        self._is_final = not racing
+        leading = racing or self._next_narrow()
+        self._is_narrow, self._is_final = not racing, not leading
         self._begin_s = self._budget.clock()
-        return racing or self._next_final() or self._next_slow()
+        return leading or self._next_final() or self._next_slow()
 
     def add(self, launch: RaceLaunch) -> None:
         self._launch_s = self._budget.clock() - self._begin_s
-        launches = [*self.record.launches, replace(launch, is_final=self._is_final)]
-        self.record = replace(self.record, launches=launches)
+        is_narrow = self._is_narrow and not self._is_final
+        timed = replace(launch, is_narrow=is_narrow, is_final=self._is_final)
+        self.record = replace(self.record, launches=[*self.record.launches, timed])
 
     def withdraw(self, error: UnableError) -> None:
         """Note that a variant is unable; it is not in the next launch."""
@@ -123,6 +128,18 @@ class RaceRule(StopRule[RaceLaunch]):
             return racing
         self.record = replace(record, is_cut_short=True)
         return []
+
+    def _next_narrow(self) -> list[int]:
+        record = self.record
+        has_final = any(launch.is_final for launch in record.launches)
+        if not record.is_cut_short or record.status != Status.OK or has_final:
+            return []
+        leading = leaders(record)
+        # the winners may change, and a launch of a few paths takes longer than their share
+        final = max(finalists(record), leading[:3], key=len)
+        final_s = (MIN_FINAL_LAUNCHES + 1) * self._expected_s(final)
+        has_time = self._budget.left_s() >= self._expected_s(leading) + final_s
+        return leading if has_time and len(record.launches) < MAX_LAUNCHES else []
 
     def _next_final(self) -> list[int]:
         final = finalists(self.record)
@@ -157,6 +174,15 @@ def remaining(record: RaceRecord) -> list[int]:
         return sorted(record.able.difference(record.slow))
     contenders = (standing.contenders for standing in record.standings.values())
     return sorted(_always_timed(record).union(*contenders))
+
+
+def leaders(record: RaceRecord) -> list[int]:
+    """Return what to time where time is short: of each loop the faster half, two at least."""
+    halves = (
+        standing.leaders[: max(2, math.ceil(len(standing.leaders) / 2))]
+        for standing in record.standings.values()
+    )
+    return sorted(_always_timed(record).union(*halves))
 
 
 def finalists(record: RaceRecord) -> list[int]:

@@ -61,6 +61,7 @@ class RaceLaunch:
       ns: (rounds, variants) nanoseconds of blocks. Every second round runs in the opposite order of
         the one before.
       other_cores: how many cores other programs used in the first rounds.
+      is_narrow: whether it timed only the contenders that lead, for lack of time.
       is_final: whether it came after the race.
     """
 
@@ -68,6 +69,7 @@ class RaceLaunch:
     variants: Sequence[NonNegativeInt]
     ns: Sequence[Sequence[PositiveInt]]
     other_cores: NonNegativeFloat = 0.0
+    is_narrow: bool = False
     is_final: bool = False
 
     def __post_init__(self) -> None:
@@ -121,6 +123,7 @@ class Standing:
       chosen: the simplest contender that is as good as the fastest: within `AS_GOOD` certainly, and
         within half of it by estimate.
       contenders: all that are not certainly slower than the fastest, itself included.
+      leaders: those of them that the last launch timed, the fastest by estimate first.
       most_gain: share by which a contender may be faster than the fastest, at most; infinity where
         launches are too few to say. Twins of the fastest (see `Variant.is_twin_of`) that are within
         `AS_GOOD` of it by estimate do not count: they are the same advice.
@@ -129,6 +132,7 @@ class Standing:
     fastest: int
     chosen: int
     contenders: Sequence[int]
+    leaders: Sequence[int]
     most_gain: float
 
     @property
@@ -279,13 +283,13 @@ class RaceRecord:
     def standings(self) -> Mapping[Loop, Standing]:
         """What the race says of each loop; nothing without a launch.
 
-        Variants that the last launch did not time are out. Where one of that launch has failed
-        since, those that left because of it are in again.
+        Variants that the last launch which was not narrow did not time are out. Where one of that
+        launch has failed since, those that left because of it are in again.
         """
         race = self._race_launches
         if not race:
             return {}
-        timed = set(race[-1].variants)
+        timed = set(next(each for each in reversed(race) if not each.is_narrow).variants)
         if not timed <= self.able:
             timed.update(*(launch.variants for launch in race))
         left = timed & self.able
@@ -359,16 +363,18 @@ def standing_of(
 
     Args:
       launches: of the race; the first timed all of the group.
-      group: the positions of variants that are not out, from the simplest on.
+      group: the positions of variants that are not out, from the simplest on. The fastest is one
+        of those that the last launch timed.
     """
     entrants = len(variants)
     out_confidence = 1 - ERROR / max(1, entrants * (entrants - 1))
     # one side for each rival of the fastest, because none of them is to be faster
     gain_confidence = 1 - 2 * ERROR / max(2, len(group) - 1)
-    shared = [launch for launch in launches if set(group) <= set(launch.variants)]
+    last = [i for i in group if i in launches[-1].variants] or group
+    shared = [launch for launch in launches if set(last) <= set(launch.variants)]
     # the median, because a few launches cannot say which of them were disturbed
-    medians = {i: statistics.median(each.log_ratio(0, i) for each in shared) for i in group}
-    fastest = min(group, key=lambda i: medians[i])
+    medians = {i: statistics.median(each.log_ratio(0, i) for each in shared) for i in last}
+    fastest = min(last, key=lambda i: medians[i])
     chosen, contenders, most_gain = fastest, [fastest], 0.0
     for i in reversed(group):
         if i == fastest:
@@ -383,7 +389,8 @@ def standing_of(
         is_simpler = group.index(i) < group.index(fastest)
         if is_simpler and mean <= _LOG_AS_GOOD / 2 and mean + half_width <= _LOG_AS_GOOD:
             chosen = i
-    return Standing(fastest, chosen, sorted(contenders), most_gain)
+    leaders = sorted(set(contenders).intersection(last), key=lambda i: medians[i])
+    return Standing(fastest, chosen, sorted(contenders), leaders, most_gain)
 
 
 def log_ratio(

@@ -1,5 +1,6 @@
 """Which path is the fastest: the rule, on synthetic launches with a known truth."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -119,6 +120,21 @@ def test_a_race_that_has_no_time_is_cut_short_and_says_so() -> None:
     assert record.is_cut_short
     assert not standing.is_decided
     assert standing.most_gain > 0.02
+
+
+def test_a_race_without_time_for_all_goes_on_with_the_faster_half_of_those_it_timed_last() -> None:
+    track = Track([1.0, *np.linspace(1.5, 2.0, 12)], spread=0.3)
+    record = track.run(entered(13), budget_s=14.0)[-1]
+    narrow = [set(launch.variants) - {0} for launch in record.launches if launch.is_narrow]
+    assert len(narrow) == 3
+    for earlier, later in itertools.pairwise([set(range(13)), *narrow]):
+        assert later <= earlier
+        assert len(later) <= (len(earlier) + 1) // 2 + 1
+    standing = ended(record)
+    assert record.is_cut_short
+    assert standing.fastest in narrow[-1]
+    assert set(standing.contenders) > narrow[-1], "those that were left out are not out"
+    assert sum(launch.is_final for launch in record.launches) >= MIN_FINAL_LAUNCHES
 
 
 def test_the_budget_bounds_the_launches_after_the_race_too() -> None:
