@@ -161,7 +161,11 @@ class RaceRule(StopRule[RaceLaunch]):
         return sum(set(positions) <= set(launch.variants) for launch in after)
 
     def _expected_s(self, positions: Collection[int]) -> float:
-        share = len(positions) / len(self.record.launches[-1].variants)
+        last = self.record.launches[-1]
+        block_ns = dict(zip(last.variants, map(sum, zip(*last.ns, strict=True)), strict=True))
+        usual_ns = sum(block_ns.values()) / len(block_ns)
+        expected_ns = sum(block_ns.get(position, usual_ns) for position in positions)
+        share = expected_ns / sum(block_ns.values())
         return self._launch_s * max(share, _SHARE_OF_START)
 
 
@@ -182,7 +186,7 @@ def leaders(record: RaceRecord) -> list[int]:
         standing.leaders[: max(2, math.ceil(len(standing.leaders) / 2))]
         for standing in record.standings.values()
     )
-    return sorted(_always_timed(record).union(*halves))
+    return sorted({0}.union(*halves))
 
 
 def finalists(record: RaceRecord) -> list[int]:

@@ -372,9 +372,16 @@ def standing_of(
     gain_confidence = 1 - 2 * ERROR / max(2, len(group) - 1)
     last = [i for i in group if i in launches[-1].variants] or group
     shared = [launch for launch in launches if set(last) <= set(launch.variants)]
-    # the median, because a few launches cannot say which of them were disturbed
-    medians = {i: statistics.median(each.log_ratio(0, i) for each in shared) for i in last}
-    fastest = min(last, key=lambda i: medians[i])
+    # the median, because a few launches cannot say which of them were disturbed; of busy ones, most
+    # were
+    is_busy = any(each.is_busy for each in shared)
+    times = {
+        i: min(each.block_ns(i) for each in shared)
+        if is_busy
+        else statistics.median(each.log_ratio(0, i) for each in shared)
+        for i in last
+    }
+    fastest = min(last, key=lambda i: times[i])
     chosen, contenders, most_gain = fastest, [fastest], 0.0
     for i in reversed(group):
         if i == fastest:
@@ -389,7 +396,7 @@ def standing_of(
         is_simpler = group.index(i) < group.index(fastest)
         if is_simpler and mean <= _LOG_AS_GOOD / 2 and mean + half_width <= _LOG_AS_GOOD:
             chosen = i
-    leaders = sorted(set(contenders).intersection(last), key=lambda i: medians[i])
+    leaders = sorted(set(contenders).intersection(last), key=lambda i: times[i])
     return Standing(fastest, chosen, sorted(contenders), leaders, most_gain)
 
 
