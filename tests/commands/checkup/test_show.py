@@ -416,7 +416,8 @@ def test_of_an_environment_whole_steps_come_before_its_physics_alone() -> None:
     assert [(item.action, item.gain_text, item.unit) for item in listed] == [
         ("step 2 environments in one AsyncVectorEnv", "1.50 ×", GainUnit.ONE_ENVIRONMENT),
         (
-            "step its physics yourself: mujoco.rollout on 2 threads, with controls known beforehand",
+            "step its physics yourself: mujoco.rollout on 2 threads,"
+            " with controls known beforehand",
             "5.00 ×",
             GainUnit.ENV_STEP,
         ),
