@@ -143,7 +143,7 @@ def story() -> Iterator[str]:
     yield f"| `walk_batch.py` | {after:,.0f} |"
     yield f"That is {after / before:.1f} times as fast"
     page = (ROOT / "docs/guides/story.md").read_text()  # its blocks are compared with their runs
-    (promised,) = re.findall(r"([\d.]+) times \([^)]*\) by batch_step", page)
+    (promised,) = re.findall(r"([\d.]+) times \([^)]*\) with Batch.step", page)
     yield f"had promised {promised} times"
 
 
