@@ -197,7 +197,7 @@ def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatc
 def test_steps_of_a_program_with_phases_and_a_slow_start_have_the_share_that_they_take(
     started, seed
 ):
-    """Episodes differ as those of a search do: burst by burst, timing seems to cost more or less."""
+    """Episodes differ, so from burst to burst, timing seems to cost more or less."""
     clock, fake, (model, data) = started.clock, started.fake, simulation()
     clock.timed_ns = clock.cold_ns = 1_200
     random, stepped_ns, before_ns = np.random.default_rng(seed), 0, fake.now_ns

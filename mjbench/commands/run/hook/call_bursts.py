@@ -13,9 +13,8 @@ from .call_clock import CallClock
 # program's processor time is what counts: of two processes that share a core, each is slowed by the
 # clock of both.
 BURST_CALLS, MAX_COST_SHARE = 199, 0.003
-# What it may cost in any case, so that a fast loop is timed for more than a moment, and the time over
-# which this is spread: calls between two bursts count as those in the second, so none may stand for
-# long.
+# What it may cost in any case, so that a fast loop is timed for more than a moment, and the time
+# over which this is spread: calls between two bursts count as those in the second.
 FREE_COST_NS, FREE_SPREAD_NS = 10_000_000, 1_000_000_000
 # Calls of the calibration with cold caches, and bytes that are read before each: what a core's own
 # caches hold.

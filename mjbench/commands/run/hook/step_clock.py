@@ -275,8 +275,7 @@ class StepClock:
         self.to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
         self._planned_to_pass = self.to_pass
         self._observe(False)
-        # those before a burst, not those after it: a slow one lets few calls pass, which would weigh
-        # too little
+        # those before it, not those after it: a slow burst lets fewer pass, and would weigh less
         self._pass_on(self._unestimated)
         self._unestimated = 0
         self._watch.look(model, data, frame, end_ns)
