@@ -61,7 +61,7 @@ def finite_differences(script: SteppingScript) -> Iterator[Match]:
         scope = script.bindings.scope_of(loop)
         beside = [inputs[each] for each in inputs if script.bindings.scope_of(each) is scope]
         if "ctrl" in fields or {"qpos", "qvel"} <= set().union(*beside):
-            yield Match(loop)
+            yield Match(loop, instead=("mjd_transitionFD",))
 
 
 def _names_rk4(script: SteppingScript) -> bool:
