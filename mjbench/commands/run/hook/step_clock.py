@@ -56,7 +56,7 @@ class StepClock:
         self.collections = CollectionClock(now_ns)
         self._burst = Burst(calls)
         bursts = CallBursts(calls, now_ns, processor_ns)
-        self._others = EngineCalls(self, self._burst, bursts, watch, now_ns)
+        self._others = EngineCalls(self, bursts, watch, now_ns)
         calls.before_steps = self._note_first
         calls.step_counts.append(self._count)
         self._originals: dict[str, Any] = {}
@@ -74,7 +74,7 @@ class StepClock:
         self._first_ns = self._last_ns = 0
         self._calls_timed = self._calls_passed = 0
         self._latest_burst: Written = ()
-        self._others.begin_process()
+        self._others.bursts.begin_process()
         self.to_pass = self._planned_to_pass = self._unestimated = 0
         self._burst_begin_ns = 0
         self.burst_calls = 0
@@ -181,16 +181,6 @@ class StepClock:
 
         return engine_function(call, function)
 
-    def break_burst(self) -> None:
-        """End a burst before it is full: calls follow that are no steps."""
-        self._burst.write()
-        self._count_burst()
-
-    def _count_burst(self) -> None:
-        self._calls_timed += self.burst_calls
-        self._pacer.spend(self.burst_calls * self.cold_ns)
-        self.burst_calls = 0
-
     def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
         self._note_latest(model, data)
@@ -270,7 +260,9 @@ class StepClock:
                 self._file.add_timers(seconds)
         period_ns = max(1, (end_ns - self._burst_begin_ns) // self.burst_calls)
         self._burst_period_ns = period_ns
-        self._count_burst()
+        self._calls_timed += self.burst_calls
+        self._pacer.spend(self.burst_calls * self.cold_ns)
+        self.burst_calls = 0
         by_cost = self._pacer.calls_to_pass(period_ns)
         self.to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
         self._planned_to_pass = self.to_pass
@@ -413,7 +405,7 @@ class StepClock:
         if self._is_away:
             self._last_ns = self._now_ns()
         self._calls_timed += self.burst_calls
-        self._others.end()
+        self._others.bursts.end()
         latest = self._latest()
         if latest is not None:
             self._watch.look_for_warnings(latest, None, self._last_ns)
