@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from mjbench.commands.lint.repeats import in_steps
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
+    block_around,
     dotted_name,
     is_bound,
     is_call,
@@ -90,39 +91,18 @@ def growing_arrays(script: SteppingScript) -> Iterator[Match]:
 
 def _converted_lists(script: SteppingScript, loops: Sequence[Loop]) -> Iterator[Match]:
     """Yield the arrays that each step makes of a whole list, to which it has appended a row."""
-    appends = {call: name for call in script.calls if (name := _appended(call))}
-    conversions = [
-        call
-        for call in script.calls
-        if is_call(call, *_CONVERSIONS)
-        and is_numpy_call(call)
-        and call.args
-        and dotted_name(call.args[0]) in appends.values()
-    ]
-    growing = list(in_steps(script, appends if conversions else (), loops))
-    for call, each in in_steps(script, conversions, loops):
+    conversions = [c for c in script.calls if is_numpy_call(c) and is_call(c, *_CONVERSIONS)]
+    for call, each in in_steps(script, [c for c in conversions if c.args], loops):
         rows = call.args[0]
-        beside = [
-            append
-            for append, other in growing
-            if (other.loop, other.functions) == (each.loop, each.functions)
-            and appends[append] == dotted_name(rows)
-        ]
+        statement = next(node for node in script.above(call) if isinstance(node, ast.stmt))
+        beside = map(ast.unparse, block_around(statement, script.parents[statement]))
         if (
-            beside
-            and not any(map(script.is_conditional, [call, *beside]))
+            any(text.startswith(f"{ast.unparse(rows)}.append(") for text in beside)
+            and not script.is_conditional(call)
             and not _is_short(script, each.loop)
             and _only_grows(script, rows, (each.loop, *each.functions))
         ):
             yield Match(call, message=_CONVERTED, loop=each.calling_loop)
-
-
-def _appended(call: ast.Call) -> str:
-    """Return the name of the list to which a call appends; empty for other calls."""
-    match call:
-        case ast.Call(func=ast.Attribute(value=rows, attr="append")):
-            return dotted_name(rows)
-    return ""
 
 
 def _only_grows(script: SteppingScript, rows: ast.expr, bodies: Sequence[ast.AST]) -> bool:

@@ -43,7 +43,6 @@ def loop(*lines, activities=None):
         samples=400,
         seconds=10.0,
         activities=activities or total,
-        packages={},
         lines=lines,
         inner_functions=[],
     )
