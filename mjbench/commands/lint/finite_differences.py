@@ -28,7 +28,7 @@ _TAKES_STATE = {"mj_setState": ("qpos", "qvel"), "mj_integratePos": ("qpos",)}
 @rule(
     "MJB020",
     "finite differences, by a step for each column; mujoco.mjd_transitionFD computes all columns in"
-    " one call, and leaves out what a column does not change",
+    " one call",
 )
 def finite_differences(script: SteppingScript) -> Iterator[Match]:
     """Yield loops that compute the derivatives of a step column by column.

@@ -131,8 +131,8 @@ def _is_independent(each: Iteration) -> bool:
 
 @rule(
     SETTLED_RESET,
-    "the same steps follow each reset: settle once, keep the state by mj_getState with"
-    " mjSTATE_INTEGRATION, and begin episodes by mj_setState",
+    "the same steps follow each reset: settle once, keep that state (mjSTATE_INTEGRATION), and set"
+    " it by mj_setState",
 )
 def settled_resets(script: SteppingScript) -> Iterator[Match]:
     """Yield steps that settle a model after each reset, from the same state every time.

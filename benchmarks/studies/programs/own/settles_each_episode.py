@@ -8,7 +8,7 @@ model = mujoco.MjModel.from_xml_string(REACHER)
 data = mujoco.MjData(model)
 rng = np.random.default_rng(0)
 with Stopwatch():
-    for _ in range(max(4, COUNT // 20)):
+    for _ in range(max(4, COUNT // 5)):
         mujoco.mj_resetData(model, data)
         for _ in range(100):
             mujoco.mj_step(model, data)

@@ -13,7 +13,7 @@ spec = mujoco.mjtState.mjSTATE_INTEGRATION
 settled = np.empty(mujoco.mj_stateSize(model, spec))
 mujoco.mj_getState(model, data, settled, spec)
 with Stopwatch():
-    for _ in range(max(4, COUNT // 20)):
+    for _ in range(max(4, COUNT // 5)):
         mujoco.mj_setState(model, data, settled, spec)
         for _ in range(50):
             data.ctrl[:] = rng.uniform(-1, 1, model.nu)
