@@ -54,6 +54,8 @@ Version = Annotated[
         max_length=64,
     ),
 ]
+# No two targets differ by more than e to the power of this.
+LogRatio = Annotated[float, Meta(ge=-50, le=50)]
 
 
 def check_measured(record: Any, *names: str) -> None:

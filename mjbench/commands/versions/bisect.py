@@ -305,12 +305,6 @@ def expected_comparisons(versions: int) -> int:
     return _OTHER_COMPARISONS + math.ceil(math.log2(max(1, versions)))
 
 
-def _uninterrupted(record: VerdictRecord) -> VerdictRecord:
-    if record.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    return record
-
-
 def search_releases(
     releases: ReleaseRange,
     source: ModelSource,
@@ -333,7 +327,7 @@ def search_releases(
         on_phase(f"comparing {versions[first]} and {versions[last]}")
         old, new = (Target(releases.specs[number], source) for number in (first, last))
         timed = replace(plan, time_limit_s=shares.next_s(effort))
-        return _uninterrupted(decide_targets(pool, old, new, timed))
+        return decide_targets(pool, old, new, timed).uninterrupted()
 
     rows = [VersionRow(number, name) for number, name in enumerate(versions) if number]
     searched = BisectRecord(
@@ -373,7 +367,7 @@ def search_revisions(
         timed = replace(plan, time_limit_s=shares.next_s(effort))
         with WorkerPool() as pool:
             (targets,) = function_sides.check_out(pool, pair)
-            return _uninterrupted(function_verdict.decide_function(pool, targets, timed))
+            return function_verdict.decide_function(pool, targets, timed).uninterrupted()
 
     rows = [VersionRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)]
     searched = BisectRecord(target=function.text, old=old.name, new=new.name, versions=len(commits))
