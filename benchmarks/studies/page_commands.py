@@ -5,7 +5,7 @@
 clones this repository, makes a folder with what a reader has (`robot.xml`, `train.py`, a git
 repository …), and runs the commands and the Python of each page there, in their order. A command
 that runs for longer than the limit is interrupted as by Ctrl-C; it has to end then, without a
-traceback. Exit code 1 if a command fails. With the default limit this takes two hours.
+traceback. Exit code 1 if a command fails.
 """
 
 import contextlib

@@ -32,6 +32,8 @@ from mjbench.status import Status
 
 # Smaller shares of a loop, and of a package in it, are left out; the JSON document has all.
 _LEAST_SHARE, _LEAST_PACKAGE = 0.005, 0.01
+# Smaller errors of a share that is timed are not shown.
+_LEAST_ERROR = 0.01
 # Growth of memory that is worth a line, and calls whose results keep memory.
 _LEAST_GROWTH_BYTES = 32 << 20
 _KEEPERS = ("MjData", *COPIES_OF_DATA, "from_xml_path", "from_xml_string", "compile", "Renderer")
@@ -402,7 +404,7 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
         figures=[_figure(time)],
         tables=filled(
             _remedies_table(report.remedies),
-            _activities_table(time),
+            _activities_table(time, row.step_error(time)),
             _lines_table("Lines of your code", "line of your code", time.lines),
             _lines_table("Functions of packages", "function of a package", time.inner_functions),
             _jax_table(time),
@@ -440,7 +442,7 @@ def saving(remedy: Remedy) -> str:
     return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{whole_percent(remedy.gain)}{ends}"
 
 
-def _activities_table(time: LoopTime) -> DataTable:
+def _activities_table(time: LoopTime, step_error: float) -> DataTable:
     columns = (
         Column("time goes to"),
         Column("share", whole_percent),
@@ -451,9 +453,12 @@ def _activities_table(time: LoopTime) -> DataTable:
     for activity, share in time.activities.items():
         if share < _LEAST_SHARE:
             continue
-        is_exact = time.is_timed(activity) or activity in _TIMED
-        error = "timed" if is_exact else whole_percent(time.error(share))
-        rows.append((str(activity), share, error, formats.bar(share)))
+        is_timed = time.is_timed(activity) or activity in _TIMED
+        # steps are timed in bursts, which may differ
+        of_bursts = share * step_error if activity == Activity.PHYSICS else 0.0
+        is_exact = is_timed and of_bursts < _LEAST_ERROR
+        error = whole_percent(of_bursts if is_timed else time.error(share))
+        rows.append((str(activity), share, "timed" if is_exact else error, formats.bar(share)))
         if activity == Activity.PYTHON:
             rows += [
                 (f"  – {package or 'your code'}", of_package, None, None)

@@ -521,6 +521,8 @@ def test_processes_that_a_loop_starts_at_once_are_set_up():
     time = loop_of(step(), replace(starts, first_ns=10**9, last_ns=2 * 10**9))
     assert listing.remedies(time) == []
     assert listing.remedies(loop_of(step(), starts))
+    on_busy_cores = replace(starts, seconds=2.0, first_ns=10**9, last_ns=4 * 10**9)
+    assert listing.remedies(loop_of(step(), on_busy_cores)) == []
 
 
 def test_the_timer_is_turned_off_before_callbacks_are_set():

@@ -415,6 +415,20 @@ def test_a_timer_that_holds_two_stages_is_named_by_both() -> None:
     assert "kinematics 40 %, constraint solver 40 %, tendons 20 %" in text
 
 
+@pytest.mark.parametrize(("error", "said"), [(0.01, "timed"), (0.1, "6 %")])
+def test_a_share_of_steps_has_the_error_that_their_bursts_show(error: float, said: str) -> None:
+    of_program = steps()
+    assert of_program.step is not None
+    timed = replace(of_program, step=replace(of_program.step, mean_error=error))
+    call = CallTime(
+        "mj_step", 1, 1, PLACE, MIXED.loop, 1, 1.8, 0, 1, 1, 1,
+    )  # fmt: skip
+    seen = replace(row(replace(MIXED, calls=[call])), steps=[timed])
+    text = terminal.text_of(program.sections([seen]))
+    (line,) = [each for each in text.splitlines() if each.startswith("physics ")]
+    assert line.split("60 %")[1].strip().startswith(said)
+
+
 PACED = loop({Activity.SLEEPING: 0.9, Activity.PHYSICS: 0.1})
 
 

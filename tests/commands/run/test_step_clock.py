@@ -31,7 +31,7 @@ class FakeClock:
     """A clock that only a call of the engine, or `spend`, moves."""
 
     def __init__(self):
-        self.now_ns = 1_000
+        self.now_ns, self.call_ns = 1_000, CALL_NS
 
     def __call__(self):
         return self.now_ns
@@ -47,7 +47,7 @@ def engine(clock, calls):
     def function(name):
         def call(*args, **kwargs):
             calls.append((name, args, kwargs))
-            clock.spend(CALL_NS)
+            clock.spend(clock.call_ns)
             return name
 
         call.__name__ = name
@@ -191,6 +191,27 @@ def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatc
             module.mj_step(model, data)
         timed.append(clock._calls_timed)
     assert timed[1] == pytest.approx(timed[0] / 4, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_of_a_program_with_phases_and_a_slow_start_have_the_share_that_they_take(
+    started, seed
+):
+    """Episodes differ, so from burst to burst, timing seems to cost more or less."""
+    clock, fake, (model, data) = started.clock, started.fake, simulation()
+    clock.timed_ns = clock.cold_ns = 1_200
+    random, stepped_ns, before_ns = np.random.default_rng(seed), 0, fake.now_ns
+    for episode in range(4_000):
+        is_begin, is_late = fake.now_ns < 400_000_000, episode > 2_500
+        fake.call_ns = int(random.uniform(5_000, 25_000)) * (1 + 2 * is_begin + is_late)
+        for _ in range(100):
+            started.module.mj_step(model, data)
+            stepped_ns += fake.call_ns
+            fake.spend(2_000)
+    clock.end()
+    (call,) = [each for each in calls_of(started) if each.calls]
+    wall_ns = fake.now_ns - before_ns
+    assert 1e9 * call.seconds / wall_ns == pytest.approx(stepped_ns / wall_ns, abs=0.05)
 
 
 def test_what_a_call_costs_the_program_is_learned_from_its_bursts(started):

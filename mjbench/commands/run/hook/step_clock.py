@@ -75,7 +75,7 @@ class StepClock:
         self._calls_timed = self._calls_passed = 0
         self._latest_burst: Written = ()
         self._others.begin_process()
-        self.to_pass = self._planned_to_pass = 0
+        self.to_pass = self._planned_to_pass = self._unestimated = 0
         self._burst_begin_ns = 0
         self.burst_calls = 0
         self._burst_timers: list[float] | None = None
@@ -184,7 +184,11 @@ class StepClock:
     def break_burst(self) -> None:
         """End a burst before it is full: calls follow that are no steps."""
         self._burst.write()
+        self._count_burst()
+
+    def _count_burst(self) -> None:
         self._calls_timed += self.burst_calls
+        self._pacer.spend(self.burst_calls * self.cold_ns)
         self.burst_calls = 0
 
     def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
@@ -194,7 +198,8 @@ class StepClock:
         since_ns = self._now_ns() - self._burst_end_ns
         if passed > BURST_CALLS:
             self._learn_cost(since_ns // passed)
-        self._pass_on(passed, since_ns, 0)
+        self._count_left(since_ns)
+        self._unestimated += passed
         self._calls_passed, self._planned_to_pass = self._passed(), 0
         self._timestep_ns = _timestep_ns(model)
         self._burst_timers = _timers(data)
@@ -207,22 +212,27 @@ class StepClock:
             self._write_header()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
-    def _pass_on(self, passed: int, since_ns: int, until_ns: int) -> None:
-        """Let calls since the last burst count as those in it; `until_ns` of 0 is not known."""
-        if self._was_left and self._burst_period_ns:  # nothing counted them
+    def _count_left(self, since_ns: int, until_ns: int = 0) -> None:
+        """Let calls that nothing counted since the last burst follow each other as those in it."""
+        if self._was_left and self._burst_period_ns:
             self._was_left = False
-            passed = since_ns // max(1, self._burst_period_ns - self.cold_ns)
-        if passed > 0:
-            self._burst.pass_on(self._latest_burst, passed / BURST_CALLS, until_ns)
+            calls = since_ns // max(1, self._burst_period_ns - self.cold_ns)
+            self._pass_on(calls, until_ns)
+
+    def _pass_on(self, calls: int, until_ns: int = 0) -> None:
+        """Let untimed calls count as those of the latest burst; `until_ns` of 0 is not known."""
+        if calls > 0:
+            self._burst.pass_on(self._latest_burst, calls / BURST_CALLS, until_ns)
 
     def _learn_cost(self, passed_ns: int) -> None:
         """Learn what a timed call costs this program, from what it took between two bursts.
 
-        Where the program's own data fill the caches, that is more than the calibration says.
+        Where the program's own data fill the caches, that is more than the calibration says. Where
+        its own calls vary by more, their quartile does not take this for a cost.
         """
         self._costs_ns.append(self._burst_period_ns - passed_ns)
         del self._costs_ns[:-_MOST_COSTS]
-        typical_ns = sorted(self._costs_ns)[len(self._costs_ns) // 2]
+        typical_ns = sorted(self._costs_ns)[len(self._costs_ns) // 4]
         self.cold_ns = max(self.timed_ns, min(typical_ns, _MOST_COST * self.timed_ns))
 
     def _note_latest(self, model: Any, data: Any) -> None:
@@ -258,14 +268,16 @@ class StepClock:
             seconds = [now - then for now, then in zip(timers, self._burst_timers, strict=True)]
             if min(seconds, default=0.0) >= 0.0:  # else the program has reset them meanwhile
                 self._file.add_timers(seconds)
-        self._calls_timed += self.burst_calls
         period_ns = max(1, (end_ns - self._burst_begin_ns) // self.burst_calls)
         self._burst_period_ns = period_ns
-        self.burst_calls = 0
-        by_cost = self._pacer.calls_to_pass(self._calls_timed * self.cold_ns, period_ns)
+        self._count_burst()
+        by_cost = self._pacer.calls_to_pass(period_ns)
         self.to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
         self._planned_to_pass = self.to_pass
         self._observe(False)
+        # those before it, not those after it: a slow burst lets fewer pass, and would weigh less
+        self._pass_on(self._unestimated)
+        self._unestimated = 0
         self._watch.look(model, data, frame, end_ns)
         self._observe(not self.to_pass)
         if self.to_pass and period_ns < FASTEST_PASSED_NS:
@@ -318,7 +330,7 @@ class StepClock:
 
     def _returning(self, function: Any) -> Any:
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if self._is_away and self._pacer.has_earned(self._cost_ns() - self._calls.cost_ns):
+            if self._is_away and self._pacer.has_earned:
                 self._come_back()
             if self._calls.is_observing and len(args) > 1:
                 self._watch.look_for_warnings(args[1], sys._getframe(1), self._now_ns())
@@ -337,7 +349,7 @@ class StepClock:
         call, costs = clock._timing(nothing, "nothing"), []
         # one call more than a burst has: none ends while calls are calibrated
         for to_pass, burst_calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
-            blocks = []
+            timed_ns, nothing_ns = [], []
             for _ in range(5):
                 clock.to_pass, clock.burst_calls = to_pass, burst_calls
                 begin_ns = self._now_ns()
@@ -347,8 +359,10 @@ class StepClock:
                 for _ in range(CALIBRATION_CALLS // 5):
                     nothing(None, None)
                 end_ns = self._now_ns()
-                blocks.append((middle_ns - begin_ns) - (end_ns - middle_ns))
-            costs.append(max(0, min(blocks)) // (CALIBRATION_CALLS // 5))
+                timed_ns.append(middle_ns - begin_ns)
+                nothing_ns.append(end_ns - middle_ns)
+            cost_ns = max(0, min(timed_ns) - min(nothing_ns))
+            costs.append(cost_ns // (CALIBRATION_CALLS // 5))
         self.timed_ns, self.passed_ns = costs
         clock.to_pass, clock.burst_calls = 0, BURST_CALLS + 1
         cold_ns = cold_cost_ns(lambda: call(None, None), lambda: nothing(None, None), self._now_ns)
@@ -388,12 +402,14 @@ class StepClock:
         """Write what the last burst left; called when the process ends by itself."""
         self.collections.end()  # what Python frees when it ends is not the program's
         passed = self._planned_to_pass - self.to_pass
-        if passed > 0 or self._was_left:
-            # the last of these calls may have ended any time ago, but not before it could
-            period_ns = max(1, self._burst_period_ns - self.cold_ns)
-            since_ns = self._now_ns() - self._burst_end_ns
-            until_ns = self._burst_end_ns + (since_ns if self._was_left else passed * period_ns)
-            self._pass_on(passed, since_ns, min(until_ns, self._now_ns()))
+        # the last of these calls may have ended any time ago, but not before it could
+        period_ns = max(1, self._burst_period_ns - self.cold_ns)
+        since_ns = self._now_ns() - self._burst_end_ns
+        self._count_left(since_ns, self._now_ns())
+        self._pass_on(
+            self._unestimated + passed,
+            min(self._burst_end_ns + passed * period_ns, self._now_ns()),
+        )
         if self._is_away:
             self._last_ns = self._now_ns()
         self._calls_timed += self.burst_calls
