@@ -1,7 +1,5 @@
 """Arrays that a stepping loop makes longer by copying them."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings, places
 
@@ -32,10 +30,8 @@ def looping(line: str, count: str = "steps") -> str:
         "marks += (data.time,)",
     ],
 )
-def test_what_is_replaced_by_a_longer_copy_in_every_step_is_found(
-    tmp_path: Path, line: str
-) -> None:
-    assert places(tmp_path, looping(line)) == [("MJB018", line)]
+def test_what_is_replaced_by_a_longer_copy_in_every_step_is_found(line: str) -> None:
+    assert places(looping(line)) == [("MJB018", line)]
 
 
 @pytest.mark.parametrize(
@@ -57,16 +53,14 @@ def test_what_is_replaced_by_a_longer_copy_in_every_step_is_found(
         "for log in parts: log = np.append(log, data.qpos)",
     ],
 )
-def test_what_begins_anew_or_grows_in_place_or_seldom_is_no_finding(
-    tmp_path: Path, line: str
-) -> None:
-    assert findings(tmp_path, looping(line), "MJB018") == []
+def test_what_begins_anew_or_grows_in_place_or_seldom_is_no_finding(line: str) -> None:
+    assert findings(looping(line), "MJB018") == []
 
 
-def test_a_short_loop_is_no_finding(tmp_path: Path) -> None:
+def test_a_short_loop_is_no_finding() -> None:
     line = "log = np.vstack([log, data.qpos])"
-    assert findings(tmp_path, looping(line, "99"), "MJB018") == []
-    assert len(findings(tmp_path, looping(line, "100"), "MJB018")) == 1
+    assert findings(looping(line, "99"), "MJB018") == []
+    assert len(findings(looping(line, "100"), "MJB018")) == 1
 
 
 ENVIRONMENT = """
@@ -84,16 +78,16 @@ for t in range(steps):
 """
 
 
-def test_an_attribute_grows_in_a_method_that_every_step_calls(tmp_path: Path) -> None:
-    (finding,) = findings(tmp_path, ENVIRONMENT.format(beginning="reset_model"), "MJB018")
+def test_an_attribute_grows_in_a_method_that_every_step_calls() -> None:
+    (finding,) = findings(ENVIRONMENT.format(beginning="reset_model"), "MJB018")
     assert finding.message.endswith("; the loop in line 13 calls this in every iteration")
 
 
-def test_an_attribute_that_another_method_begins_anew_is_no_finding(tmp_path: Path) -> None:
-    assert findings(tmp_path, ENVIRONMENT.format(beginning="flush"), "MJB018") == []
+def test_an_attribute_that_another_method_begins_anew_is_no_finding() -> None:
+    assert findings(ENVIRONMENT.format(beginning="flush"), "MJB018") == []
 
 
-def test_a_name_of_a_function_begins_anew_with_each_call(tmp_path: Path) -> None:
+def test_a_name_of_a_function_begins_anew_with_each_call() -> None:
     text = """
         def observe(data):
             row = data.qpos
@@ -103,10 +97,10 @@ def test_a_name_of_a_function_begins_anew_with_each_call(tmp_path: Path) -> None
             mujoco.mj_step(model, data)
             observe(data)
     """
-    assert findings(tmp_path, text, "MJB018") == []
+    assert findings(text, "MJB018") == []
 
 
-def test_an_attribute_grows_in_a_method_that_steps(tmp_path: Path) -> None:
+def test_an_attribute_grows_in_a_method_that_steps() -> None:
     text = """
         class Env:
             def step(self, action):
@@ -116,5 +110,5 @@ def test_an_attribute_grows_in_a_method_that_steps(tmp_path: Path) -> None:
             def reset(self):
                 self.log = np.empty((0, 3))
     """
-    assert len(findings(tmp_path, text.format(after="pass"), "MJB018")) == 1
-    assert findings(tmp_path, text.format(after="self.log = self.log[-9:]"), "MJB018") == []
+    assert len(findings(text.format(after="pass"), "MJB018")) == 1
+    assert findings(text.format(after="self.log = self.log[-9:]"), "MJB018") == []
