@@ -112,3 +112,80 @@ def test_an_attribute_grows_in_a_method_that_steps() -> None:
     """
     assert len(findings(text.format(after="pass"), "MJB018")) == 1
     assert findings(text.format(after="self.log = self.log[-9:]"), "MJB018") == []
+
+
+ROWS = """
+model = mujoco.MjModel.from_xml_string(XML)
+data = mujoco.MjData(model)
+rows = []
+for t in range(steps):
+    mujoco.mj_step(model, data)
+    rows.append(data.qpos.copy())
+    seen = np.array(rows)
+"""
+NORMALIZER = """
+class Normalizer:
+    def __init__(self):
+        self.history = []
+
+    def __call__(self, row):
+        self.history.append(row)
+        seen = np.array(self.history)
+        return row - seen.mean(axis=0)
+
+model = mujoco.MjModel.from_xml_string(XML)
+data = mujoco.MjData(model)
+for episode in range(9):
+    normalize = Normalizer()
+    for t in range(steps):
+        data.ctrl[:] = normalize(data.qpos.copy())
+        mujoco.mj_step(model, data)
+"""
+
+
+@pytest.mark.parametrize("line", ["np.array(rows)", "np.mean(rows, axis=0)", "np.stack(rows)"])
+def test_a_list_that_each_step_copies_whole_is_found(line: str) -> None:
+    text = ROWS.replace("np.array(rows)", line)
+    assert places(text, "MJB018", "MJB003") == [("MJB018", f"seen = {line}")]
+
+
+def test_a_list_that_an_object_copies_when_it_is_called_is_found() -> None:
+    assert places(NORMALIZER, "MJB018") == [("MJB018", "seen = np.array(self.history)")]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("np.array(rows)", "np.array(rows[-9:])"),
+        ("seen = ", "if t > 9: seen = "),
+        ("    rows.append", "    if data.ncon: rows.append"),
+        ("    seen", "    del rows[:-9]\n    seen"),
+        ("    seen", "    rows.pop(0)\n    seen"),
+        ("    seen", "    rows = rows[-9:]\n    seen"),
+        ("    seen", "    cut(rows)\n    seen"),
+        ("    rows.append", "    rows = []\n    rows.append"),
+        ("rows = []", "rows = deque(maxlen=9)"),
+        ("range(steps)", "range(50)"),
+        ("    seen", "seen"),
+        ("rows.append(", "others.append("),
+    ],
+)
+def test_a_list_that_is_cut_or_copied_seldom_is_no_finding(old: str, new: str) -> None:
+    text = ROWS.replace(old, new)
+    assert text != ROWS
+    assert findings(text, "MJB018") == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("        return row", "        self.history = self.history[-9:]\n        return row"),
+        ("        return row", "        self.history.pop(0)\n        return row"),
+        ("= normalize(data.qpos.copy())", "= 0"),
+        ("self.history = []", "self.history = deque(maxlen=9)"),
+    ],
+)
+def test_an_object_that_cuts_its_list_or_is_not_called_is_no_finding(old: str, new: str) -> None:
+    text = NORMALIZER.replace(old, new)
+    assert text != NORMALIZER
+    assert findings(text, "MJB018") == []
