@@ -17,21 +17,19 @@ from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.steps_show import steps_section
 from mjbench.formats import count_of, duration, plain, whole_percent
 from mjbench.interval import Interval
-from mjbench.results import charts
 from mjbench.results.content import (
     Cell,
     Column,
     Conclusion,
     DataTable,
-    Figure,
     Section,
     Tone,
     filled,
 )
 from mjbench.status import Status
 
-# Smaller shares of a loop, and of a package in it, are left out; the JSON document has all.
-_LEAST_SHARE, _LEAST_PACKAGE = 0.005, 0.01
+# Smaller shares of a loop are left out; the JSON document has all.
+_LEAST_SHARE = 0.005
 # Smaller errors of a share that is timed are not shown.
 _LEAST_ERROR = 0.01
 # Growth of memory that is worth a line, and calls whose results keep memory.
@@ -401,7 +399,6 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
             f" {plain(row.wall_s, 3)} s",
             *([f"Not in the list below: {costly.with_share} of the loop"] if costly else ()),
         ],
-        figures=[_figure(time)],
         tables=filled(
             _remedies_table(report.remedies),
             _activities_table(time, row.step_error(time)),
@@ -459,12 +456,6 @@ def _activities_table(time: LoopTime, step_error: float) -> DataTable:
         is_exact = is_timed and of_bursts < _LEAST_ERROR
         error = whole_percent(of_bursts if is_timed else time.error(share))
         rows.append((str(activity), share, "timed" if is_exact else error, formats.bar(share)))
-        if activity == Activity.PYTHON:
-            rows += [
-                (f"  – {package or 'your code'}", of_package, None, None)
-                for package, of_package in time.packages.items()
-                if of_package >= _LEAST_PACKAGE
-            ]
     return DataTable("Where the time goes", columns, rows)
 
 
@@ -503,15 +494,3 @@ def _jax_table(time: LoopTime) -> DataTable:
         each = 1e9 * seconds[key] / count if count else None
         rows.append((str(place), callee, count or None, each, seconds[key] / time.seconds))
     return DataTable("Calls of JAX", columns, rows)
-
-
-def _figure(time: LoopTime) -> Figure:
-    data = DataTable.of(
-        "Where the time goes",
-        time.activities.items(),
-        (Column("activity"), lambda row: row[0].value),
-        (Column("of the loop", formats.percent), lambda row: row[1]),
-        (Column("±", formats.percent), lambda row: time.error(row[1])),
-    )
-    title = f"Where the time of {where(time)} goes"
-    return charts.share_bars(title, data, "activities", "of the loop", "share of the loop")

@@ -382,7 +382,7 @@ def test_what_costs_most_and_has_no_remedy_comes_first_as_in_run() -> None:
     lines = [LineTime(place, 0.6, {Activity.NUMPY: 0.6})]
     shares = {Activity.NUMPY: 0.6, Activity.PHYSICS: 0.4}
     whole, pids = SourceLoop("train.py", 5, 20), [1]
-    time = LoopTime(whole, [], ["MainThread"], pids, True, 300, 3.0, shares, {}, lines, [])
+    time = LoopTime(whole, [], ["MainThread"], pids, True, 300, 3.0, shares, lines, [])
     loops = [LoopReport(time, [])]
     row = ProgramRow("train.py", Status.OK, "", 0, False, 3.0, 100, 300, loops, [])
     (first,) = checkup.list_section(

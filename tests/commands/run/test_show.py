@@ -36,7 +36,6 @@ def loop(activities: dict[Activity, float], samples: int = 100, **more: Any) -> 
         samples=samples,
         seconds=2.0,
         activities=activities,
-        packages={},
         lines=[],
         inner_functions=[],
         **more,

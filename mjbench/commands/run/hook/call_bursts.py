@@ -44,22 +44,13 @@ class Pacer:
         """Note what timing has cost, by what is known now: what is learned later does not count."""
         self._spent_ns += cost_ns
 
-    @property
-    def _due_ns(self) -> float:
-        """The time until the next burst."""
+    def calls_to_pass(self, period_ns: int) -> int:
+        """Return how many calls have to pass, so that what was timed has cost its share."""
         at_first = MAX_COST_SHARE + FREE_COST_NS / FREE_SPREAD_NS
         earned_ns = max(self._spent_ns / at_first, (self._spent_ns - FREE_COST_NS) / MAX_COST_SHARE)
         processor_ns = self._processor_ns() - self._processor_start_ns
-        return earned_ns - min(self._now_ns() - self._start_ns, processor_ns)
-
-    @property
-    def has_earned(self) -> bool:
-        """Whether a burst may be timed."""
-        return self._due_ns <= 0
-
-    def calls_to_pass(self, period_ns: int) -> int:
-        """Return how many calls have to pass, so that what was timed has cost its share."""
-        return max(0, int(self._due_ns / period_ns))
+        elapsed_ns = min(self._now_ns() - self._start_ns, processor_ns)
+        return max(0, int((earned_ns - elapsed_ns) / period_ns))
 
 
 def cold_cost_ns(

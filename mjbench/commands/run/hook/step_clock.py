@@ -5,8 +5,7 @@ and ends, once the program has imported MuJoCo. It also notes when an environmen
 Records go into a file that is mapped into memory, one for each process, so they survive any end of
 the program.
 
-The clock must cost little. It times bursts of calls; between them, calls pass through. Where even
-that would cost too much, it takes its functions away until the program resets a simulation.
+The clock must cost little. It times bursts of calls; between them, calls pass through.
 
 `step_file` has the format of the files.
 """
@@ -30,9 +29,6 @@ from .watch import Watch, write_engine
 
 # Bursts from which the cost of a timed call is learned, and times the calibrated cost at most.
 _MOST_COSTS, _MOST_COST = 15, 5
-# Calls that follow each other faster are left alone for most of the time: even to pass them through
-# would cost more than `MAX_COST_SHARE`.
-FASTEST_PASSED_NS = 5_000
 CALIBRATION_CALLS = 2000
 _RESETS = ("mj_resetData", "mj_resetDataKeyframe")
 _NONE = object()  # stands for an argument that is not given
@@ -56,7 +52,7 @@ class StepClock:
         self.collections = CollectionClock(now_ns)
         self._burst = Burst(calls)
         bursts = CallBursts(calls, now_ns, processor_ns)
-        self._others = EngineCalls(self, self._burst, bursts, watch, now_ns)
+        self._others = EngineCalls(self, bursts, watch, now_ns)
         calls.before_steps = self._note_first
         calls.step_counts.append(self._count)
         self._originals: dict[str, Any] = {}
@@ -74,7 +70,7 @@ class StepClock:
         self._first_ns = self._last_ns = 0
         self._calls_timed = self._calls_passed = 0
         self._latest_burst: Written = ()
-        self._others.begin_process()
+        self._others.bursts.begin_process()
         self.to_pass = self._planned_to_pass = self._unestimated = 0
         self._burst_begin_ns = 0
         self.burst_calls = 0
@@ -87,7 +83,6 @@ class StepClock:
         self._halves_seen = False
         self._burst_period_ns = self._burst_end_ns = 0
         self._costs_ns: list[int] = []  # of a timed call, as bursts have shown
-        self._is_away = self._was_away = self._was_left = False
         self.collections.begin(self._file.write_collections)
         self._write_header()
 
@@ -100,14 +95,15 @@ class StepClock:
             return
         self._burst.begin_process()
         self._reset_totals()
-        self._come_back()
 
     def leave(self) -> None:
         """Leave the process alone: it has no file."""
         self._file.close()
         self.collections.end()
-        self._go_away()
-        self._module = None
+        if self._module is not None:
+            for name, function in self._originals.items():
+                if getattr(self._module, name) is self._timed[name]:
+                    setattr(self._module, name, function)
 
     # MuJoCo
 
@@ -181,16 +177,6 @@ class StepClock:
 
         return engine_function(call, function)
 
-    def break_burst(self) -> None:
-        """End a burst before it is full: calls follow that are no steps."""
-        self._burst.write()
-        self._count_burst()
-
-    def _count_burst(self) -> None:
-        self._calls_timed += self.burst_calls
-        self._pacer.spend(self.burst_calls * self.cold_ns)
-        self.burst_calls = 0
-
     def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
         self._note_latest(model, data)
@@ -198,7 +184,6 @@ class StepClock:
         since_ns = self._now_ns() - self._burst_end_ns
         if passed > BURST_CALLS:
             self._learn_cost(since_ns // passed)
-        self._count_left(since_ns)
         self._unestimated += passed
         self._calls_passed, self._planned_to_pass = self._passed(), 0
         self._timestep_ns = _timestep_ns(model)
@@ -211,13 +196,6 @@ class StepClock:
             self.collections.begin(self._file.write_collections)
             self._write_header()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
-
-    def _count_left(self, since_ns: int, until_ns: int = 0) -> None:
-        """Let calls that nothing counted since the last burst follow each other as those in it."""
-        if self._was_left and self._burst_period_ns:
-            self._was_left = False
-            calls = since_ns // max(1, self._burst_period_ns - self.cold_ns)
-            self._pass_on(calls, until_ns)
 
     def _pass_on(self, calls: int, until_ns: int = 0) -> None:
         """Let untimed calls count as those of the latest burst; `until_ns` of 0 is not known."""
@@ -270,7 +248,9 @@ class StepClock:
                 self._file.add_timers(seconds)
         period_ns = max(1, (end_ns - self._burst_begin_ns) // self.burst_calls)
         self._burst_period_ns = period_ns
-        self._count_burst()
+        self._calls_timed += self.burst_calls
+        self._pacer.spend(self.burst_calls * self.cold_ns)
+        self.burst_calls = 0
         by_cost = self._pacer.calls_to_pass(period_ns)
         self.to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
         self._planned_to_pass = self.to_pass
@@ -280,8 +260,6 @@ class StepClock:
         self._unestimated = 0
         self._watch.look(model, data, frame, end_ns)
         self._observe(not self.to_pass)
-        if self.to_pass and period_ns < FASTEST_PASSED_NS:
-            self._go_away()
         self._write_header()
         self._burst_end_ns = self._now_ns()
 
@@ -304,34 +282,14 @@ class StepClock:
 
     def _count(self) -> int:
         """Return what changes when the program steps."""
-        if self._is_away:
-            return self._now_ns()
         return self._calls_timed + self.burst_calls + self._passed()
 
     def _cost_ns(self) -> int:
         own_ns = self._calls_timed * self.cold_ns + self._passed() * self.passed_ns
         return own_ns + self._calls.cost_ns
 
-    def _go_away(self) -> None:
-        """Give the program the engine's own functions, until it resets a simulation."""
-        self._is_away = self._was_away = self._was_left = True
-        self.to_pass = self._planned_to_pass = 0
-        for name, function in self._originals.items():
-            if getattr(self._module, name) is self._timed[name]:
-                setattr(self._module, name, function)
-
-    def _come_back(self) -> None:
-        """Time a burst again, where the last one went away."""
-        if self._is_away and self._module is not None:
-            self._is_away = False
-            for name, function in self._originals.items():
-                if getattr(self._module, name) is function:
-                    setattr(self._module, name, self._timed[name])
-
     def _returning(self, function: Any) -> Any:
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if self._is_away and self._pacer.has_earned:
-                self._come_back()
             if self._calls.is_observing and len(args) > 1:
                 self._watch.look_for_warnings(args[1], sys._getframe(1), self._now_ns())
             return function(*args, **kwargs)
@@ -392,7 +350,6 @@ class StepClock:
             self._first_ns,
             self._last_ns,
             self._calls_passed,
-            self._was_away,
             self._cost_ns(),
             self.timed_ns,
             self._process_ns,
@@ -404,16 +361,12 @@ class StepClock:
         passed = self._planned_to_pass - self.to_pass
         # the last of these calls may have ended any time ago, but not before it could
         period_ns = max(1, self._burst_period_ns - self.cold_ns)
-        since_ns = self._now_ns() - self._burst_end_ns
-        self._count_left(since_ns, self._now_ns())
         self._pass_on(
             self._unestimated + passed,
             min(self._burst_end_ns + passed * period_ns, self._now_ns()),
         )
-        if self._is_away:
-            self._last_ns = self._now_ns()
         self._calls_timed += self.burst_calls
-        self._others.end()
+        self._others.bursts.end()
         latest = self._latest()
         if latest is not None:
             self._watch.look_for_warnings(latest, None, self._last_ns)
