@@ -1,7 +1,5 @@
 """Simulations that begin anew: plans that rollout steps at once, and steps that settle a model."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings, places
 
@@ -26,11 +24,11 @@ def main():
 CALL = "costs = [score(model, data, start, plan) for plan in plans]"
 
 
-def test_plans_that_a_comprehension_scores_are_found_at_it(tmp_path: Path) -> None:
-    (finding,) = findings(tmp_path, PLANS, "MJB006")
+def test_plans_that_a_comprehension_scores_are_found_at_it() -> None:
+    (finding,) = findings(PLANS, "MJB006")
     assert finding.instead == ("rollout",)
     assert "known before the steps" in finding.message
-    assert places(tmp_path, PLANS, "MJB006") == [("MJB006", CALL)]
+    assert places(PLANS, "MJB006") == [("MJB006", CALL)]
 
 
 @pytest.mark.parametrize(
@@ -40,8 +38,8 @@ def test_plans_that_a_comprehension_scores_are_found_at_it(tmp_path: Path) -> No
         "for plan in plans: costs.append(score(model, data, start, plan))",
     ],
 )
-def test_plans_that_a_loop_scores_and_stores_are_found(tmp_path: Path, loop: str) -> None:
-    assert places(tmp_path, PLANS.replace(CALL, loop), "MJB006") == [("MJB006", loop)]
+def test_plans_that_a_loop_scores_and_stores_are_found(loop: str) -> None:
+    assert places(PLANS.replace(CALL, loop), "MJB006") == [("MJB006", loop)]
 
 
 @pytest.mark.parametrize(
@@ -62,10 +60,10 @@ def test_plans_that_a_loop_scores_and_stores_are_found(tmp_path: Path, loop: str
         (CALL, "score(model, data, start, plans[0])"),
     ],
 )
-def test_what_rollout_cannot_step_at_once_is_no_finding(tmp_path: Path, old: str, new: str) -> None:
+def test_what_rollout_cannot_step_at_once_is_no_finding(old: str, new: str) -> None:
     text = PLANS.replace(old, new)
     assert text != PLANS
-    assert findings(tmp_path, text, "MJB006") == []
+    assert findings(text, "MJB006") == []
 
 
 METHOD = """
@@ -107,19 +105,17 @@ STEPS = "for _ in range(500):"
         ("mj_resetData(self.model, self.data)", "mj_resetDataKeyframe(self.model, self.data, 0)"),
     ],
 )
-def test_steps_that_settle_a_model_at_each_reset_are_found(
-    tmp_path: Path, old: str, new: str
-) -> None:
-    ((code, line),) = places(tmp_path, METHOD.replace(old, new), "MJB023")
+def test_steps_that_settle_a_model_at_each_reset_are_found(old: str, new: str) -> None:
+    ((code, line),) = places(METHOD.replace(old, new), "MJB023")
     assert code == "MJB023"
     assert line.startswith("for _ in range(")
 
 
-def test_many_steps_of_one_call_settle_as_well(tmp_path: Path) -> None:
+def test_many_steps_of_one_call_settle_as_well() -> None:
     line = "mujoco.mj_step(model, data, 500)"
-    assert places(tmp_path, LOOP, "MJB023") == [("MJB023", line)]
+    assert places(LOOP, "MJB023") == [("MJB023", line)]
     by_name = LOOP.replace(", 500)", ", nstep=500)")
-    assert len(findings(tmp_path, by_name, "MJB023")) == 1
+    assert len(findings(by_name, "MJB023")) == 1
 
 
 @pytest.mark.parametrize(
@@ -139,12 +135,10 @@ def test_many_steps_of_one_call_settle_as_well(tmp_path: Path) -> None:
         ("mj_resetData(self.model, self.data)", "mj_resetDataKeyframe(self.model, self.data, key)"),
     ],
 )
-def test_what_may_differ_from_reset_to_reset_is_no_finding(
-    tmp_path: Path, old: str, new: str
-) -> None:
+def test_what_may_differ_from_reset_to_reset_is_no_finding(old: str, new: str) -> None:
     text = METHOD.replace(old, new)
     assert text != METHOD
-    assert findings(tmp_path, text, "MJB023") == []
+    assert findings(text, "MJB023") == []
 
 
 @pytest.mark.parametrize(
@@ -158,7 +152,5 @@ def test_what_may_differ_from_reset_to_reset_is_no_finding(
         ("    for _ in range(50):\n        mujoco.mj_step(model, data)", "    log()"),
     ],
 )
-def test_what_a_loop_settles_once_or_otherwise_is_no_finding(
-    tmp_path: Path, old: str, new: str
-) -> None:
-    assert findings(tmp_path, LOOP.replace(old, new), "MJB023") == []
+def test_what_a_loop_settles_once_or_otherwise_is_no_finding(old: str, new: str) -> None:
+    assert findings(LOOP.replace(old, new), "MJB023") == []
