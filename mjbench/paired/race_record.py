@@ -192,6 +192,11 @@ class RaceRecord:
         """How many cores other programs used, in the median launch."""
         return statistics.median(each.other_cores for each in self.launches)
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether most launches are."""
+        return bool(self.launches) and self.other_cores >= BUSY_CORES
+
     def threads(self, launch: RaceLaunch) -> list[int]:
         return [nthread(self.variants[i].options) for i in launch.variants]
 
@@ -309,6 +314,8 @@ class RaceRecord:
             speedup = None
             if position == 0 and launches:
                 speedup = Interval(1.0, 1.0, 1.0)
+            elif launches and self.is_busy:
+                speedup = _busy_speedup(launches, position)
             elif launches:  # a ratio of speeds is that of times the other way round
                 speedup = self._interval(launches, baseline=position, candidate=0)
             speedups.append(speedup)
@@ -322,7 +329,7 @@ class RaceRecord:
         return next((i for i, each in enumerate(self.variants) if each == variant), None)
 
     def _launches_of(self, position: int | None) -> list[RaceLaunch]:
-        """Return the launches that give a variant's figures.
+        """Return the launches that give a variant's figures: of a busy race, all that timed it.
 
         Launches of slow variants follow the race, but are not of its winners: they give figures of
         the slow ones, and of others only where there are none else.
@@ -332,7 +339,7 @@ class RaceRecord:
             slow = set(self.slow)
             timed = [each for each in timed if slow.isdisjoint(each.variants)] or timed
         final = [launch for launch in timed if launch.is_final]
-        return final if len(final) >= MIN_FINAL_LAUNCHES else timed
+        return final if len(final) >= MIN_FINAL_LAUNCHES and not self.is_busy else timed
 
     def _interval(self, launches: Sequence[RaceLaunch], baseline: int, candidate: int) -> Interval:
         """Return the ratio of two variants' times, the candidate's over the baseline's.
@@ -419,6 +426,19 @@ def log_ratio(
     freedom = max(freedom, own_freedom)
     spread = replace(fitted, freedom=np.array([freedom]), squares=np.array([freedom * variance]))
     return float(fitted.mean[0]), lambda confidence: float(spread.half_width(confidence)[0])
+
+
+def _busy_speedup(launches: Sequence[RaceLaunch], variant: int) -> Interval:
+    """Return the speed-up of a variant over the plain loop while other programs run.
+
+    It is the mean of the higher half of the launches, because other programs delay paths with
+    threads more than the plain loop; the interval is the range of all.
+    """
+    ratios = sorted((launch.log_ratio(variant, 0) for launch in launches), reverse=True)
+    mean = statistics.mean(ratios[: math.ceil(len(ratios) / 2)])
+    if len(ratios) < MIN_LAUNCHES:
+        return Interval(mean, None, None).exponential
+    return Interval(mean, ratios[-1], ratios[0]).exponential
 
 
 def _pooled_variance(launches: Sequence[RaceLaunch], variants: Sequence[int]) -> tuple[float, int]:

@@ -395,3 +395,28 @@ def test_the_faster_half_counts_and_the_fastest_in_a_busy_launch(
     ns = [[200, 100], [200, 200], [200, 900], [200, 300]]
     launch = RaceLaunch(None, [0, 1], ns, other_cores)
     assert launch.log_ratio(0, 1) == pytest.approx(np.log(ratio))
+
+
+def test_the_speedup_of_a_busy_race_is_of_the_launches_that_were_disturbed_least() -> None:
+    speedups = [2.0, 2.1, 1.9, 1.0, 0.9]
+    launches = [
+        RaceLaunch(None, [0, 1], [[BASE_NS, round(BASE_NS / each)]] * 2, other_cores=0.5)
+        for each in speedups
+    ]
+    speedup = replace(entered(2), launches=launches).speedups[1]
+    assert speedup is not None
+    assert speedup.estimate == pytest.approx((2.0 * 2.1 * 1.9) ** (1 / 3))
+    assert (speedup.low, speedup.high) == pytest.approx((0.9, 2.1))
+    two = replace(entered(2), launches=launches[:2]).speedups[1]
+    assert two is not None
+    assert (two.low, two.high) == (None, None)
+
+
+def test_of_busy_launches_the_fastest_block_says_which_path_leads() -> None:
+    def launch(first_ns: int, second_ns: int) -> RaceLaunch:
+        return RaceLaunch(None, [0, 1, 2], [[BASE_NS, first_ns, second_ns]] * 2, other_cores=0.5)
+
+    launches = [launch(8, 5), launch(8, 20), launch(8, 20)]
+    assert ended(replace(entered(3), launches=launches)).fastest == 2
+    quiet = [replace(each, other_cores=0.0) for each in launches]
+    assert ended(replace(entered(3), launches=quiet)).fastest == 1
