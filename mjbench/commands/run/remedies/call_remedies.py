@@ -275,10 +275,6 @@ def _renderer_pair(calls: CallsInLoop) -> RemedyPair:
     return RemedyPair(renderer, frame=frame, backend=calls.calls[0].backend, by_wall_time=True)
 
 
-def _image_pair(calls: CallsInLoop) -> RemedyPair:
-    return replace(_renderer_pair(calls), ways=coarser_images)
-
-
 def _data_pair(calls: CallsInLoop) -> RemedyPair:
     steps = min(_MOST_STEPS, round(calls.nstep / max(1.0, calls.count)))
     if calls.finding is not None and calls.finding.code == "MJB005":
@@ -418,7 +414,7 @@ CALL_REMEDIES = (
         text=f'draw coarser images, by <quality shadowsize="{_SHADOW_SIZE}" offsamples="0"/> in'
         " <visual> of the model",
         effect="shadows, and edges, which are not smoothed",
-        pair=_image_pair,
+        pair=lambda calls: replace(_renderer_pair(calls), ways=coarser_images),
         saving=call_savings.of_images,
         is_of_loop=True,
     ),
