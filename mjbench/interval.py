@@ -39,8 +39,15 @@ class Interval:
     @property
     def inverse(self) -> "Interval":
         """The ratio the other way round: of speeds, where this one is of times."""
-        low, high = (None if end is None else 1 / end for end in (self.high, self.low))
-        return Interval(1 / self.estimate, low, high)
+        return Interval(1.0, 1.0, 1.0).over(self)
+
+    def over(self, other: "Interval") -> "Interval":
+        """Return a ratio over another; its interval holds the truth if both of theirs do."""
+        low, high = (
+            None if end is None or divisor is None else end / divisor
+            for end, divisor in ((self.low, other.high), (self.high, other.low))
+        )
+        return Interval(self.estimate / other.estimate, low, high)
 
     def covers(self, value: float) -> bool:
         return not (self.is_above(value) or self.is_below(value))

@@ -26,7 +26,6 @@ from mjbench.host import disturbance, machine, neighbours, platforms
 from mjbench.host.disturbance import Disturbance, Watch
 from mjbench.host.machine import Machine
 from mjbench.host.neighbours import Neighbour
-from mjbench.measuring import timing
 from mjbench.measuring.budget import Budget
 from mjbench.measuring.timing import Progress
 from mjbench.releases.release_names import ReleaseSpec
@@ -45,7 +44,7 @@ class Observer:
     def __init__(self, on_progress: Progress | None = None):
         if not (on_progress is None or callable(on_progress)):
             raise wrong_argument("on_progress", on_progress, "a function")
-        self._on_progress = on_progress or timing.no_progress
+        self._on_progress = on_progress or (lambda name, share: None)
 
     def __call__(self, name: str, share: float) -> None:
         self._on_progress(name, share)

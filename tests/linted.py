@@ -1,5 +1,6 @@
 """Lint a text."""
 
+import tempfile
 import textwrap
 from pathlib import Path
 
@@ -8,14 +9,20 @@ from mjbench.commands.lint import check as lint
 HEAD = "import copy, functools, threading\nimport mujoco\nimport numpy as np\n"
 
 
-def findings(tmp_path: Path, text: str, *codes: str) -> list[lint.Finding]:
+def check(text: str) -> list[lint.Finding]:
+    """Return the findings of a script."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "script.py")
+        file.write_text(textwrap.dedent(text))
+        return lint.check(str(file))
+
+
+def findings(text: str, *codes: str) -> list[lint.Finding]:
     """Return the findings of a script that begins with usual imports, of some rules or all."""
-    file = tmp_path / "script.py"
-    file.write_text(HEAD + textwrap.dedent(text))
-    return [f for f in lint.check(str(file)) if not codes or f.code in codes]
+    return [f for f in check(HEAD + textwrap.dedent(text)) if not codes or f.code in codes]
 
 
-def places(tmp_path: Path, text: str, *codes: str) -> list[tuple[str, str]]:
+def places(text: str, *codes: str) -> list[tuple[str, str]]:
     """Return the code of each finding, and its line without what surrounds it."""
     lines = (HEAD + textwrap.dedent(text)).splitlines()
-    return [(f.code, lines[f.line - 1].strip()) for f in findings(tmp_path, text, *codes)]
+    return [(f.code, lines[f.line - 1].strip()) for f in findings(text, *codes)]

@@ -13,13 +13,12 @@ from benchmarks.studies import gpu, tally_file
 from benchmarks.studies.odd_programs import ODD_PROGRAMS
 from mjbench.commands.compare import accelerated_agreement
 from mjbench.commands.compare import accelerated_tolerances as tolerances
-from mjbench.commands.compare.options import CompareOptions
 from mjbench.commands.env import show as environment
 from mjbench.commands.latency import measure as latency
 from mjbench.commands.latency import show as latency_section
 from mjbench.commands.profile import habit_timing
 from mjbench.commands.run import measure, py_spy
-from mjbench.commands.run.hook import call_bursts, step_clock
+from mjbench.commands.run.hook import call_bursts
 from mjbench.commands.run.remedies import remedy
 from mjbench.commands.tune import reference, solver_convergence, trajectories
 from mjbench.commands.tune import result as records
@@ -62,19 +61,17 @@ def timing() -> Iterator[str]:
     yield f"faster than the fastest by {margin}"
     yield f"or two where those take more than {race.LONG_NS / 1e9:.0f} s"
     yield f"All intervals are at {percent(race_record.CONFIDENCE)}"
-    yield f"The time for one model, {plan.BUDGET_S:.0f} s by default"
-    yield f"`--quick` is {CompareOptions.QUICK_S:.0f} s"
     as_good = race_record.AS_GOOD
     yield f"within {percent(as_good)} by its interval"
     yield f"and within {percent(as_good / 2)} by estimate"
     yield f"no other path of the race can be faster by {margin}"
     yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
-    yield f"Below {percent(conditions.ENOUGH_CORES)}, nothing is decided"
+    yield f"less than {percent(conditions.ENOUGH_CORES)} of them, nothing is decided"
     assert (race_record.BUSY_CORES, race.ROUNDS) == (0.25, 4)
     yield "use a quarter of a core or more, a launch has twice as many blocks"
     tally = json.loads((ROOT / "results/busy.json").read_text())
     yield f"({tally['budget_s']:.0f} s a model, {tally['cores']} cores, {tally['cpu']})"
-    yield f"For {len(tally['outcomes']) // 6} pieces of advice"
+    yield f"{len(tally['outcomes']) // 6} pieces of advice"
     yield f"are within {margin} of the quiet best"
     yield f"the host took {percent(disturbance.NOTABLE_STOLEN)} or more of the processor time"
     tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
@@ -106,7 +103,6 @@ def run() -> Iterator[str]:
     yield f"**In bursts** of {calls_of_burst} calls, or of 0.1 s"
     cost = percent(call_bursts.MAX_COST_SHARE, 1)
     yield f"at most {cost} of the processor time after the first 10 ms"
-    yield f"in less than {step_clock.FASTEST_PASSED_NS / 1000:.0f} µs"
     yield f"{py_spy.DEFAULT_RATE_HZ:.0f} times a second"
     yield f"from {percent(remedy.LEAST_GAIN)} of the loop on"
     yield f"savings of {percent(remedy.LEAST_GAIN)} of the loop or more"

@@ -120,6 +120,12 @@ def test_every_command_of_the_benchmarks_that_a_page_names_exists(page: Path) ->
         assert file.is_file() and "__main__" in file.read_text(), module
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_the_makefile_alone_says_how_long_its_targets_take(page: Path) -> None:
+    said = r"`make [\w-]+`[^.\n]*\b(?:minutes?|hours?)\b"
+    assert not re.search(said, page.read_text())
+
+
 def commands_of(page: Path) -> list[list[str]]:
     """Return the words of each command of mjbench that a page shows, in a block or inline."""
     text = page.read_text()

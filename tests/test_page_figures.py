@@ -69,7 +69,17 @@ def readme() -> Iterator[str]:
     yield f"{ours} of the advice on our models and {others} on others gets a `?`"
     yield "In 99 of 100 replays"
     yield f"the advised way is at most {percent(max(worst_regrets()), 1)} slower than the fastest"
+    yield f"CPU results are from {common_machine()}"
     yield from durations()
+
+
+def common_machine() -> str:
+    """Return what all machines of committed run files have in common, but those with a GPU."""
+    files = [file for file in ROOT.glob("results/*/*.jsonl") if "-gpu-" not in file.name]
+    headers = (json.loads(file.read_text().partition("\n")[0])["machine"] for file in files)
+    machines = {(each["system"].partition("-")[0], each["cores"]) for each in headers}
+    assert machines == {("Linux", 2)}
+    return "Linux with two cores"
 
 
 def durations() -> Iterator[str]:
@@ -125,7 +135,7 @@ def trust() -> Iterator[str]:
     yield f"({percent(race_record.CONFIDENCE)} should)"
     yield f"| {percent(ours, 1)} on ours, {percent(others, 1)} on others |"
     yield from (f"| {kept} |" for kept in tuning_page.promises_kept(tuning.load()))
-    yield f"exits with 1 if that is more than {percent(outcomes.MIN_EFFECT)}"
+    yield f"The exit code is 1 if that is more than {percent(outcomes.MIN_EFFECT)}"
     yield f"can be faster by {percent(race_record.MARGIN)}"
     yield f"differs by more than {percent(run_differences.MIN_EFFECT)}"
 
@@ -143,7 +153,7 @@ def story() -> Iterator[str]:
     yield f"| `walk_batch.py` | {after:,.0f} |"
     yield f"That is {after / before:.1f} times as fast"
     page = (ROOT / "docs/guides/story.md").read_text()  # its blocks are compared with their runs
-    (promised,) = re.findall(r"([\d.]+) times \([^)]*\) by batch_step", page)
+    (promised,) = re.findall(r"([\d.]+) times \([^)]*\) with Batch.step", page)
     yield f"had promised {promised} times"
 
 
@@ -157,7 +167,7 @@ def revisions() -> Iterator[str]:
     assert {result["verdict"]["verdict"] for result in slower} == {"slower"}
     assert {result["verdict"]["verdict"] for result in unchanged} == {"same"}
     yield f"{len(unchanged)} changes of comments and docstrings were `same`"
-    yield f"from {slower[0]['case'].removesuffix(' more work')} more work on"
+    yield f"the smallest with {slower[0]['case']}"
     yield f"explains less than {percent(1 - bisect._REST)} of the difference"
     effect, confidence = percent(outcomes.MIN_EFFECT), percent(outcomes.CONFIDENCE)
     yield f"less than {effect} slower with {confidence} confidence"

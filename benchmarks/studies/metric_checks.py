@@ -157,9 +157,8 @@ def _compiled(pool: WorkerPool, model: CompiledModel, sizes: Sizes) -> FunctionT
     spec = release_names.parse_release(
         ",".join(f"{name}=={metadata.version(name)}" for name in names)
     )
-    comparison = AcceleratedComparison(
-        spec, [spec], [ModelSource("pendulum", file)], [ENGINE], sizes
-    )
+    sources = [ModelSource("pendulum", file)]
+    comparison = AcceleratedComparison([spec, spec], sources, [ENGINE], sizes)
     ((old, new),) = accelerated_environments.prepare_targets(pool, comparison)
     assert new.source.text is not None, "it has a module of its own"
     source = replace(new.source, text=model.prelude.encode() + new.source.text)

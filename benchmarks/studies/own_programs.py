@@ -90,6 +90,9 @@ PROGRAMS = (
     OwnProgram("inverse_kinematics", "mujoco.mj_forward(model, data)", "mj_kinematics"),
     OwnProgram("rollout_of_one", "states, _ = rollout.rollout(", "mj_step"),
     OwnProgram("growing_log", "log = np.vstack(", "grow", is_bound=True),
+    OwnProgram("rows_in_a_list", "mean = np.array(rows)", "list that grows", is_bound=True),
+    OwnProgram("settles_each_episode", "for _ in range(100):", "settle once", is_bound=True),
+    OwnProgram("plans_one_by_one", "costs = [score(", "rollout"),
     OwnProgram("perturbed_steps", "for i in range(model.nv)", "mjd_transitionFD"),
     OwnProgram(
         "put_each_episode", "device_model = mjx.put_model(", "put it there once", is_bound=True

@@ -200,15 +200,13 @@ def lines(tally: RaceTally) -> list[str]:
     rarest = min(rows, key=lambda row: row.decided)
     worst = max(rows, key=lambda row: row.worst_regret)
     narrowest = min(rows, key=_covered)
-    regret = max(row.regret for row in rows)
     return [
         f"{races} races were replayed on each of {len(rows)} models (MuJoCo {tally.mujoco},"
-        f" {tally.cpu}). {_percent(decided)} of all loops are decided, the fewest on"
-        f" {rarest.model} ({_percent(rarest.decided)}). The advised path is slower than the fastest"
-        f" by at most {_percent(regret, 2)} on average, and by at most"
-        f" {_percent(worst.worst_regret, 1)} ({worst.model}) in 99 of 100 replays."
-        f" {_percent(CONFIDENCE)} of the intervals should hold. The fewest do on"
-        f" {narrowest.model} ({_percent(_covered(narrowest), 1)})."
+        f" {tally.cpu}). {_percent(decided)} of all advice ends certain, the least on"
+        f" {rarest.model} ({_percent(rarest.decided)}). In 99 of 100 replays,"
+        f" the advised path is at most {_percent(worst.worst_regret, 1)} slower than the fastest"
+        f" (worst model: {worst.model}). Of the {_percent(CONFIDENCE)} intervals, at least"
+        f" {_percent(_covered(narrowest), 1)} contain the truth (worst model: {narrowest.model})."
     ]
 
 

@@ -516,6 +516,28 @@ def new_device_copy() -> str:
     return f"ns an episode: {_ns(anew, 5):.0f} to convert, {_ns(replaced, 5):.0f} to replace"
 
 
+def settled_reset() -> str:
+    """MJB023: boxes settle at each reset; the settled state can be kept."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    data, spec = mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
+
+    def settle() -> np.ndarray:
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_step(model, data, 500)
+        state = np.empty(mujoco.mj_stateSize(model, spec))
+        mujoco.mj_getState(model, data, state, spec)
+        return state
+
+    settled = settle()
+
+    def restore() -> np.ndarray:
+        mujoco.mj_setState(model, data, settled, spec)
+        return settled
+
+    assert np.array_equal(settle(), restore())
+    return f"ns an episode: {_ns(settle, 5):.0f} to settle, {_ns(restore, 5):.0f} to restore"
+
+
 FAULTS = {
     "MJB001": stored_view,
     "MJB002": named_access,
@@ -538,6 +560,7 @@ FAULTS = {
     "MJB020": finite_difference,
     "MJB021": synced_viewer,
     "MJB022": new_device_copy,
+    "MJB023": settled_reset,
 }
 
 

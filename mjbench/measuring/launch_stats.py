@@ -73,7 +73,7 @@ class Fit:
     def e_values(self) -> tuple[np.ndarray, np.ndarray]:
         """Return e-values against "the mean is at most 0" and "the mean is at least 0".
 
-        Such an e-value is the Bayes factor of `anytime_interval` with one half of the prior, the
+        Such an e-value is the Bayes factor of `evidence` with one half of the prior, the
         positive or the negative one. Where its hypothesis is true, it ever reaches 1 / level with a
         probability of at most `level`, however long one launches; so it may be read after any
         launch, also after one that depends on other comparisons. It is 1 with too few launches.
@@ -186,16 +186,7 @@ def student_interval(samples: Sequence[float], confidence: float) -> Interval:
 def evidence(
     samples: Sequence[float], confidence: float, residues: Sequence[int] | None = None
 ) -> Evidence:
-    fitted = fit(cells(samples, residues))
-    positive, negative = fitted.e_values()
-    interval = _interval(fitted, confidence)
-    return Evidence(interval, len(samples), float(positive[0]), float(negative[0]))
-
-
-def anytime_interval(
-    samples: Sequence[float], confidence: float, residues: Sequence[int] | None = None
-) -> Interval:
-    """Return the mean of independent launches with its anytime-valid interval.
+    """Return what independent launches say of their mean, with its anytime-valid interval.
 
     The interval may be computed after every new launch, and launching stopped at any time: the
     probability that any of these intervals misses the mean is about 1 - confidence. It contains
@@ -212,7 +203,10 @@ def anytime_interval(
     Raises:
       ValueError: no samples, a confidence not between 0 and 1, or residues of other launches.
     """
-    return _interval(fit(cells(samples, residues)), confidence)
+    fitted = fit(cells(samples, residues))
+    positive, negative = fitted.e_values()
+    interval = _interval(fitted, confidence)
+    return Evidence(interval, len(samples), float(positive[0]), float(negative[0]))
 
 
 def interval_beside(

@@ -5,13 +5,11 @@ estimated by the median; its interval comes from order statistics, which assume 
 shape of the noise (P. Conover, Practical Nonparametric Statistics, section 3.2).
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjbench.errors import InputError
 from mjbench.interval import Interval
 
 CONFIDENCE = 0.95
@@ -19,10 +17,17 @@ CONFIDENCE = 0.95
 _LEAST = 1e-9
 
 
-def median_of(samples: Sequence[float] | np.ndarray) -> Interval:
-    """Return the median with its interval; its ends are None with too few samples."""
+def median_of(samples: Sequence[float] | np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """Return the median of independent samples with its interval, by order statistics.
+
+    Its ends are None with fewer samples than the confidence needs, such as six for 95 %.
+    """
+    from scipy import stats
+
     values = np.asarray(samples, dtype=float)
-    return Interval(float(np.median(values)), *median_interval(values))
+    interval = stats.quantile_test(values, p=0.5).confidence_interval(confidence)
+    low, high = (None if np.isnan(end) else float(end) for end in (interval.low, interval.high))
+    return Interval(float(np.median(values)), low, high)
 
 
 def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Interval:
@@ -100,54 +105,3 @@ def speedup_in_common(baseline_s: Sequence[float], candidate_s: Sequence[float])
     """Return the speed-up in the rounds that both have, which are the first of each."""
     count = min(len(baseline_s), len(candidate_s))
     return speedup(baseline_s[:count], candidate_s[:count])
-
-
-@dataclass(frozen=True)
-class TimedBlocks:
-    """Times of blocks of the same work, and what must be the same for others to be comparable."""
-
-    seconds: Sequence[float]
-    identity: Mapping[str, object]
-
-
-def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False) -> Interval:
-    """Return how many times faster the candidate is than a baseline measured at another time.
-
-    The interval combines the intervals of both medians, each at the confidence that leaves 95 % for
-    both together (Bonferroni). It does not account for changes of the machine in between.
-
-    Raises:
-      InputError: the two differ in identity.
-    """
-    differing = [
-        f"{name} ({baseline.identity.get(name)}, {candidate.identity.get(name)})"
-        for name in sorted({*baseline.identity, *candidate.identity})
-        if baseline.identity.get(name) != candidate.identity.get(name)
-    ]
-    if differing and not across:
-        raise InputError(f"not comparable, they differ in {', '.join(differing)}")
-    confidence = 1 - (1 - CONFIDENCE) / 2
-    logs = [logarithms(blocks.seconds) for blocks in (baseline, candidate)]
-    (baseline_low, baseline_high), (candidate_low, candidate_high) = (
-        median_interval(values, confidence) for values in logs
-    )
-    low = high = None
-    if baseline_low is not None and candidate_high is not None:
-        low = baseline_low - candidate_high
-    if baseline_high is not None and candidate_low is not None:
-        high = baseline_high - candidate_low
-    return Interval(float(np.median(logs[0]) - np.median(logs[1])), low, high).exponential
-
-
-def median_interval(
-    samples: np.ndarray, confidence: float = CONFIDENCE
-) -> tuple[float | None, float | None]:
-    """Return the interval of the median of independent samples, by order statistics.
-
-    The ends are None with fewer samples than the confidence needs, such as six for 95 %.
-    """
-    from scipy import stats
-
-    interval = stats.quantile_test(samples, p=0.5).confidence_interval(confidence)
-    low, high = float(interval.low), float(interval.high)
-    return (None if np.isnan(low) else low), (None if np.isnan(high) else high)

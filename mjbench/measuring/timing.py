@@ -87,7 +87,3 @@ def block_times(
     """Time two blocks against each other; return the seconds of each, in orders such as `ABBA`."""
     contenders = {"A": Contender(baseline, before), "B": Contender(candidate, before)}
     return [[block_s(contenders[letter], clock) for letter in order] for order in orders]
-
-
-def no_progress(name: str, share: float) -> None:
-    """Show no progress."""

@@ -443,6 +443,12 @@ class VerdictRecord(VerdictRow):
             samples=launches,
         )
 
+    def uninterrupted(self) -> "VerdictRecord":
+        """Return the record; KeyboardInterrupt if the user stopped what it is of."""
+        if self.status == Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        return self
+
     def row(self) -> VerdictRow:
         """Return the verdict without its samples."""
         return VerdictRow(**{f.name: getattr(self, f.name) for f in fields(VerdictRow)})

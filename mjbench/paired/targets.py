@@ -74,12 +74,12 @@ def parse(baseline: str, candidate: str) -> tuple[Target, Target]:
 
 
 def of_releases(
-    baseline: release_names.ReleaseSpec,
-    candidates: Sequence[release_names.ReleaseSpec],
+    specs: Sequence[release_names.ReleaseSpec],
     sources: Sequence[models.ModelSource],
     path_names: Sequence[str],
 ) -> list[tuple[Target, Target]]:
-    """Return the pairs of an old release and each new one: every model, stepped by every path."""
+    """Return the pairs of the first release and each other: every model, stepped by every path."""
+    baseline, *candidates = specs
     options = {name: complete_options(find_path(name), {}) for name in path_names}
     return [
         (

@@ -151,15 +151,6 @@ def package_versions(baseline: ReleaseSpec, candidate: ReleaseSpec) -> list[Pack
     ]
 
 
-def _quotient(numerator: Interval, denominator: Interval) -> Interval:
-    """Return a ratio over another; its interval holds the truth if both of theirs do."""
-    low, high = (
-        None if end is None or other is None else end / other
-        for end, other in ((numerator.low, denominator.high), (numerator.high, denominator.low))
-    )
-    return Interval(numerator.estimate / denominator.estimate, low, high)
-
-
 class VerdictRule(CountRule):
     """Launch both sides until the verdict is certain, or time is up.
 
@@ -253,7 +244,7 @@ def with_placement(
         return record
     effect = None
     if record.ratio is not None and as_shipped is not None:
-        effect = _quotient(as_shipped.ratio, record.ratio)
+        effect = as_shipped.ratio.over(record.ratio)
     shipped = as_shipped.ratio if as_shipped else None
     placement = PlacementEffect(control.averages, control.problem, shipped, effect)
     cause = _cause(record, placement, as_shipped) if _are_builds(*targets) else None

@@ -35,18 +35,18 @@ class MachineResultsDocument:
 
 
 def in_json(
-    *keys: str, without: Sequence[str] = (), **attributes: str
+    *keys: str, also: Sequence[str] = (), **attributes: str
 ) -> Callable[[type[_T]], type[_T]]:
     """Declare what the JSON form of a dataclass has.
 
     Args:
-      keys: in their order; without any, all fields.
+      keys: in their order; without any, all fields, and `also` these properties.
       attributes: field or property behind a key of another name, such as `model.nbatch`.
     """
 
     def declare(kind: Any) -> Any:
-        names = keys or [each.name for each in fields(kind)]
-        kind.json_attributes = {k: attributes.get(k, k) for k in names if k not in without}
+        names = keys or [*(each.name for each in fields(kind)), *also]
+        kind.json_attributes = {k: attributes.get(k, k) for k in names}
         return kind
 
     return declare

@@ -176,7 +176,7 @@ def _too_little_time(rounds: int, question: SpeedQuestion) -> str:
 
 
 def _judge(log_ratios: Sequence[float], question: SpeedQuestion) -> SpeedCheck:
-    here = launch_stats.anytime_interval(log_ratios, question.confidence)
+    here = launch_stats.evidence(log_ratios, question.confidence).interval
     between = _margin(question.confidence)
     interval = Interval.around(here.estimate, math.hypot(here.half_width, between))
     check = SpeedCheck(

@@ -11,11 +11,11 @@ import contextlib
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from mjbench.errors import MjbenchError
-from mjbench.host import files, platforms
+from mjbench.errors import MachineError, MjbenchError
+from mjbench.host import files
 from mjbench.releases import installs
 
 # Names another file than the one in the cache folder.
@@ -73,9 +73,9 @@ def _remember(digest: str, seconds: float) -> float:
     file = _user_file()
     if file is None:
         return seconds
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, MachineError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(file):
+        with installs.locked(_FILE_NAME):
             table = _read(file)
             if digest in table:
                 return table[digest]
@@ -83,15 +83,3 @@ def _remember(digest: str, seconds: float) -> float:
             with files.replacing(file) as partial:
                 partial.write_text(as_text(table))
     return seconds
-
-
-@contextlib.contextmanager
-def _locked(file: Path) -> Iterator[None]:
-    """Hold a table's lock in the block, if the file system has locks; OSError without a place."""
-    descriptor = os.open(file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        with contextlib.suppress(OSError, NotImplementedError):
-            platforms.lock_file(descriptor, shared=False, wait=True)
-        yield
-    finally:
-        os.close(descriptor)

@@ -23,7 +23,7 @@ def bayes_factor(x: np.ndarray, mean: float) -> float:
 
 
 def test_the_interval_is_where_the_bayes_factor_reaches_its_bound() -> None:
-    interval = launch_stats.anytime_interval(list(NORMAL), 0.99)
+    interval = launch_stats.evidence(list(NORMAL), 0.99).interval
     assert interval.estimate == pytest.approx(NORMAL.mean())
     for end in (interval.low, interval.high):
         assert bayes_factor(NORMAL, end) == pytest.approx(100)
@@ -55,8 +55,8 @@ def test_effects_of_residues_do_not_change_the_interval() -> None:
     residues = RESIDUES[:22]
     effects = np.array([0.0, -5.0, 40.0, 7.0])
     moved = [x + effects[r] for x, r in zip(NORMAL, residues, strict=False)]
-    alone = launch_stats.anytime_interval(list(NORMAL[:22]), 0.99, residues)
-    interval = launch_stats.anytime_interval(moved, 0.99, residues)
+    alone = launch_stats.evidence(list(NORMAL[:22]), 0.99, residues).interval
+    interval = launch_stats.evidence(moved, 0.99, residues).interval
     assert interval.estimate - effects.mean() == pytest.approx(alone.estimate)
     assert interval.half_width == pytest.approx(alone.half_width)
 
@@ -64,12 +64,12 @@ def test_effects_of_residues_do_not_change_the_interval() -> None:
 def test_residues_weigh_the_same_however_many_launches_they_have() -> None:
     residues = [0] * 9 + [1] * 3
     samples = [1.0, 2.0, 3.0] * 3 + [11.0, 12.0, 13.0]
-    assert launch_stats.anytime_interval(samples, 0.99, residues).estimate == pytest.approx(7.0)
+    assert launch_stats.evidence(samples, 0.99, residues).interval.estimate == pytest.approx(7.0)
 
 
 def test_a_few_launches_beside_many_have_an_interval_around_their_own_mean() -> None:
     others = [float(x) for x in NORMAL[:20]]
-    alone = launch_stats.anytime_interval([7.0, 7.5], 0.99)
+    alone = launch_stats.evidence([7.0, 7.5], 0.99).interval
     beside = launch_stats.interval_beside([7.0, 7.5], 0.99, others, RESIDUES[:20])
     assert alone.high is None
     assert beside.estimate == 7.25
@@ -122,12 +122,12 @@ def test_disturbed_launches_are_fewer_than_those_of_a_second_mode(count: int, mo
 
 
 def test_too_few_launches_have_no_interval_and_are_no_evidence() -> None:
-    interval = launch_stats.anytime_interval([0.1], 0.99)
+    interval = launch_stats.evidence([0.1], 0.99).interval
     assert (interval.estimate, interval.low, interval.high) == (0.1, None, None)
     assert launch_stats.evidence([0.1], 0.99).e_positive == 1
     first = RESIDUES[:4]
     assert launch_stats.evidence([0.1, 0.1, 0.1, 0.1], 0.99, first).e_positive == 1
-    assert launch_stats.anytime_interval([0.1, 0.2, 0.1, 0.2], 0.99, first).high is None
+    assert launch_stats.evidence([0.1, 0.2, 0.1, 0.2], 0.99, first).interval.high is None
 
 
 def test_launches_that_are_all_alike_have_an_interval_and_an_e_value() -> None:
@@ -150,9 +150,9 @@ def test_an_e_value_against_a_true_hypothesis_is_rarely_ever_large() -> None:
 
 def test_what_cannot_be_judged_is_an_error() -> None:
     with pytest.raises(ValueError, match="need samples"):
-        launch_stats.anytime_interval([], 0.99)
+        launch_stats.evidence([], 0.99)
     with pytest.raises(ValueError, match="need a confidence"):
-        launch_stats.anytime_interval([0.0, 1.0], 1.0)
+        launch_stats.evidence([0.0, 1.0], 1.0)
     with pytest.raises(ValueError, match="shorter"):
         launch_stats.evidence([0.0, 1.0], 0.99, [0])
 

@@ -82,9 +82,7 @@ def measure(
         Target(release, source, paths.BASE, paths.find(paths.BASE).complete({})),
         Target(release, candidate, path.name, options, has_timer=combination.has_timer),
         VerdictPlan(MIN_EFFECT, CONFIDENCE, MIN_EFFECT / 2, time_limit_s, sizes, as_shipped=True),
-    )
-    if record.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
+    ).uninterrupted()
     if record.status != Status.OK:
         raise MachineError(record.detail)
     return record

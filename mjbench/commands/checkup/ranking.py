@@ -363,7 +363,7 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
         path = environment.fastest([path for path in paths if path.closed_loop == closed_loop])
         if path is not None:
             yield CheckupItem(
-                action=f"step its physics yourself, by {environment.place(path)}{loop}",
+                action=f"step its physics yourself: {environment.place(path)}{loop}",
                 variant=Variant(path.path, path.options),
                 gain=path.speedup,
                 unit=GainUnit.ENV_STEP,

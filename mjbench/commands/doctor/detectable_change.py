@@ -80,10 +80,8 @@ def noise(pool: WorkerPool, seconds: float) -> Noise:
     target = Target(release_names.parse_release(release_names.INSTALLED), models.resolve(MODEL))
     # so small an effect that no verdict ends it early
     plan = VerdictPlan(min_effect=1e-6, precision=1e-6, time_limit_s=seconds, as_shipped=True)
-    result = verdict.decide_pair(pool, target, target, plan)
+    result = verdict.decide_pair(pool, target, target, plan).uninterrupted()
     ratios = [launch.log_ratio for launch in result.samples]
-    if result.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
     if result.status != Status.OK:
         raise MachineError(result.detail)
     if len(ratios) < MIN_LAUNCHES:

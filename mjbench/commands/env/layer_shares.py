@@ -127,7 +127,7 @@ class LayerTimes:
 
 def _around(value: float, samples: np.ndarray) -> Interval:
     """Return a value with the 95 % interval of the median of samples, widened to hold it."""
-    low, high = stats.median_interval(samples)
-    if low is None or high is None:
+    own = stats.median_of(samples)
+    if own.low is None or own.high is None:
         return Interval(value, None, None)
-    return Interval(value, min(low, value), max(high, value))
+    return Interval(value, min(own.low, value), max(own.high, value))

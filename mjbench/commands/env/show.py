@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
-from mjbench import formats
+from mjbench import formats, paths
 from mjbench.commands.env.layer_shares import LayerShare
 from mjbench.commands.env.layers import Layer
 from mjbench.commands.env.recording import Moment
@@ -142,17 +142,17 @@ def fastest(rows: Sequence[_Timed]) -> _Timed | None:
 def place(path: PhysicsPath) -> str:
     """Return a path with its number of threads, as a sentence names it."""
     threads = nthread(path.options)
-    return path.path + (f" on {threads} threads" if threads > 1 else "")
+    return paths.title(path.path) + (f" on {threads} threads" if threads > 1 else "")
 
 
 def _rival(record: EnvironmentRecord, closed_loop: bool) -> str:
     """Return the fastest path that is certainly faster than the plain loop; empty without one."""
-    paths = [path for path in record.physics_paths if path.closed_loop == closed_loop]
-    rival = fastest([path for path in paths if is_faster(path.over_loop)])
+    rivals = [path for path in record.physics_paths if path.closed_loop == closed_loop]
+    rival = fastest([path for path in rivals if is_faster(path.over_loop)])
     if rival is None or rival.speedup is None:
         return ""
     loop = "a policy can choose each control" if closed_loop else "open loop"
-    return f"{_times(rival.speedup)} by {place(rival)} ({loop})"
+    return f"{_times(rival.speedup)} with {place(rival)} ({loop})"
 
 
 def _times(speedup: Interval) -> str:

@@ -69,27 +69,6 @@ class Pace(enum.StrEnum):
     """When it is due."""
 
 
-@dataclass(frozen=True, eq=False)
-class TickSamples:
-    """The ticks of one pace, one entry each.
-
-    Attributes:
-      rate_hz: of paced ticks; None for free-running ones.
-      tick: steps of a tick.
-      features: what happened in each tick, by name: contacts and solver iterations of its last
-        step, garbage collections, page faults, preemptions, and by how much it began late.
-    """
-
-    pace: Pace
-    rate_hz: float | None
-    timestep_s: float
-    tick: int
-    work: Work
-    latency_ns: np.ndarray
-    features: Mapping[str, np.ndarray]
-    starts: Starts | None = None
-
-
 @dataclass(frozen=True)
 class Quantile:
     """A quantile of latency, in nanoseconds."""
@@ -173,52 +152,51 @@ def measurement(sources: Sequence[ModelSource], options: LatencyOptions) -> Meas
     starts = options.starts
 
     def measure_model(source: ModelSource, budget_s: float) -> list[LatencyRow]:
-        samples = measure(source, starts, options, budget_s)
-        return [row(source.name, of_pace, options.deadline_s) for of_pace in samples]
+        limit_s, end_s = options.time_limit_s, time.monotonic() + budget_s
+        return isolate.call(measure_in_child, source, starts, options, end_s, limit_s=limit_s)
 
     return of_each_model(
         "latency", sources, starts, LatencyRow, measure_model, options.budget, stored(options)
     )
 
 
-def measure(
-    source: ModelSource, plan: StartPlan, options: LatencyOptions, budget_s: float
-) -> list[TickSamples]:
-    """Return the ticks of a model at each pace, measured in a child process."""
-    limit_s, end_s = options.time_limit_s, time.monotonic() + budget_s
-    return isolate.call(measure_in_child, source, plan, options, end_s, limit_s=limit_s)
-
-
-def row(model: str, samples: TickSamples, deadline_s: float | None) -> LatencyRow:
+def row(
+    latency_ns: np.ndarray,
+    features: Mapping[str, np.ndarray],
+    deadline_s: float | None,
+    tick_s: float,
+    rate_hz: float | None = None,
+    **facts: Any,
+) -> LatencyRow:
     """Return what the ticks of one pace say of latency.
 
     Args:
+      features: what happened in each tick, by name: contacts and solver iterations of its last
+        step, garbage collections, page faults, preemptions, and by how much it began late.
       deadline_s: by which a tick should end; None for the time between two paced ticks, or the
         simulated time of a tick.
+      tick_s: simulated time of a tick.
+      rate_hz: of paced ticks; None for free-running ones.
+      facts: other fields of the row.
     """
-    latency_ns = samples.latency_ns
     if deadline_s is None:
-        tick_s = samples.tick * samples.timestep_s
-        deadline_s = 1 / samples.rate_hz if samples.rate_hz else tick_s
+        deadline_s = 1 / rate_hz if rate_hz else tick_s
     slow = latency_ns > np.quantile(latency_ns, SLOW)
     return LatencyRow(
-        model=model,
-        pace=samples.pace,
-        tick=samples.tick,
+        pace=Pace.PACED if rate_hz else Pace.FREE,
         ntick=len(latency_ns),
-        rate_hz=samples.rate_hz,
+        rate_hz=rate_hz,
         deadline_s=deadline_s,
         missed=int((latency_ns > 1e9 * deadline_s).sum()),
         quantiles=[Quantile(q, float(np.quantile(latency_ns, q))) for q in QUANTILES],
         max_ns=float(latency_ns.max()),
         slow=[
             SlowFeature(name, float(values[slow].mean()), float(values.mean()))
-            for name, values in samples.features.items()
+            for name, values in features.items()
             if slow.any()
         ],
-        work=samples.work,
         histogram=_histogram(latency_ns),
-        starts=samples.starts,
+        **facts,
     )
 
 
@@ -247,8 +225,8 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
 
 def measure_in_child(
     source: ModelSource, plan: StartPlan, options: LatencyOptions, end_s: float, channel: Channel
-) -> list[TickSamples]:
-    """Draw a workload and time its ticks, until a time of the system's monotonic clock."""
+) -> list[LatencyRow]:
+    """Time ticks of a model at each pace, until a time of the system's monotonic clock."""
     channel.doing("loading the model")
     model = models.load(source)
     channel.doing("drawing start states")
@@ -266,7 +244,7 @@ def measure_in_child(
     sample = workload_sampling.draw(model, sample_request)
     timestep_s = float(model.opt.timestep)
     rate_hz = options.rate_hz or 1 / (options.tick * timestep_s)
-    samples: list[TickSamples] = []
+    rows: list[LatencyRow] = []
     for pace in Pace:
         channel.doing(f"timing {pace} ticks")
         is_paced = pace == Pace.PACED
@@ -279,11 +257,19 @@ def measure_in_child(
         end_ns = 1e9 * end_s if options.nstep is None else math.inf
         period_ns = 1e9 / rate_hz if is_paced else 0.0
         measured = record_ticks(sample.workload, count, period_ns, end_ns=end_ns)
-        of_pace = pace, rate_hz if is_paced else None, timestep_s, options.tick
-        samples.append(
-            TickSamples(*of_pace, sample.observation.work, *measured, starts=sample.starts)
+        rows.append(
+            row(
+                *measured,
+                options.deadline_s,
+                options.tick * timestep_s,
+                rate_hz if is_paced else None,
+                model=source.name,
+                tick=options.tick,
+                work=sample.observation.work,
+                starts=sample.starts,
+            )
         )
-    return samples
+    return rows
 
 
 def record_ticks(

@@ -28,7 +28,7 @@ _TAKES_STATE = {"mj_setState": ("qpos", "qvel"), "mj_integratePos": ("qpos",)}
 @rule(
     "MJB020",
     "finite differences, by a step for each column; mujoco.mjd_transitionFD computes all columns in"
-    " one call, and leaves out what a column does not change",
+    " one call",
 )
 def finite_differences(script: SteppingScript) -> Iterator[Match]:
     """Yield loops that compute the derivatives of a step column by column.
@@ -61,7 +61,7 @@ def finite_differences(script: SteppingScript) -> Iterator[Match]:
         scope = script.bindings.scope_of(loop)
         beside = [inputs[each] for each in inputs if script.bindings.scope_of(each) is scope]
         if "ctrl" in fields or {"qpos", "qvel"} <= set().union(*beside):
-            yield Match(loop)
+            yield Match(loop, instead=("mjd_transitionFD",))
 
 
 def _names_rk4(script: SteppingScript) -> bool:

@@ -7,24 +7,32 @@ Every iteration copies all rows so far, so n iterations copy about n² / 2 rows.
 
 import ast
 import re
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 
 from mjbench.commands.lint.repeats import in_steps
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
+    block_around,
     dotted_name,
     is_bound,
     is_call,
     is_numpy_call,
     nodes_inside,
 )
-from mjbench.commands.lint.stepping_script import SteppingScript
+from mjbench.commands.lint.stepping_script import Loop, SteppingScript
 
 _JOINS = ("vstack", "hstack", "concatenate", "column_stack", "row_stack")
+# What makes an array of all rows of a list.
+_CONVERSIONS = ("array", "asarray", "stack", "mean", "std", *_JOINS)
+_READ_LISTS = ("len", "print", *_CONVERSIONS)
 _INDEXED_JOINS = re.compile(r"(np|numpy|onp)\.[rc]_$")
 # Functions that begin a simulation.
 _BEGINNINGS = re.compile(r"__init__$|_*re_?set|_*set_?up")
+_CONVERTED = (
+    "this copies all rows of a list that grows in every step, so the time of a step grows; write"
+    " each row into an array that has room for all, or update what is computed of them"
+)
 # Loops that are certainly shorter are not worth a finding.
 _LEAST_ITERATIONS = 100
 
@@ -51,6 +59,9 @@ def growing_arrays(script: SteppingScript) -> Iterator[Match]:
             mujoco.mj_step(model, data)
             log[step] = data.qpos
 
+    `np.array(rows)` of a list that grows by an `append` in each step copies all rows, too: where a
+    mean is computed of them, a running sum does.
+
     Where the number of steps is not known, append `data.qpos.copy()` to a list, and stack the list
     once, after the loop. A list that grows by `rows = rows + [row]`, and a tuple by
     `rows += (row,)`, are copied as well.
@@ -70,11 +81,55 @@ def growing_arrays(script: SteppingScript) -> Iterator[Match]:
         is_kept = isinstance(growth.target, ast.Attribute) or is_direct
         if is_kept and not (
             script.is_conditional(statement)
-            or _is_short(each.loop)
+            or _is_short(script, each.loop)
             or any(growth.begins_in(body, targets) for body in (each.loop, *each.functions))
             or growth.begins_elsewhere(script, targets)
         ):
             yield Match(statement, loop=each.calling_loop)
+    yield from _converted_lists(script, loops)
+
+
+def _converted_lists(script: SteppingScript, loops: Sequence[Loop]) -> Iterator[Match]:
+    """Yield the arrays that each step makes of a whole list, to which it has appended a row."""
+    conversions = [c for c in script.calls if is_numpy_call(c) and is_call(c, *_CONVERSIONS)]
+    for call, each in in_steps(script, [c for c in conversions if c.args], loops):
+        rows = call.args[0]
+        statement = next(node for node in script.above(call) if isinstance(node, ast.stmt))
+        beside = map(ast.unparse, block_around(statement, script.parents[statement]))
+        if (
+            any(text.startswith(f"{ast.unparse(rows)}.append(") for text in beside)
+            and not script.is_conditional(call)
+            and not _is_short(script, each.loop)
+            and _only_grows(script, rows, (each.loop, *each.functions))
+        ):
+            yield Match(call, message=_CONVERTED, loop=each.calling_loop)
+
+
+def _only_grows(script: SteppingScript, rows: ast.expr, bodies: Sequence[ast.AST]) -> bool:
+    """Return whether a list begins empty, and bodies that run again and again only append to it."""
+    values, name = script.assigned(rows), dotted_name(rows)
+    if not values or not all(isinstance(v, ast.List) and not v.elts for v in values):
+        return False
+    inside = {node for body in bodies for node in nodes_inside(body)}
+    for node in (n for n in script.nodes if dotted_name(n) == name):
+        method = getattr(script.bindings.scope_of(node), "name", "")
+        begins = isinstance(node, ast.Attribute) and _BEGINNINGS.match(method)
+        is_outside = isinstance(node, ast.Name) and node not in inside
+        if not (begins or is_outside or _is_read(script, node)):
+            return False
+    return True
+
+
+def _is_read(script: SteppingScript, node: ast.AST) -> bool:
+    """Return whether a list is appended to here, or read without what may cut it."""
+    match script.parents[node]:
+        case ast.Attribute() as method:
+            return is_call(script.parents[method], "append")
+        case ast.Subscript(ctx=ast.Load()):
+            return True
+        case ast.Call() as call:
+            return is_call(call, *_READ_LISTS)
+    return False
 
 
 @dataclass(frozen=True)
@@ -138,8 +193,9 @@ def _begins_as(
     return bool(values) and all(isinstance(value, kind) for value in values)
 
 
-def _is_short(loop: ast.AST) -> bool:
+def _is_short(script: SteppingScript, loop: ast.AST) -> bool:
     match loop:
-        case ast.For(iter=ast.Call(args=[ast.Constant(value=int(count))]) as iterable):
-            return is_call(iterable, "range") and count < _LEAST_ITERATIONS
+        case ast.For(iter=ast.Call(args=[count]) as iterable) if is_call(iterable, "range"):
+            number = getattr(script.resolved(count), "value", None)
+            return isinstance(number, int) and number < _LEAST_ITERATIONS
     return False

@@ -109,7 +109,8 @@ class ScriptFunctions:
             case ast.Call(func=ast.Attribute() as method):
                 return self._method(method, [])
             case ast.Call(func=ast.Name() as name):
-                return self._named(name, may_be_loop_variable=True)
+                functions = self._named(name, may_be_loop_variable=True)
+                return functions or self._method(ast.Attribute(name, "__call__"), [])
         return []
 
     def named(self, node: ast.AST) -> ast.FunctionDef | None:

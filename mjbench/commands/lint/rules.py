@@ -22,7 +22,8 @@ from mjbench.commands.lint.new_objects import (
     new_renderers,
     new_rollout_pools,
 )
-from mjbench.commands.lint.repeats import in_steps, iterations
+from mjbench.commands.lint.repeats import in_steps
+from mjbench.commands.lint.restarts import serial_simulations, settled_resets
 from mjbench.commands.lint.rule import Match, rule
 from mjbench.commands.lint.script_syntax import (
     attributes_in,
@@ -61,8 +62,6 @@ ALLOCATIONS = {
 }
 # Calls that wait, or read a clock.
 _KEEPS_RATE = re.compile(r"sleep|wait|tick|time|clock|pause|perf_counter|monotonic|rate|input")
-# Calls that begin an episode.
-_EPISODE_STARTS = ("mj_resetData", "mj_resetDataKeyframe", "mj_setState", "MjData")
 
 
 @rule(
@@ -146,7 +145,7 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
         if is_call(call, *ALLOCATIONS)
         and is_numpy_call(call)
         and not any(keyword.arg == "out" for keyword in call.keywords)
-        and growing.isdisjoint(script.above(call))  # they go with it
+        and growing.isdisjoint([call, *script.above(call)])  # they go with it
         and attributes_in(call).isdisjoint({*COUNTS, "contact"})
         and not is_call(script.parents[call], *STORING_METHODS)
     ]
@@ -154,36 +153,6 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
         if not script.is_conditional(call):
             cost = COSTS_NS[ALLOCATIONS[last_name(call.func)]]
             yield Match(call, cost, loop=each.calling_loop)
-
-
-@rule(
-    "MJB006",
-    "a loop over simulations around a loop over steps; mujoco.rollout or mujoco.batch does both"
-    " on threads (mjbench compare says which)",
-)
-def serial_simulations(script: SteppingScript) -> Iterator[Match]:
-    """Yield loops that begin a simulation in each iteration, and step it in a loop inside.
-
-    Simulations that do not depend on each other run one after another, on one core, and Python runs
-    between the steps. `mujoco.rollout`, from MuJoCo 3.2.7 on, and `mujoco.batch` step them on
-    threads, and `mjbench compare` says which is fastest for a model.
-
-        for plan in plans:
-            mujoco.mj_resetData(model, data)
-            for ctrl in plan:
-                data.ctrl[:] = ctrl
-                mujoco.mj_step(model, data)
-
-        states, sensors = rollout.rollout(model, datas, starts, plans)    # instead
-
-    Results: none change where the controls are known before the steps.
-    """
-    for loop in script.episode_loops:
-        starts = (node for node in nodes_inside(loop) if is_call(node, *_EPISODE_STARTS))
-        begins = any(loop is each.loop for node in starts for each in iterations(script, node))
-        inner = (node for node in nodes_inside(loop) if isinstance(node, ast.For))
-        if begins and any(any(map(is_step, nodes_inside(each))) for each in inner):
-            yield Match(loop)
 
 
 @rule(
@@ -288,6 +257,7 @@ RULES = (
     finite_differences,
     synced_viewers,
     new_device_copies,
+    settled_resets,
 )
 
 

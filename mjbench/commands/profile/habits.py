@@ -65,7 +65,7 @@ ONE_CALL = Habit(
 )
 # A step reads the timer of MuJoCo's Python package around each stage.
 CLOCK_OFF = Habit(
-    "engine clock off",
+    "timer off",
     "pass",
     "import mjbench",
     value="data.time",

@@ -48,21 +48,7 @@ STEP_SHARE, LOOP_SHARE, PART_SHARE, START_S = 0.4, 0.5, 0.125, 1.0
 FRAMES_PER_S = 60
 
 
-@in_json(
-    "timestep",
-    "loop_ns",
-    "engine_ns",
-    "python_ns",
-    "speedup_without_timer",
-    "work",
-    "stages",
-    "warnings",
-    "starts",
-    "run_nstep",
-    "sensors",
-    "is_python_resolved",
-    "costs",
-)
+@in_json(also=["python_ns"])
 @dataclass(frozen=True)
 class ProfiledSteps:
     """Where a step's time goes, without rendering; from the child that steps.
@@ -104,7 +90,7 @@ class ProfiledSteps:
         return not self.is_python_resolved or self.python_ns <= 0
 
 
-@in_json("model", "status", "detail", "steps", "frames", "simulated_second")
+@in_json(also=["simulated_second"])
 @dataclass(frozen=True)
 class ProfileRow:
     """What the run file and `mjbench profile --json` hold for one model.

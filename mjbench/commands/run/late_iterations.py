@@ -27,7 +27,7 @@ def pace(time: LoopTime, steps: Sequence[StepTimes], queued_s: float | None) -> 
       queued_s: for which the main thread could run, and had no core; None where it is not known.
     """
     of_loop = [each for each in steps if each.pid in time.pids]
-    of_process = max(of_loop, key=lambda each: each.nstep or 0, default=None)
+    of_process = max(of_loop, key=lambda each: each.nstep, default=None)
     sleep = time.activities.get(Activity.SLEEPING, 0.0)
     if of_process is None or of_process.iteration is None or sleep < _LEAST_SLEEP:
         return ""

@@ -81,8 +81,6 @@ class LoopTime:
         much (Kish's effective sample size).
       seconds: wall time in it, summed over threads: samples times their interval.
       activities: share by activity, largest first; they sum to 1.
-      packages: share of `Python` by installed package, largest first; the user's own code has
-        the name "".
       lines: of the user's code, with all that they call, by share.
       lines_on_stack: of the user's code, with the lines of the user's functions that they call, by
         share, as samples show them; the shares of lines that call each other overlap.
@@ -102,7 +100,6 @@ class LoopTime:
     samples: NonNegativeInt
     seconds: PositiveFloat
     activities: Mapping[Activity, Share]
-    packages: Mapping[str, Share]
     lines: Sequence[LineTime]
     inner_functions: Sequence[LineTime]
     calls: Sequence[CallTime] = ()

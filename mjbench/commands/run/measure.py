@@ -80,7 +80,7 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
     measured = remedy_pairs.measure(observation.models, asked)
     physics, single = None, single_calls.single_calls(calls, machine.usable_cores())
     if times[0].is_half_physics if times else single:
-        most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
+        most = sorted(observation.steps, key=lambda each: -each.nstep)
         stages = next((each.stages for each in most if each.stages), {})
         physics = physics_cost.measure(observation.models, stages)
     loops = []

@@ -91,6 +91,11 @@ class ProgramRow:
         """Whether an error ended it: then nothing else matters."""
         return self.crash is not None or self.exception is not None
 
+    def step_error(self, time: LoopTime) -> float:
+        """Return the standard error of the time of steps in a loop, as a share of it."""
+        steps = (each.step for each in self.steps if each.pid in time.pids)
+        return max((each.mean_error for each in steps if each is not None), default=0.0)
+
     @property
     def cost_share(self) -> float:
         """What observing cost the program, as a share of its time.

@@ -272,7 +272,6 @@ def _loop_time(
     seconds = loop_seconds(samples, calls)
     collected_s = sum(collections_s.get(pid, 0.0) for pid in pids)
     parts = parts_of(samples, calls, seconds, collected_s)
-    in_python = (part for part in parts if part.activity == Activity.PYTHON)
     return LoopTime(
         loop=loop,
         own_files=sorted(own_files | {call.place.file for call in calls}),
@@ -282,7 +281,6 @@ def _loop_time(
         samples=equal_samples(samples),
         seconds=seconds,
         activities=shares_of(_times(parts), seconds),
-        packages=shares_of(((part.package, part.seconds) for part in in_python), seconds),
         lines=_own_lines(parts, seconds),
         lines_on_stack=_lines_on_stack(samples),
         inner_functions=_inner_functions(parts, seconds),

@@ -1,13 +1,11 @@
 """What `mjbench run` comes to: what to do first, and where the program's time goes."""
 
 import signal
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench import formats
 from mjbench.commands.run import costly_places, late_iterations
-from mjbench.commands.run.activities import WAITING, Activity, Place
-from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.activities import WAITING, Activity
 from mjbench.commands.run.costly_places import CostlyPlaces
 from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
 from mjbench.commands.run.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
@@ -17,21 +15,21 @@ from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.steps_show import steps_section
 from mjbench.formats import count_of, duration, plain, whole_percent
 from mjbench.interval import Interval
-from mjbench.results import charts
 from mjbench.results.content import (
     Cell,
     Column,
     Conclusion,
     DataTable,
-    Figure,
     Section,
     Tone,
     filled,
 )
 from mjbench.status import Status
 
-# Smaller shares of a loop, and of a package in it, are left out; the JSON document has all.
-_LEAST_SHARE, _LEAST_PACKAGE = 0.005, 0.01
+# Smaller shares of a loop are left out; the JSON document has all.
+_LEAST_SHARE = 0.005
+# Smaller errors of a share that is timed are not shown.
+_LEAST_ERROR = 0.01
 # Growth of memory that is worth a line, and calls whose results keep memory.
 _LEAST_GROWTH_BYTES = 32 << 20
 _KEEPERS = ("MjData", *COPIES_OF_DATA, "from_xml_path", "from_xml_string", "compile", "Renderer")
@@ -399,13 +397,11 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
             f" {plain(row.wall_s, 3)} s",
             *([f"Not in the list below: {costly.with_share} of the loop"] if costly else ()),
         ],
-        figures=[_figure(time)],
         tables=filled(
             _remedies_table(report.remedies),
-            _activities_table(time),
+            _activities_table(time, row.step_error(time)),
             _lines_table("Lines of your code", "line of your code", time.lines),
             _lines_table("Functions of packages", "function of a package", time.inner_functions),
-            _jax_table(time),
         ),
     )
 
@@ -440,7 +436,7 @@ def saving(remedy: Remedy) -> str:
     return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{whole_percent(remedy.gain)}{ends}"
 
 
-def _activities_table(time: LoopTime) -> DataTable:
+def _activities_table(time: LoopTime, step_error: float) -> DataTable:
     columns = (
         Column("time goes to"),
         Column("share", whole_percent),
@@ -451,15 +447,12 @@ def _activities_table(time: LoopTime) -> DataTable:
     for activity, share in time.activities.items():
         if share < _LEAST_SHARE:
             continue
-        is_exact = time.is_timed(activity) or activity in _TIMED
-        error = "timed" if is_exact else whole_percent(time.error(share))
-        rows.append((str(activity), share, error, formats.bar(share)))
-        if activity == Activity.PYTHON:
-            rows += [
-                (f"  – {package or 'your code'}", of_package, None, None)
-                for package, of_package in time.packages.items()
-                if of_package >= _LEAST_PACKAGE
-            ]
+        is_timed = time.is_timed(activity) or activity in _TIMED
+        # steps are timed in bursts, which may differ
+        of_bursts = share * step_error if activity == Activity.PHYSICS else 0.0
+        is_exact = is_timed and of_bursts < _LEAST_ERROR
+        error = whole_percent(of_bursts if is_timed else time.error(share))
+        rows.append((str(activity), share, "timed" if is_exact else error, formats.bar(share)))
     return DataTable("Where the time goes", columns, rows)
 
 
@@ -476,37 +469,3 @@ def _lines_table(title: str, heading: str, lines: Sequence[LineTime]) -> DataTab
 
 def _shortened(text: str) -> str:
     return text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
-
-
-def _jax_table(time: LoopTime) -> DataTable:
-    parts: dict[tuple[Place, str], list[CallTime]] = defaultdict(list)
-    for call in time.calls:
-        if call.is_of_jax:
-            parts[call.place, call.callee].append(call)
-    seconds = {key: sum(call.seconds for call in calls) for key, calls in parts.items()}
-    columns = (
-        Column("line that calls JAX"),
-        Column("call"),
-        Column("calls", formats.count),
-        Column("each", duration),
-        Column("share", whole_percent),
-    )
-    rows = []
-    for key in sorted(parts, key=lambda key: -seconds[key])[:_MOST_LINES]:
-        place, callee = key
-        count = round(sum(call.calls for call in parts[key]))
-        each = 1e9 * seconds[key] / count if count else None
-        rows.append((str(place), callee, count or None, each, seconds[key] / time.seconds))
-    return DataTable("Calls of JAX", columns, rows)
-
-
-def _figure(time: LoopTime) -> Figure:
-    data = DataTable.of(
-        "Where the time goes",
-        time.activities.items(),
-        (Column("activity"), lambda row: row[0].value),
-        (Column("of the loop", formats.percent), lambda row: row[1]),
-        (Column("±", formats.percent), lambda row: time.error(row[1])),
-    )
-    title = f"Where the time of {where(time)} goes"
-    return charts.share_bars(title, data, "activities", "of the loop", "share of the loop")

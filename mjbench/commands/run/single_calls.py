@@ -62,7 +62,8 @@ class SingleCall:
     @property
     def idle_sentence(self) -> str:
         smaller = f": chunk_size={self.chunk_for_all} uses all" if self.chunk_for_all else ""
-        return f"{self.idle_threads} of its {self.nthread} threads get no chunk{smaller}"
+        get = "gets" if self.idle_threads == 1 else "get"
+        return f"{self.idle_threads} of its {self.nthread} threads {get} no chunk{smaller}"
 
     def _advice(self) -> Iterator[str]:
         if self.idle_threads:

@@ -34,7 +34,6 @@ class Header:
 
     Attributes:
       first_ns: when the first call began, on the clock of `time.perf_counter_ns`; 0 before it.
-      was_away: 1 if calls were made while the clock was away; they are not counted.
       cost_ns: what the clock cost the program, as calibrated.
       timed_ns: what it cost for each call that has a record.
       process_ns: when the process began, on the same clock.
@@ -44,7 +43,6 @@ class Header:
     first_ns: int
     last_ns: int
     calls_passed: int
-    was_away: int
     cost_ns: int
     timed_ns: int
     process_ns: int
@@ -119,7 +117,7 @@ class StepTimes:
     Attributes:
       pid: the process.
       span_s: seconds from the first call of the engine to the last.
-      nstep: steps in that time, of all threads; None where the clock was away during some.
+      nstep: steps in that time, of all threads.
       steps_per_s: steps per second of wall time; None without a step.
       real_time_factor: simulated seconds per second of wall time; None without a step.
       step: a call of the engine, divided by its steps; None without one.
@@ -136,7 +134,7 @@ class StepTimes:
 
     pid: NonNegativeInt
     span_s: NonNegativeFloat
-    nstep: NonNegativeInt | None
+    nstep: NonNegativeInt
     steps_per_s: NonNegativeFloat | None
     real_time_factor: NonNegativeFloat | None
     step: Durations | None
@@ -200,7 +198,7 @@ def step_times(
     """Return what (count,) records of a process say, in the order in which they were written."""
     burst = np.cumsum(records["kind"] == step_file.BURST)
     is_step = records["kind"] == step_file.STEP
-    steps, step_burst = records[is_step], burst[is_step]
+    steps = records[is_step]
     is_iteration = records["kind"] == step_file.ITERATION
     of_environment = bool(is_iteration.any())
     turns = is_iteration if of_environment else is_step & (records["nstep"] > 0)
@@ -211,11 +209,11 @@ def step_times(
     if len(steps):
         whole = max(1.0, (header.calls_passed + len(steps)) / len(steps))
     simulated_ns = float((steps["nstep"] * steps["dt"]).sum())
-    per_s = _steps_per_s(header, steps, step_burst, timed * whole, span_ns)
+    per_s = 1e9 * timed * whole / span_ns if span_ns else None
     return StepTimes(
         pid=header.pid,
         span_s=span_ns * 1e-9,
-        nstep=None if header.was_away else round(timed * whole),
+        nstep=round(timed * whole),
         steps_per_s=per_s,
         real_time_factor=per_s * simulated_ns * 1e-9 / timed if per_s and timed else None,
         step=Durations.of(_step_ns(steps)),
@@ -228,19 +226,6 @@ def step_times(
         longest_collection_s=header.longest_collection_ns * 1e-9,
         startup_s=max(0, header.first_ns - header.process_ns) * 1e-9,
     )
-
-
-def _steps_per_s(
-    header: Header, steps: np.ndarray, burst: np.ndarray, nstep: float, span_ns: int
-) -> float | None:
-    """Return steps per second of wall time; from bursts alone where the clock was away."""
-    if not header.was_away:
-        return 1e9 * nstep / span_ns if span_ns else None
-    is_last = np.append(burst[1:] != burst[:-1], True)
-    is_first = np.append(True, burst[1:] != burst[:-1])
-    within_ns = int(steps["begin"][is_last].sum() - steps["begin"][is_first].sum())
-    within_ns -= header.timed_ns * int((~is_last).sum())
-    return 1e9 * float(steps["nstep"][~is_last].sum()) / within_ns if within_ns > 0 else None
 
 
 def _step_ns(steps: np.ndarray) -> np.ndarray:

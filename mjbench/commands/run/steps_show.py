@@ -28,7 +28,7 @@ def steps_section(row: ProgramRow) -> Iterator[Section]:
     """
     if row.status != Status.OK:
         return
-    steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
+    steps = max(row.steps, key=lambda each: each.nstep, default=None)
     of_steps = [] if steps is None else _step_lines(steps, len(row.steps), row.physics)
     durations = [] if steps is None else [_durations_table(steps)]
     facts = [*of_steps, *filter(None, [gil_wait(row)])]
@@ -52,11 +52,10 @@ def _physics_table(row: ProgramRow) -> DataTable:
 
 def _step_lines(steps: StepTimes, processes: int, physics: PhysicsCost | None) -> list[str]:
     of = f" in the process with most of {processes}" if processes > 1 else ""
-    while_stepping = "" if steps.nstep is not None else " while it steps without a pause"
     lines = []
     if steps.steps_per_s is not None and steps.real_time_factor is not None:
         lines.append(
-            f"Steps{of}: {steps.steps_per_s:,.0f} per second{while_stepping},"
+            f"Steps{of}: {steps.steps_per_s:,.0f} per second,"
             f" {plain(steps.real_time_factor, 3)} × real time"
         )
     if processes > 1 and steps.startup_s > 0:

@@ -9,12 +9,10 @@ from typing import Any
 
 from mjbench import formats
 from mjbench.commands.compare.results import PathResult, derive_all
-from mjbench.errors import InputError
 from mjbench.formats import count_of
 from mjbench.host.machine import Machine
 from mjbench.interval import Interval
 from mjbench.measuring import stats
-from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.outcomes import Verdict
 from mjbench.paths.accelerated import CPU
 from mjbench.results import machine_identity
@@ -126,31 +124,17 @@ class _Timed:
 
 
 def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
-    old, new = before.result, after.result
-    status, detail, ratio = Status.OK, "", None
-    cautions = [f"OLD: {text}" for text in old.disturbances]
+    new, problem = after.result, _why_not_comparable(before, after, across)
+    cautions = [f"OLD: {text}" for text in before.result.disturbances]
     cautions += [f"NEW: {text}" for text in new.disturbances]
-    try:
-        if new.model_record.workload_digest != old.model_record.workload_digest:
-            raise InputError("not comparable: their workloads differ")
-        returns = [each.model_record.returns for each in (old, new)]
-        if returns[0] != returns[1]:
-            raise InputError(f"not comparable: one returns {returns[0]}, the other {returns[1]}")
-        # how many times faster the old one is: new time over old
-        ratio = stats.unpaired(
-            TimedBlocks(after.step_s, identity(new, after.machine)),
-            TimedBlocks(before.step_s, identity(old, before.machine)),
-            across,
-        )
-    except InputError as error:
-        status, detail = Status.INPUT, str(error)
+    ratio = None if problem else _ratio(before, after)
     return RunDifference(
         new.model,
         new.path,
         new.options,
         new.nbatch,
-        status,
-        detail,
+        Status.INPUT if problem else Status.OK,
+        problem,
         ratio,
         Verdict.INCONCLUSIVE if ratio is not None and cautions else _verdict(ratio),
         cautions=cautions,
@@ -159,14 +143,45 @@ def _difference(before: _Timed, after: _Timed, across: bool) -> RunDifference:
     )
 
 
+def _why_not_comparable(before: _Timed, after: _Timed, across: bool) -> str:
+    old, new = before.result.model_record, after.result.model_record
+    if new.workload_digest != old.workload_digest:
+        return "not comparable: their workloads differ"
+    if old.returns != new.returns:
+        return f"not comparable: one returns {old.returns}, the other {new.returns}"
+    own, other = (identity(each.result, each.machine) for each in (after, before))
+    differing = [
+        f"{name} ({own.get(name)}, {other.get(name)})"
+        for name in sorted({*own, *other})
+        if own.get(name) != other.get(name)
+    ]
+    if across or not differing:
+        return ""
+    return f"not comparable, they differ in {', '.join(differing)}"
+
+
+def _ratio(before: _Timed, after: _Timed) -> Interval:
+    """Return new time of a step over old time.
+
+    Each median has the confidence that leaves 95 % for both together (Bonferroni). Changes of the
+    machine in between are not accounted for.
+    """
+    confidence = 1 - (1 - stats.CONFIDENCE) / 2
+    new, old = (
+        stats.median_of(stats.logarithms(each.step_s), confidence).exponential
+        for each in (after, before)
+    )
+    return new.over(old)
+
+
 def _verdict(ratio: Interval | None) -> Verdict | None:
-    if ratio is None or ratio.low is None or ratio.high is None:
+    if ratio is None or ratio.half_width == math.inf:
         return None
-    if ratio.low > 1 + MIN_EFFECT:
+    if ratio.is_above(1 + MIN_EFFECT):
         return Verdict.SLOWER
-    if ratio.high < 1 / (1 + MIN_EFFECT):
+    if ratio.is_below(1 / (1 + MIN_EFFECT)):
         return Verdict.FASTER
-    is_same = ratio.low > 1 / (1 + MIN_EFFECT) and ratio.high < 1 + MIN_EFFECT
+    is_same = ratio.is_above(1 / (1 + MIN_EFFECT)) and ratio.is_below(1 + MIN_EFFECT)
     return Verdict.SAME if is_same else Verdict.INCONCLUSIVE
 
 

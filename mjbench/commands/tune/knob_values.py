@@ -293,7 +293,7 @@ def clock_off(observed: ObservedModel) -> list[Setting]:
     """Return the loop without the timer of MuJoCo's Python package, where it installs one."""
     if not has_clock(observed.model):
         return []
-    return [Setting("engine_clock", "engine clock off", loop=LoopChange(is_clock_off=True))]
+    return [Setting("timer", "timer off", loop=LoopChange(is_clock_off=True))]
 
 
 def threads(observed: ObservedModel) -> list[Setting]:

@@ -66,7 +66,7 @@ def _has_signed_distances(observed: ObservedModel) -> bool:
 # Of those that may save as much, the ones that most often help without a change of results first.
 KNOBS: Sequence[Knob] = (
     Knob(
-        "engine_clock",
+        "timer",
         values.clock_off,
         (),
         "Nothing but mjData.timer and the viewer's profiler.",

@@ -21,7 +21,7 @@ GROUPS: Mapping[str, Sequence[str]] = {
         *("unused_features", "sensor", "energy", "fwdinv", "autoreset", "sleep", "visual_geoms"),
         *("tendons", "fusestatic"),
     ),
-    "program": ("engine_clock", "engine_threads"),
+    "program": ("timer", "engine_threads"),
 }
 NAMES = tuple(name for names in GROUPS.values() for name in names)
 IN_GROUPS = "; ".join(f"{group} ({', '.join(names)})" for group, names in GROUPS.items())

@@ -29,25 +29,19 @@ NBATCH, NSTEP = 32, 10
 
 @dataclass(frozen=True)
 class AcceleratedComparison:
-    """Models to compare in a baseline and in candidates, by paths that compile."""
+    """Models to compare in environments, the baseline first, by paths that compile."""
 
-    baseline: ReleaseSpec
-    candidates: Sequence[ReleaseSpec]
+    specs: Sequence[ReleaseSpec]
     sources: Sequence[ModelSource]
     path_names: Sequence[str]
     sizes: Sizes
-
-    @property
-    def specs(self) -> list[ReleaseSpec]:
-        return [self.baseline, *self.candidates]
 
 
 def with_engines(comparison: AcceleratedComparison) -> AcceleratedComparison:
     """Return a comparison whose environments have what the paths need, where it is not named."""
     names = [accelerated_path(name).distributions for name in comparison.path_names]
     needed = sorted({name for each in names for name in each} - {"mujoco"})
-    baseline, *candidates = (_with(spec, needed) for spec in comparison.specs)
-    return replace(comparison, baseline=baseline, candidates=candidates)
+    return replace(comparison, specs=[_with(spec, needed) for spec in comparison.specs])
 
 
 def _with(spec: ReleaseSpec, needed: Sequence[str]) -> ReleaseSpec:
@@ -97,11 +91,10 @@ def prepare_targets(pool: WorkerPool, comparison: AcceleratedComparison) -> list
 def _draw(
     pool: WorkerPool, comparison: AcceleratedComparison, source: ModelSource
 ) -> DrawnWorkload:
-    sizes = comparison.sizes
+    sizes, baseline = comparison.sizes, comparison.specs[0]
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     request = SampleRequest(sizes.nbatch or NBATCH, nstep, sizes.hold, sizes.seed, sizes.starts)
-    name = f"baseline ({comparison.baseline.label})"
-    with pool.ready(comparison.baseline, name) as process:
+    with pool.ready(baseline, f"baseline ({baseline.label})") as process:
         process.call(Worker.load_model, source.name, source.path, {})
         return process.call(Worker.make_workload, request)
 

@@ -118,7 +118,7 @@ class BisectRecord:
     old: str
     new: str
     versions: NonNegativeInt
-    status: Status
+    status: Status = Status.OK
     detail: str = ""
     ends: VerdictRow | None = None
     changes: Sequence[BisectChange] = ()
@@ -154,24 +154,14 @@ def short_name(version: VersionRow, kind: VersionKind) -> str:
     return short_commit(version.name) if kind == VersionKind.COMMIT else version.name
 
 
-@dataclass(frozen=True)
-class SearchRange:
-    """What is searched for changes: `versions` after the baseline, one or more, up to `new`."""
-
-    target: str
-    kind: VersionKind
-    old: str
-    new: str
-    versions: Sequence[VersionRow]
-
-
 class Search:
     """One search: generators yield what is measured, and return what follows from it."""
 
     def __init__(
         self,
         decide: Decide,
-        searched: SearchRange,
+        searched: BisectRecord,
+        versions: Sequence[VersionRow],
         min_effect: float,
         earlier: Sequence[Record] = (),
         ready: Callable[[], Collection[int]] = list,
@@ -180,9 +170,12 @@ class Search:
         """Prepare a search.
 
         Args:
+          searched: what is searched for changes; the record of the search follows from it.
+          versions: after the baseline, one or more.
           ready: returns the versions that need not be installed first.
         """
-        self._decide, self._searched, self._ready, self._clock = decide, searched, ready, clock
+        self._decide, self._searched, self._versions = decide, searched, versions
+        self._ready, self._clock = ready, clock
         self._log_effect = math.log1p(min_effect)
         self._known: dict[tuple[int, int], deque[BisectComparison]] = defaultdict(deque)
         for each in earlier:
@@ -195,17 +188,13 @@ class Search:
 
     def run(self) -> Iterator[BisectMeasured]:
         """Yield comparisons, and at last the record of the search."""
-        searched, count = self._searched, len(self._searched.versions)
+        count = len(self._versions)
         ends = yield from self._compare(0, count)
         assert ends is not None, "ends that cannot be measured raise an error"
         if _is_change(ends):
             yield from self._between(0, count, ends)
-        yield BisectRecord(
-            target=searched.target,
-            kind=searched.kind,
-            old=searched.old,
-            new=searched.new,
-            versions=count,
+        yield replace(
+            self._searched,
             status=ends.status,
             detail=ends.detail or self._detail(),
             ends=ends.row(),
@@ -239,12 +228,12 @@ class Search:
         if known:
             comparison = known.popleft()
         else:
-            row, begin_s = self._searched.versions[last - 1], self._clock()
+            row, begin_s = self._versions[last - 1], self._clock()
             record, detail = None, ""
             try:
                 record = self._decide(first, last, effort)
             except (InputError, MachineError) as error:
-                if (first, last) == (0, len(self._searched.versions)):
+                if (first, last) == (0, len(self._versions)):
                     raise
                 detail = str(error)
             comparison = BisectComparison(first, row, record, detail, self._clock() - begin_s)
@@ -258,7 +247,7 @@ class Search:
             before, changed = yield from self._halve(first, last, ends)
             is_whole = (before, changed) == (first, last)
             change = ends if is_whole else (yield from self._compare(before, changed))
-            versions = self._searched.versions
+            versions = self._versions
             if change is None or not _is_change(change) or change.verdict != ends.verdict:
                 self._unconfirmed.append(versions[changed - 1])
                 continue
@@ -316,12 +305,6 @@ def expected_comparisons(versions: int) -> int:
     return _OTHER_COMPARISONS + math.ceil(math.log2(max(1, versions)))
 
 
-def _uninterrupted(record: VerdictRecord) -> VerdictRecord:
-    if record.status == Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    return record
-
-
 def search_releases(
     releases: ReleaseRange,
     source: ModelSource,
@@ -344,12 +327,18 @@ def search_releases(
         on_phase(f"comparing {versions[first]} and {versions[last]}")
         old, new = (Target(releases.specs[number], source) for number in (first, last))
         timed = replace(plan, time_limit_s=shares.next_s(effort))
-        return _uninterrupted(decide_targets(pool, old, new, timed))
+        return decide_targets(pool, old, new, timed).uninterrupted()
 
     rows = [VersionRow(number, name) for number, name in enumerate(versions) if number]
-    searched = SearchRange(source.name, VersionKind.RELEASE, versions[0], versions[-1], rows)
+    searched = BisectRecord(
+        target=source.name,
+        kind=VersionKind.RELEASE,
+        old=versions[0],
+        new=versions[-1],
+        versions=len(rows),
+    )
     with WorkerPool() as pool:
-        yield from Search(decide, searched, plan.min_effect, earlier, ready).run()
+        yield from Search(decide, searched, rows, plan.min_effect, earlier, ready).run()
 
 
 def search_revisions(
@@ -378,11 +367,11 @@ def search_revisions(
         timed = replace(plan, time_limit_s=shares.next_s(effort))
         with WorkerPool() as pool:
             (targets,) = function_sides.check_out(pool, pair)
-            return _uninterrupted(function_verdict.decide_function(pool, targets, timed))
+            return function_verdict.decide_function(pool, targets, timed).uninterrupted()
 
     rows = [VersionRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)]
-    searched = SearchRange(function.text, VersionKind.COMMIT, old.name, new.name, rows)
-    return Search(decide, searched, plan.min_effect, earlier).run()
+    searched = BisectRecord(target=function.text, old=old.name, new=new.name, versions=len(commits))
+    return Search(decide, searched, rows, plan.min_effect, earlier).run()
 
 
 # -- as measurements --------------------------------------------------------------------------

@@ -66,14 +66,14 @@ def between_releases(
     Raises:
       InputError: there is no such path or function, or these cannot be compared like that.
     """
-    (baseline, *candidates), metric = specs, plan.sizes.metric
+    metric = plan.sizes.metric
     if functions:
         if path_names:
             raise InputError("--paths are of models, not of functions")
         check_function_plan(plan)
         cwd = Path.cwd().resolve()
         parsed = function_sides.parse_functions(functions, cwd, Path(cwd.anchor))
-        comparison = EnvironmentComparison(baseline, candidates, parsed, cwd)
+        comparison = EnvironmentComparison(specs, parsed, cwd)
         if missing := next((file for file in comparison.files if not file.is_file()), None):
             raise InputError(f"there is no file {missing}")
         return _of_functions(comparison, plan)
@@ -87,10 +87,10 @@ def between_releases(
             known = " or ".join(m for m, spec in METRICS.items() if spec.of_compiling_paths)
             unfit = listed(others) if others else f"--metric {metric}"
             raise InputError(f"{named} can be compared alone, by {known}: leave out {unfit}")
-        compiled = AcceleratedComparison(baseline, candidates, sources, path_names, plan.sizes)
+        compiled = AcceleratedComparison(specs, sources, path_names, plan.sizes)
         return _of_compiled(compiled, plan)
     targets.check_metric(metric, path_names)
-    pairs = targets.of_releases(baseline, candidates, sources, path_names)
+    pairs = targets.of_releases(specs, sources, path_names)
     return between_targets("versions", pairs, replace(plan, family=max(len(pairs), plan.family)))
 
 
@@ -150,7 +150,7 @@ def between_revisions(comparison: RevisionComparison, plan: VerdictPlan) -> Meas
 
 
 def _of_functions(comparison: EnvironmentComparison, plan: VerdictPlan) -> Measurement:
-    specs = comparison.baseline, *comparison.candidates
+    specs = comparison.specs
     return _function_measurement(
         "versions",
         plan,
@@ -159,7 +159,7 @@ def _of_functions(comparison: EnvironmentComparison, plan: VerdictPlan) -> Measu
             "functions": [function.text for function in comparison.functions],
         },
         comparison.files,
-        len(comparison.functions) * len(comparison.candidates),
+        len(comparison.functions) * (len(specs) - 1),
         lambda pool, on_phase: function_sides.install_all(comparison),
     )
 
@@ -176,7 +176,7 @@ def _of_compiled(comparison: AcceleratedComparison, plan: VerdictPlan) -> Measur
             "paths": list(names),
         },
         input_files(sources, comparison.specs, plan.sizes.starts),
-        len(sources) * len(names) * len(comparison.candidates),
+        len(sources) * len(names) * (len(comparison.specs) - 1),
         lambda pool, on_phase: accelerated_environments.prepare_targets(pool, comparison),
         _COMPILER_PATIENCE_S,
     )

@@ -17,7 +17,6 @@ from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results.runs import Record
 from mjbench.session import Item, Items, Measurement, Observer, finished, input_files
 from mjbench.simulation.models import ModelSource
-from mjbench.status import Status
 
 
 def of_change(
@@ -48,9 +47,7 @@ def of_change(
                 use_workload = functools.partial(counter.use_workload, source)
                 old, new = (Target(spec, source) for spec in specs)
                 record = verdict.decide_pair(pool, old, new, timed, use_workload=use_workload)
-                if record.status == Status.INTERRUPTED:
-                    raise KeyboardInterrupt
-                times.append(record.row())
+                times.append(record.uninterrupted().row())
             observer("instructions", 0.5)
             baselines, candidates = (list(counter.count(spec, remaining)) for spec in specs)
             for baseline, candidate, time in zip(baselines, candidates, times, strict=True):

@@ -350,10 +350,9 @@ def package_of(tree: Path, file: Path) -> tuple[Path, str]:
 
 @dataclass(frozen=True)
 class EnvironmentComparison:
-    """Functions to compare in a baseline and in candidates; files are relative to the root."""
+    """Functions to compare in environments, the baseline first; files are relative to the root."""
 
-    baseline: ReleaseSpec
-    candidates: Sequence[ReleaseSpec]
+    specs: Sequence[ReleaseSpec]
     functions: Sequence[FunctionName]
     cwd: Path
 
@@ -361,8 +360,7 @@ class EnvironmentComparison:
     def files(self) -> list[Path]:
         """The user's files that hold the functions, and the wheels that are named."""
         named = [self.root / each.file for each in self.functions]
-        specs = (self.baseline, *self.candidates)
-        return [*dict.fromkeys(named), *(wheel for spec in specs for wheel in spec.files)]
+        return [*dict.fromkeys(named), *(wheel for spec in self.specs for wheel in spec.files)]
 
     @property
     def root(self) -> Path:
@@ -370,14 +368,13 @@ class EnvironmentComparison:
 
 
 def install_all(comparison: EnvironmentComparison) -> list[FunctionTargets]:
-    specs = (comparison.baseline, *comparison.candidates)
-    origins = [install(spec) for spec in specs]
+    baseline, *candidates = [(spec, install(spec)) for spec in comparison.specs]
     return [
         (
-            _target_in(comparison, function, comparison.baseline, origins[0]),
-            _target_in(comparison, function, candidate, origin),
+            _target_in(comparison, function, *baseline),
+            _target_in(comparison, function, *candidate),
         )
-        for candidate, origin in zip(comparison.candidates, origins[1:], strict=True)
+        for candidate in candidates
         for function in comparison.functions
     ]
 

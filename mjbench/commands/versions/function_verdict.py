@@ -105,7 +105,7 @@ def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow 
     if not launches:
         return None
     log_ratios = [launch.log_ratio for launch in launches]
-    interval = launch_stats.anytime_interval(log_ratios, confidence)
+    interval = launch_stats.evidence(log_ratios, confidence).interval
     return ControlRow(interval.exponential, len(launches), interval.covers(0))
 
 

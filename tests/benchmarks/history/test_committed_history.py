@@ -13,14 +13,11 @@ from benchmarks.history import page as of_history
 from benchmarks.history.release_ratios import RatioRecord
 from benchmarks.history.speed_history import Listed, SpeedHistory, listed_changes
 from benchmarks.history.speed_series import NO_CHANGE_PAIRS
-from benchmarks.studies import history_repeats
 from mjbench.paired.outcomes import Cause
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.results import runs
-from mjbench.status import ExitCode
 
 METHOD = ROOT / "docs/method/history.md"
-HISTORY_AGAIN = ROOT / "results/history-checks/reference-history-again.jsonl"
 NO_CHANGE = ROOT / "results/history-checks/reference-history-no-change.jsonl"
 WRITE = "python -m benchmarks.history page"
 
@@ -104,17 +101,6 @@ def test_the_page_is_what_the_command_writes(history: SpeedHistory) -> None:
     assert (ROOT / "docs/history.md").read_text() == f"{text}\n", WRITE
     for series in history.models:
         assert (ROOT / "docs/history" / f"{series.name}.svg").is_file()
-
-
-def test_docs_say_how_far_changes_of_the_second_history_differ(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    first = ROOT / "results/history/reference-ratios.jsonl"
-    assert history_repeats.main([str(first), str(HISTORY_AGAIN)]) == ExitCode.OK
-    (changes,) = [line for line in capsys.readouterr().out.splitlines() if " changes: " in line]
-    deviation, largest = re.findall(r"([0-9.]+ %)", changes)
-    page = " ".join(METHOD.read_text().split())
-    assert f"committed run by {deviation} (root mean square), and by up to {largest}:" in page
 
 
 def test_a_pass_in_turns_is_as_exact_as_the_page_says_and_takes_two_minutes_a_release() -> None:

@@ -151,7 +151,7 @@ def test_a_path_of_an_environment_that_is_not_in_the_longer_list_has_the_gain_th
     runs = [run(each, kind=TargetKind.ENVIRONMENT) for each in (of_rollout, of_both)]
     judged = trial(begun, *runs)
     assert "rollout" in judged.first
-    assert "batch_step" in judged.best
+    assert "Batch.step" in judged.best
     assert judged.again == pytest.approx(100_000.0 / rollout_ns)
     assert judged.is_right == right
 

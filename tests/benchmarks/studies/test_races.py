@@ -66,5 +66,5 @@ def test_the_page_names_the_models_that_are_decided_least_and_whose_intervals_ho
     hard = replace(row, model="cloth", decided=0.25)
     wrong = replace(row, model="pile", covered_final=0.931)
     (text,) = races.lines(races.RaceTally("a processor", "4.0.0", [row, hard, wrong]))
-    assert "the fewest on cloth (25 %)" in text
-    assert "The fewest do on pile (93.1 %)" in text
+    assert "the least on cloth (25 %)" in text
+    assert "at least 93.1 % contain the truth (worst model: pile)" in text

@@ -9,7 +9,7 @@ from mjbench.commands.tune.settings import Edit, LoopChange, Part, Setting
 from mjbench.interval import Interval
 from mjbench.verification.plan import WITHOUT_TIMER, Variant
 
-CLOCK = Setting("engine_clock", "engine clock off", loop=LoopChange(is_clock_off=True))
+CLOCK = Setting("timer", "timer off", loop=LoopChange(is_clock_off=True))
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
 PROCESSES = Variant("processes", {"processes": 2})
 

@@ -45,7 +45,7 @@ from mjbench.results.runs import Record, Run
 from mjbench.status import Status
 from mjbench.verification.plan import WITHOUT_TIMER
 
-CLOCK = Setting("engine_clock", "engine clock off", loop=LoopChange(is_clock_off=True))
+CLOCK = Setting("timer", "timer off", loop=LoopChange(is_clock_off=True))
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
 TIMESTEP = Setting("timestep", "timestep=0.004", (Edit(Part.OPTION, "timestep", "0.004"),))
 SENSOR = Setting("sensor", "sensor=disable", loses="sensor data")
@@ -85,7 +85,7 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     assert [item.action for item in listed] == [
         "Batch.step on 2 threads (RL)",
         "mujoco.rollout on 2 threads (open loop)",
-        "settings: engine clock off, jacobian=sparse",
+        "settings: timer off, jacobian=sparse",
         "settings: timestep=0.004",
     ]
     assert [item.change_text for item in listed] == [
@@ -146,7 +146,7 @@ def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
     errors = [item.error for item in ranking.items(run(part(CheckupPart.SETTINGS), tuned(far)))]
     assert errors == []
     assert [row[3] for row in section.tables[0].rows] == [
-        "settings: engine clock off, jacobian=sparse",
+        "settings: timer off, jacobian=sparse",
         "settings: timestep=0.004",
     ]
     assert (
@@ -194,9 +194,10 @@ def test_gains_say_below_the_table_what_they_are_multiples_of() -> None:
 
 
 def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
-    turned_off = [item for item in ranking.items(run(*PATHS)) if "timer" in item.action]
+    turned_off = [item for item in ranking.items(run(*PATHS)) if "Callbacks" in item.action]
     assert [item.gain_text for item in turned_off] == ["1.30 ×"]
-    assert not [item for item in ranking.items(run(*PATHS, tuned(FREE))) if "timer" in item.action]
+    actions = [item.action for item in ranking.items(run(*PATHS, tuned(FREE)))]
+    assert not any("Callbacks" in action for action in actions)
     changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, CLOCK, TIMESTEP)
     assert [item for item in ranking.items(run(*PATHS, tuned(changing))) if "timer" in item.action]
 
@@ -381,7 +382,7 @@ def test_what_costs_most_and_has_no_remedy_comes_first_as_in_run() -> None:
     lines = [LineTime(place, 0.6, {Activity.NUMPY: 0.6})]
     shares = {Activity.NUMPY: 0.6, Activity.PHYSICS: 0.4}
     whole, pids = SourceLoop("train.py", 5, 20), [1]
-    time = LoopTime(whole, [], ["MainThread"], pids, True, 300, 3.0, shares, {}, lines, [])
+    time = LoopTime(whole, [], ["MainThread"], pids, True, 300, 3.0, shares, lines, [])
     loops = [LoopReport(time, [])]
     row = ProgramRow("train.py", Status.OK, "", 0, False, 3.0, 100, 300, loops, [])
     (first,) = checkup.list_section(
@@ -415,11 +416,12 @@ def test_of_an_environment_whole_steps_come_before_its_physics_alone() -> None:
     assert [(item.action, item.gain_text, item.unit) for item in listed] == [
         ("step 2 environments in one AsyncVectorEnv", "1.50 ×", GainUnit.ONE_ENVIRONMENT),
         (
-            "step its physics yourself, by rollout on 2 threads, with controls known beforehand",
+            "step its physics yourself: mujoco.rollout on 2 threads,"
+            " with controls known beforehand",
             "5.00 ×",
             GainUnit.ENV_STEP,
         ),
-        ("step its physics yourself, by python_loop", "2.00 ×", GainUnit.ENV_STEP),
+        ("step its physics yourself: the plain loop", "2.00 ×", GainUnit.ENV_STEP),
     ]
 
 

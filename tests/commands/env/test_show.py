@@ -35,7 +35,7 @@ def test_conclusions_come_first() -> None:
     )
     assert second == (
         "The same physics runs 2.00 times (2.00–2.00) as fast in a plain loop;"
-        " 5.00 times (5.00–5.00) by rollout on 2 threads (open loop)."
+        " 5.00 times (5.00–5.00) with mujoco.rollout on 2 threads (open loop)."
     )
     assert third == (
         "AsyncVectorEnv of 2 takes 1.50 times (1.50–1.50) as many steps per second as one"

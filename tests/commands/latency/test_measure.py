@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +17,12 @@ from mjbench.commands.latency.measure import (
     LEAST_NTICK,
     RUN_NSTEP,
     WARM_UP_NTICK,
+    LatencyRow,
     Pace,
-    TickSamples,
 )
 from mjbench.commands.latency.options import LatencyOptions
 from mjbench.errors import InputError
+from mjbench.host import isolate
 from mjbench.simulation import models, workload
 from mjbench.simulation.reference_run import Work
 from mjbench.status import Status
@@ -28,11 +30,10 @@ from mjbench.status import Status
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 
 
-def samples(
-    latency_ns: np.ndarray, rate_hz: float | None = None, **features: np.ndarray
-) -> TickSamples:
-    pace = Pace.PACED if rate_hz else Pace.FREE
-    return TickSamples(pace, rate_hz, 0.002, 1, WORK, latency_ns, features)
+def row(
+    latency_ns: np.ndarray, deadline_s: float | None = None, **features: np.ndarray
+) -> LatencyRow:
+    return latency.row(latency_ns, features, deadline_s, 0.002, model="m", work=WORK)
 
 
 class Clock:
@@ -56,35 +57,35 @@ class Clock:
 
 def test_quantiles_missed_deadlines_and_the_longest_tick() -> None:
     latency_ns = np.arange(1, 10_001) * 1e3
-    row = latency.row("m", samples(latency_ns), deadline_s=0.009)
-    assert [quantile.quantile for quantile in row.quantiles] == [0.5, 0.99, 0.999]
-    assert row.quantiles[1].ns == pytest.approx(9.9e6, rel=1e-3)
-    assert (row.missed, row.max_ns) == (1_000, 1e7)
+    of_ticks = row(latency_ns, deadline_s=0.009)
+    assert [quantile.quantile for quantile in of_ticks.quantiles] == [0.5, 0.99, 0.999]
+    assert of_ticks.quantiles[1].ns == pytest.approx(9.9e6, rel=1e-3)
+    assert (of_ticks.missed, of_ticks.max_ns) == (1_000, 1e7)
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "tick", "deadline_s"), [(None, 1, 0.002), (None, 3, 0.006), (250.0, 3, 0.004)]
+    ("rate_hz", "pace", "deadline_s"), [(None, Pace.FREE, 0.006), (250.0, Pace.PACED, 0.004)]
 )
 def test_the_deadline_is_the_time_to_the_next_tick(
-    rate_hz: float | None, tick: int, deadline_s: float
+    rate_hz: float | None, pace: Pace, deadline_s: float
 ) -> None:
-    of_ticks = replace(samples(np.full(2_000, 1e6), rate_hz), tick=tick)
-    row = latency.row("m", of_ticks, deadline_s=None)
-    assert row.deadline_s == pytest.approx(deadline_s)
-    assert row.missed == 0
+    latency_ns = np.full(2_000, 1e6)
+    of_ticks = latency.row(latency_ns, {}, None, 0.006, rate_hz, model="m", work=WORK)
+    assert of_ticks.deadline_s == pytest.approx(deadline_s)
+    assert (of_ticks.pace, of_ticks.missed) == (pace, 0)
 
 
 def test_what_slow_ticks_have_in_common_is_found() -> None:
     latency_ns, faults = np.full(1_000, 1e4), np.zeros(1_000)
     latency_ns[::200], faults[::200] = 1e6, 2.0
-    row = latency.row("m", samples(latency_ns, faults=faults, calm=np.ones(1_000)), None)
-    shares = {feature.name: (feature.slow, feature.all) for feature in row.slow}
+    of_ticks = row(latency_ns, faults=faults, calm=np.ones(1_000))
+    shares = {feature.name: (feature.slow, feature.all) for feature in of_ticks.slow}
     assert shares == {"faults": (2.0, pytest.approx(0.01)), "calm": (1.0, 1.0)}
 
 
 def test_the_histogram_is_one_that_others_can_read() -> None:
-    row = latency.row("m", samples(np.array([1e3, 2e3, 2e3, 5e6])), None)
-    histogram = HdrHistogram.decode(row.histogram.encode())
+    of_ticks = row(np.array([1e3, 2e3, 2e3, 5e6]))
+    histogram = HdrHistogram.decode(of_ticks.histogram.encode())
     assert histogram.get_total_count() == 4
     assert histogram.get_max_value() == pytest.approx(5e6, rel=1e-3)
 
@@ -139,11 +140,11 @@ def test_a_tick_takes_its_steps_under_the_same_controls(monkeypatch: pytest.Monk
 
 def test_a_rate_is_of_ticks_and_steps_are_whole_ticks(inline: None) -> None:
     given = LatencyOptions(tick=4, nstep=400)
-    (row, paced) = (
-        latency.row("cartpole", each, None)
-        for each in latency.measure(models.resolve("cartpole"), given.starts, given, 1.0)
+    source, end_s = models.resolve("cartpole"), time.monotonic() + 1.0
+    free, paced = isolate.call(
+        latency.measure_in_child, source, given.starts, given, end_s, limit_s=60.0
     )
-    assert (row.tick, row.ntick, row.deadline_s) == (4, 100, pytest.approx(0.008))
+    assert (free.tick, free.ntick, free.deadline_s) == (4, 100, pytest.approx(0.008))
     assert paced.rate_hz == pytest.approx(125)
     with pytest.raises(InputError, match="--nstep 401 is not a multiple of --tick 4"):
         latency.measurement([], replace(given, nstep=401))
@@ -161,8 +162,8 @@ def test_a_rate_is_of_ticks_and_steps_are_whole_ticks(inline: None) -> None:
 def test_missed_deadlines_are_a_finding_where_it_is_asked_for(
     missed: int, status: Status, findings: list[str] | None, code: int
 ) -> None:
-    row = latency.row("m", samples(np.full(10, 1e6)), 1.0)
-    rows = [replace(row, missed=missed), replace(row, status=status)]
+    of_ticks = row(np.full(10, 1e6), 1.0)
+    rows = [replace(of_ticks, missed=missed), replace(of_ticks, status=status)]
     assert LatencyOptions(findings=findings).exit_code(rows) == code
 
 

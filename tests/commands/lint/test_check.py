@@ -3,13 +3,13 @@
 import json
 import subprocess
 import sys
-import textwrap
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 from commands import ROOT
+from linted import check
 
 from mjbench.commands.lint import check as lint
 from mjbench.commands.lint.rules import COSTS_NS, RULES
@@ -31,14 +31,8 @@ for i in range(100):
 """
 
 
-def findings(tmp_path: Path, text: str) -> list[lint.Finding]:
-    file = tmp_path / "script.py"
-    file.write_text(textwrap.dedent(text))
-    return lint.check(str(file))
-
-
-def codes(tmp_path: Path, line: str) -> list[str]:
-    return [f.code for f in findings(tmp_path, LOOP.format(line=line))]
+def codes(line: str) -> list[str]:
+    return [f.code for f in check(LOOP.format(line=line))]
 
 
 @pytest.mark.parametrize(
@@ -63,8 +57,8 @@ def codes(tmp_path: Path, line: str) -> list[str]:
         ("u = np.zeros(model.nu)", "MJB003"),
     ],
 )
-def test_each_rule_finds_its_pattern(tmp_path: Path, line: str, code: str) -> None:
-    assert codes(tmp_path, line) == [code]
+def test_each_rule_finds_its_pattern(line: str, code: str) -> None:
+    assert codes(line) == [code]
 
 
 @pytest.mark.parametrize(
@@ -96,17 +90,16 @@ def test_each_rule_finds_its_pattern(tmp_path: Path, line: str, code: str) -> No
         "depths = np.array(data.contact.dist)",
     ],
 )
-def test_correct_code_has_no_finding(tmp_path: Path, line: str) -> None:
-    assert codes(tmp_path, line) == []
+def test_correct_code_has_no_finding(line: str) -> None:
+    assert codes(line) == []
 
 
-def test_noqa_for_another_rule_suppresses_nothing(tmp_path: Path) -> None:
-    assert codes(tmp_path, "log.append(data.qpos)  # noqa: MJB002, E501") == ["MJB001"]
+def test_noqa_for_another_rule_suppresses_nothing() -> None:
+    assert codes("log.append(data.qpos)  # noqa: MJB002, E501") == ["MJB001"]
 
 
-def test_a_comprehension_that_steps_is_a_loop(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_a_comprehension_that_steps_is_a_loop() -> None:
+    results = check(
         """
         def advance():
             mj_step(model, data)
@@ -117,9 +110,8 @@ def test_a_comprehension_that_steps_is_a_loop(tmp_path: Path) -> None:
     assert [f.code for f in results] == ["MJB001"]
 
 
-def test_a_new_mjdata_per_episode_and_serial_simulations_are_found(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_a_new_mjdata_per_episode_and_serial_simulations_are_found() -> None:
+    results = check(
         """
         for episode in range(10):
             data = mujoco.MjData(model)
@@ -130,7 +122,7 @@ def test_a_new_mjdata_per_episode_and_serial_simulations_are_found(tmp_path: Pat
     assert [f.code for f in results] == ["MJB006", "MJB005", "MJB017"]
 
 
-def test_a_loop_that_resets_at_times_is_none_over_simulations(tmp_path: Path) -> None:
+def test_a_loop_that_resets_at_times_is_none_over_simulations() -> None:
     text = """
         for call in range(30):
             if call == 12:
@@ -138,12 +130,11 @@ def test_a_loop_that_resets_at_times_is_none_over_simulations(tmp_path: Path) ->
             for _ in range(hold):
                 mujoco.mj_step(model, data)
         """
-    assert [f.code for f in findings(tmp_path, text)] == ["MJB017"]
+    assert [f.code for f in check(text)] == ["MJB017"]
 
 
-def test_what_runs_once_per_episode_does_not_run_in_every_step(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_what_runs_once_per_episode_does_not_run_in_every_step() -> None:
+    results = check(
         """
         for episode in range(10):
             q = data.joint('x').qpos
@@ -159,9 +150,8 @@ def test_what_runs_once_per_episode_does_not_run_in_every_step(tmp_path: Path) -
     assert [(f.line, f.code) for f in results] == [(8, "MJB002")]
 
 
-def test_a_new_mjdata_of_a_new_model_is_not_found(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_a_new_mjdata_of_a_new_model_is_not_found() -> None:
+    results = check(
         """
         for mass in masses:
             model = mujoco.MjModel.from_xml_string(xml)
@@ -185,8 +175,8 @@ STEP = "mujoco.mj_step(model, data)"
         "for _ in range(9): mujoco.mj_step(self.model, self.data)",
     ],
 )
-def test_steps_with_nothing_between_them_are_found(tmp_path: Path, lines: str) -> None:
-    (finding,) = findings(tmp_path, lines)
+def test_steps_with_nothing_between_them_are_found(lines: str) -> None:
+    (finding,) = check(lines)
     assert (finding.code, finding.is_wrong_result) == ("MJB017", False)
 
 
@@ -206,30 +196,29 @@ def test_steps_with_nothing_between_them_are_found(tmp_path: Path, lines: str) -
         STEP,
     ],
 )
-def test_steps_with_something_between_them_are_not(tmp_path: Path, lines: str) -> None:
-    assert "MJB017" not in [f.code for f in findings(tmp_path, lines)]
+def test_steps_with_something_between_them_are_not(lines: str) -> None:
+    assert "MJB017" not in [f.code for f in check(lines)]
 
 
-def test_an_annotated_mjdata_is_one(tmp_path: Path) -> None:
+def test_an_annotated_mjdata_is_one() -> None:
     text = LOOP.format(line="x = sim.joint('hinge').qpos[0]")
     annotated = text.replace("log, rows", "sim: mujoco.MjData = mujoco.MjData(model)\nlog, rows")
-    assert [f.code for f in findings(tmp_path, annotated)] == ["MJB002"]
+    assert [f.code for f in check(annotated)] == ["MJB002"]
 
 
-def test_costs_come_from_the_stored_table(tmp_path: Path) -> None:
+def test_costs_come_from_the_stored_table() -> None:
     (row,) = json.loads((ROOT / "results" / "overhead.json").read_text())["results"]
     stored = {cost["source"]: cost["ns"] for cost in row["costs"]}
     assert {habit: stored[habit] for habit in COSTS_NS} == COSTS_NS
     assert COSTS_NS.keys() <= {habit.name for habit in habits.HABITS}
-    (finding,) = findings(tmp_path, LOOP.format(line="n = np.concatenate([data.qpos, data.qvel])"))
+    (finding,) = check(LOOP.format(line="n = np.concatenate([data.qpos, data.qvel])"))
     assert finding.ns_per_step == COSTS_NS["concatenate"]
-    (finding,) = findings(tmp_path, LOOP.format(line="n = np.zeros(9)"))
+    (finding,) = check(LOOP.format(line="n = np.zeros(9)"))
     assert finding.ns_per_step == COSTS_NS["allocate zeros"]
 
 
-def test_a_loop_that_does_not_step_has_no_finding(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_a_loop_that_does_not_step_has_no_finding() -> None:
+    results = check(
         """
         data = mujoco.MjData(model)
         for name in names:
@@ -239,9 +228,8 @@ def test_a_loop_that_does_not_step_has_no_finding(tmp_path: Path) -> None:
     assert results == []
 
 
-def test_what_a_loop_does_at_its_end_runs_once(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_what_a_loop_does_at_its_end_runs_once() -> None:
+    results = check(
         """
         for i in range(9):
             mujoco.mj_step(model, data)
@@ -253,14 +241,13 @@ def test_what_a_loop_does_at_its_end_runs_once(tmp_path: Path) -> None:
     assert results == []
 
 
-def test_a_name_for_more_than_a_named_part_is_no_view(tmp_path: Path) -> None:
+def test_a_name_for_more_than_a_named_part_is_no_view() -> None:
     text = LOOP.format(line="log.append(part.qpos)")
-    assert findings(tmp_path, f"part = data.joint('a')\npart = robot.state()\n{text}") == []
+    assert check(f"part = data.joint('a')\npart = robot.state()\n{text}") == []
 
 
-def test_an_mjdata_is_recognised_by_its_use(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_an_mjdata_is_recognised_by_its_use() -> None:
+    results = check(
         """
         class Env:
             def step(self, u):
@@ -285,18 +272,17 @@ def test_an_mjdata_is_recognised_by_its_use(tmp_path: Path) -> None:
     ],
 )
 def test_a_view_stored_beside_an_environments_steps_is_found(
-    tmp_path: Path, setup: str, step: str, stored: str
+    setup: str, step: str, stored: str
 ) -> None:
     text = f"rows = {{}}\n{setup}\nfor k in range(9):\n    {step}\n    {stored}\n"
-    (finding,) = findings(tmp_path, text)
+    (finding,) = check(text)
     assert (finding.line, finding.code) == (5, "MJB001")
     copied = text.replace(stored, f"{stored.removesuffix(')')}.copy()" + ")" * stored.endswith(")"))
-    assert findings(tmp_path, copied) == []
+    assert check(copied) == []
 
 
-def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_a_method_that_steps_runs_in_somebodys_loop() -> None:
+    results = check(
         """
         class Ant(MujocoEnv):
             def step(self, action):
@@ -315,9 +301,8 @@ def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
     assert [(f.line, f.code) for f in results] == [(6, "MJB001"), (7, "MJB001")]
 
 
-def test_an_element_of_a_named_view_is_a_number(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_an_element_of_a_named_view_is_a_number() -> None:
+    results = check(
         """
         class Box(SawyerEnv):
             def reset_model(self):
@@ -330,25 +315,25 @@ def test_an_element_of_a_named_view_is_a_number(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("step", ["optimizer.step()", "scheduler.step()", "self.model.step(x)"])
-def test_other_steps_are_not_those_of_an_environment(tmp_path: Path, step: str) -> None:
+def test_other_steps_are_not_those_of_an_environment(step: str) -> None:
     text = f"for k in range(9):\n    {step}\n    log.append(self.data.qpos)\n"
-    assert findings(tmp_path, text) == []
+    assert check(text) == []
 
 
-def test_an_environments_loop_may_allocate(tmp_path: Path) -> None:
+def test_an_environments_loop_may_allocate() -> None:
     text = "for k in range(9):\n    env.step(np.zeros(3))\n    env.data.joint('x').qpos\n"
-    assert [f.code for f in findings(tmp_path, text)] == ["MJB002"]
+    assert [f.code for f in check(text)] == ["MJB002"]
 
 
-def test_lines_and_columns_count_from_1(tmp_path: Path) -> None:
-    (finding,) = findings(tmp_path, LOOP.format(line="log.append(data.qpos)"))
+def test_lines_and_columns_count_from_1() -> None:
+    (finding,) = check(LOOP.format(line="log.append(data.qpos)"))
     assert (finding.line, finding.col) == (10, 16)
 
 
 @pytest.mark.parametrize("text", ["def (", "\x00"])
-def test_a_file_that_is_not_python_is_bad_input(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_not_python_is_bad_input(text: str) -> None:
     with pytest.raises(InputError, match="script"):
-        findings(tmp_path, text)
+        check(text)
 
 
 def test_linting_imports_no_engine() -> None:
@@ -378,9 +363,8 @@ def test_rules_are_explained_where_python_drops_docstrings() -> None:
     assert done.stdout.strip() == " ".join(rule.explanation for rule in RULES).strip(), done.stderr
 
 
-def test_a_loop_steps_through_functions_that_call_each_other(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_a_loop_steps_through_functions_that_call_each_other() -> None:
+    results = check(
         """
         def advance(data):
             mujoco.mj_step(model, data)
@@ -394,10 +378,8 @@ def test_a_loop_steps_through_functions_that_call_each_other(tmp_path: Path) -> 
     assert [(f.line, f.code) for f in results] == [(8, "MJB001")]
 
 
-def test_wrong_results_are_told_from_lost_time(tmp_path: Path) -> None:
-    stored, access = findings(
-        tmp_path, LOOP.format(line="log.append(data.qpos); data.joint('hinge').qpos")
-    )
+def test_wrong_results_are_told_from_lost_time() -> None:
+    stored, access = check(LOOP.format(line="log.append(data.qpos); data.joint('hinge').qpos"))
     assert (stored.is_wrong_result, access.is_wrong_result) == (True, False)
     assert stored.instead == ()
 
@@ -420,25 +402,24 @@ DEPTH = 100_000
     ],
     ids=["-", "not", "+", "()", ".", "call", "lambda", "elif", "view"],
 )
-def test_what_is_nested_too_deeply_is_bad_input(tmp_path: Path, text: str) -> None:
+def test_what_is_nested_too_deeply_is_bad_input(text: str) -> None:
     with pytest.raises(InputError, match=r"script\.py: .*(nested|too many)"):
-        findings(tmp_path, text)
+        check(text)
 
 
-def test_long_sums_and_chains_are_checked(tmp_path: Path) -> None:
+def test_long_sums_and_chains_are_checked() -> None:
     text = LOOP.format(line="log.append(data.qpos)")  # Python's own recursion limit is 1000
     text += f"x = [1]{' + [1]' * 1500}\ny = x{'.y' * 1500}\nx[0], z = y, x{'.y' * 1500}()\n"
-    assert [f.code for f in findings(tmp_path, text)] == ["MJB001"]
+    assert [f.code for f in check(text)] == ["MJB001"]
 
 
-def test_columns_count_characters(tmp_path: Path) -> None:
-    (finding,) = findings(tmp_path, LOOP.format(line="'é𝔁'; log.append(data.qpos)"))
+def test_columns_count_characters() -> None:
+    (finding,) = check(LOOP.format(line="'é𝔁'; log.append(data.qpos)"))
     assert (finding.line, finding.col) == (10, 22)
 
 
-def test_a_coroutine_is_a_function_like_others(tmp_path: Path) -> None:
-    results = findings(
-        tmp_path,
+def test_a_coroutine_is_a_function_like_others() -> None:
+    results = check(
         """
         async def advance():
             mujoco.mj_step(model, data)
@@ -456,18 +437,14 @@ def test_a_coroutine_is_a_function_like_others(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["str(log)", "repr(log)", "format(log)", "f'{log}'", "'%s' % log", "'{}'.format(log)"]
 )
-def test_a_copy_into_a_log_changes_the_simulation_that_its_text_feeds(
-    tmp_path: Path, text: str
-) -> None:
+def test_a_copy_into_a_log_changes_the_simulation_that_its_text_feeds(text: str) -> None:
     model = mujoco.MjModel.from_xml_path(str(ROOT / "models/cartpole.xml"))
 
     def last_state(view: str) -> np.ndarray:
         script = LOOP.replace('hinge = data.joint("hinge")\n', "").format(
             line=f"log.append({view}); data.ctrl[0] = 0.01 * len({text})"
         )
-        assert [f.code for f in findings(tmp_path, script)] == (
-            [] if view.endswith("copy()") else ["MJB001"]
-        )
+        assert [f.code for f in check(script)] == ([] if view.endswith("copy()") else ["MJB001"])
         names = {"model": model}
         exec(script, names)
         return names["data"].qpos

@@ -1,7 +1,5 @@
 """Loops over the contacts of a step."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings
 
@@ -38,8 +36,8 @@ def looping(line: str) -> str:
         "if data.ncon: depth = min(c.dist for c in data.contact)",
     ],
 )
-def test_contacts_that_are_read_one_by_one_are_found(tmp_path: Path, line: str) -> None:
-    assert [each.code for each in findings(tmp_path, looping(line))] == ["MJB019"]
+def test_contacts_that_are_read_one_by_one_are_found(line: str) -> None:
+    assert [each.code for each in findings(looping(line))] == ["MJB019"]
 
 
 @pytest.mark.parametrize(
@@ -55,21 +53,21 @@ def test_contacts_that_are_read_one_by_one_are_found(tmp_path: Path, line: str) 
         "n = len(data.contact)",
     ],
 )
-def test_other_uses_of_contacts_are_no_finding(tmp_path: Path, line: str) -> None:
-    assert findings(tmp_path, looping(line), "MJB019") == []
+def test_other_uses_of_contacts_are_no_finding(line: str) -> None:
+    assert findings(looping(line), "MJB019") == []
 
 
-def test_a_finding_is_about_all_lines_of_the_loop_and_what_it_asks(tmp_path: Path) -> None:
-    (finding,) = findings(tmp_path, looping(INDEXED))
+def test_a_finding_is_about_all_lines_of_the_loop_and_what_it_asks() -> None:
+    (finding,) = findings(looping(INDEXED))
     assert (finding.line, finding.last_line) == (10, 13)
     assert "compare ids from before the loop" in finding.message
     assert "efc_force" in finding.message
-    (finding,) = findings(tmp_path, looping("for c in data.contact: depth += c.dist"))
+    (finding,) = findings(looping("for c in data.contact: depth += c.dist"))
     assert finding.last_line is None
     assert "names" not in finding.message
 
 
-def test_a_function_that_every_step_calls_is_followed(tmp_path: Path) -> None:
+def test_a_function_that_every_step_calls_is_followed() -> None:
     text = """
         def depth(data):
             return sum(c.dist for c in data.contact)
@@ -77,7 +75,7 @@ def test_a_function_that_every_step_calls_is_followed(tmp_path: Path) -> None:
             mujoco.mj_step(model, data)
             total += depth(data)
     """
-    (finding,) = findings(tmp_path, text)
+    (finding,) = findings(text)
     assert finding.code == "MJB019"
     assert finding.message.endswith("; the loop in line 7 calls this in every iteration")
 
@@ -92,15 +90,13 @@ def test_a_function_that_every_step_calls_is_followed(tmp_path: Path) -> None:
         "for pair in data.contact.geom: names.add(model.geom(pair[0]).name)",
     ],
 )
-def test_names_of_contacts_are_not_to_be_looked_up_before_the_loop(
-    tmp_path: Path, line: str
-) -> None:
-    assert findings(tmp_path, looping(line), "MJB002") == []
+def test_names_of_contacts_are_not_to_be_looked_up_before_the_loop(line: str) -> None:
+    assert findings(looping(line), "MJB002") == []
 
 
-def test_names_beside_contacts_are(tmp_path: Path) -> None:
+def test_names_beside_contacts_are() -> None:
     line = "for c in data.contact: depth += c.dist * data.body('tip').xpos[2]"
-    assert len(findings(tmp_path, looping(line), "MJB002")) == 1
+    assert len(findings(looping(line), "MJB002")) == 1
 
 
 METHODS = """
@@ -114,9 +110,9 @@ class Env:
 """
 
 
-def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
+def test_a_method_that_steps_runs_in_somebodys_loop() -> None:
     text = METHODS.format(name="step", called="touches")
-    (finding,) = findings(tmp_path, text, "MJB019")
+    (finding,) = findings(text, "MJB019")
     assert finding.message.endswith("; step() in line 6 calls this")
-    assert findings(tmp_path, METHODS.format(name="step", called="height"), "MJB019") == []
-    assert findings(tmp_path, METHODS.format(name="run", called="touches"), "MJB019") == []
+    assert findings(METHODS.format(name="step", called="height"), "MJB019") == []
+    assert findings(METHODS.format(name="run", called="touches"), "MJB019") == []

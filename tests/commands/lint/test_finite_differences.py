@@ -1,7 +1,5 @@
 """Derivatives of a step that a script computes column by column."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings
 
@@ -63,16 +61,16 @@ def linearized(x, u):
 
 
 @pytest.mark.parametrize("text", [ONE_SIDED, CENTRED, HELPER])
-def test_a_step_for_each_column_is_found(tmp_path: Path, text: str) -> None:
-    (finding,) = findings(tmp_path, SETUP + text, "MJB020")
+def test_a_step_for_each_column_is_found(text: str) -> None:
+    (finding,) = findings(SETUP + text, "MJB020")
     assert "mjd_transitionFD" in finding.message
     assert finding.last_line is not None
 
 
-def test_positions_and_velocities_are_found_together(tmp_path: Path) -> None:
-    assert len(findings(tmp_path, SETUP + TANGENT + VELOCITIES, "MJB020")) == 2
-    assert findings(tmp_path, SETUP + TANGENT, "MJB020") == []
-    assert findings(tmp_path, SETUP + VELOCITIES, "MJB020") == []
+def test_positions_and_velocities_are_found_together() -> None:
+    assert len(findings(SETUP + TANGENT + VELOCITIES, "MJB020")) == 2
+    assert findings(SETUP + TANGENT, "MJB020") == []
+    assert findings(SETUP + VELOCITIES, "MJB020") == []
 
 
 @pytest.mark.parametrize(
@@ -91,12 +89,10 @@ def test_positions_and_velocities_are_found_together(tmp_path: Path) -> None:
         ("eps = 1e-6", "eps = 1e-6\nmujoco.mjd_transitionFD(model, data, eps, 0, A, B, C, D)"),
     ],
 )
-def test_what_is_no_derivative_of_one_step_is_no_finding(
-    tmp_path: Path, old: str, new: str
-) -> None:
+def test_what_is_no_derivative_of_one_step_is_no_finding(old: str, new: str) -> None:
     text = SETUP + ONE_SIDED
     assert old in text
-    assert findings(tmp_path, text.replace(old, new), "MJB020") == []
+    assert findings(text.replace(old, new), "MJB020") == []
 
 
 @pytest.mark.parametrize(
@@ -108,5 +104,5 @@ def test_what_is_no_derivative_of_one_step_is_no_finding(
         ("data.ctrl[:] = u", "model.geom_friction[:] = u"),
     ],
 )
-def test_what_follows_from_the_next_state_is_no_finding(tmp_path: Path, old: str, new: str) -> None:
-    assert findings(tmp_path, (SETUP + HELPER).replace(old, new), "MJB020") == []
+def test_what_follows_from_the_next_state_is_no_finding(old: str, new: str) -> None:
+    assert findings((SETUP + HELPER).replace(old, new), "MJB020") == []

@@ -1,7 +1,6 @@
 """mj_forward after mj_step: what is enough in its place, by the engine and by lint."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -133,14 +132,12 @@ def test_mj_forward_changes_no_state() -> None:
         ),
     ],
 )
-def test_what_is_read_decides_what_is_enough(
-    tmp_path: Path, line: str, instead: Sequence[str]
-) -> None:
+def test_what_is_read_decides_what_is_enough(line: str, instead: Sequence[str]) -> None:
     for text in (
         LOOP.format(before="pass", line=line),
         LOOP.format(before=line, line="data.ctrl[:] = 0"),
     ):
-        (finding,) = findings(tmp_path, text, "MJB007")
+        (finding,) = findings(text, "MJB007")
         assert finding.line == 10
         assert finding.instead == tuple(instead)
         for name in instead:
@@ -174,9 +171,9 @@ def test_what_is_read_decides_what_is_enough(
         "def later(): return data.qacc",
     ],
 )
-def test_anything_else_that_is_read_or_not_known_is_no_finding(tmp_path: Path, line: str) -> None:
-    assert findings(tmp_path, LOOP.format(before="pass", line=line), "MJB007") == []
-    assert findings(tmp_path, LOOP.format(before=line, line="pass"), "MJB007") == []
+def test_anything_else_that_is_read_or_not_known_is_no_finding(line: str) -> None:
+    assert findings(LOOP.format(before="pass", line=line), "MJB007") == []
+    assert findings(LOOP.format(before=line, line="pass"), "MJB007") == []
 
 
 @pytest.mark.parametrize(
@@ -191,21 +188,19 @@ def test_anything_else_that_is_read_or_not_known_is_no_finding(tmp_path: Path, l
         ("mujoco.mj_step(model, data)", "if done: mujoco.mj_forward(model, data)"),
     ],
 )
-def test_only_mj_forward_right_after_mj_step_is_found(
-    tmp_path: Path, step: str, forward: str
-) -> None:
+def test_only_mj_forward_right_after_mj_step_is_found(step: str, forward: str) -> None:
     text = LOOP.replace("mujoco.mj_step(model, data)", step)
     text = text.replace("mujoco.mj_forward(model, data)", forward)
     text = text.format(before="mujoco.mj_step(model, data)\n    x = 1", line="x = data.xpos")
-    assert findings(tmp_path, text, "MJB007") == []
+    assert findings(text, "MJB007") == []
 
 
-def test_several_steps_before_mj_forward_count_as_one(tmp_path: Path) -> None:
+def test_several_steps_before_mj_forward_count_as_one() -> None:
     text = LOOP.replace(
         "    mujoco.mj_step(model, data)",
         "    for _ in range(5):\n        mujoco.mj_step(model, data)\n    t = 0",
     )
-    (finding,) = findings(tmp_path, text.format(before="pass", line="x = data.xpos"), "MJB007")
+    (finding,) = findings(text.format(before="pass", line="x = data.xpos"), "MJB007")
     assert finding.instead == ("mj_kinematics",)
 
 
@@ -228,10 +223,10 @@ run(model, data)
 """
 
 
-def test_functions_of_the_file_are_followed(tmp_path: Path) -> None:
-    (finding,) = findings(tmp_path, FUNCTIONS.format(read="data.qpos", after=""), "MJB007")
+def test_functions_of_the_file_are_followed() -> None:
+    (finding,) = findings(FUNCTIONS.format(read="data.qpos", after=""), "MJB007")
     assert finding.instead == ("mj_kinematics",)
-    (finding,) = findings(tmp_path, FUNCTIONS.format(read="data.subtree_com", after=""), "MJB007")
+    (finding,) = findings(FUNCTIONS.format(read="data.subtree_com", after=""), "MJB007")
     assert finding.instead == ("mj_kinematics", "mj_comPos")
 
 
@@ -246,20 +241,20 @@ def test_functions_of_the_file_are_followed(tmp_path: Path) -> None:
         ("data.qpos", "pool.submit(run, model, other)"),
     ],
 )
-def test_what_functions_and_callers_read_counts(tmp_path: Path, read: str, after: str) -> None:
-    assert findings(tmp_path, FUNCTIONS.format(read=read, after=after), "MJB007") == []
+def test_what_functions_and_callers_read_counts(read: str, after: str) -> None:
+    assert findings(FUNCTIONS.format(read=read, after=after), "MJB007") == []
 
 
-def test_an_mjdata_that_comes_from_elsewhere_is_no_finding(tmp_path: Path) -> None:
+def test_an_mjdata_that_comes_from_elsewhere_is_no_finding() -> None:
     text = LOOP.format(before="pass", line="x = data.xpos")
     for elsewhere in ("env.unwrapped.data", "load(model)", "datas[0]"):
         changed = text.replace("mujoco.MjData(model)", elsewhere)
-        assert findings(tmp_path, changed, "MJB007") == []
+        assert findings(changed, "MJB007") == []
     method = "class Env:\n    def run(self, model, data):\n        while True:\n"
     method += (
         "            mujoco.mj_step(model, data)\n            mujoco.mj_forward(model, data)\n"
     )
-    assert findings(tmp_path, method, "MJB007") == []
+    assert findings(method, "MJB007") == []
 
 
 SOLVING = """
@@ -272,21 +267,21 @@ for _ in range(9):
 """
 
 
-def test_a_loop_that_sets_positions_and_does_not_step_needs_no_forces(tmp_path):
+def test_a_loop_that_sets_positions_and_does_not_step_needs_no_forces():
     text = SOLVING.format(line="error = target - data.xpos[3]")
-    (finding,) = findings(tmp_path, text, "MJB007")
+    (finding,) = findings(text, "MJB007")
     assert finding.instead == ("mj_kinematics", "mj_comPos")
     assert "mj_step" not in finding.message
 
 
 @pytest.mark.parametrize("line", ["mujoco.mj_step(model, data)", "x = data.qacc", "solve(data)"])
-def test_a_loop_that_steps_or_reads_forces_needs_all_of_mj_forward(tmp_path, line):
-    assert findings(tmp_path, SOLVING.format(line=line), "MJB007") == []
+def test_a_loop_that_steps_or_reads_forces_needs_all_of_mj_forward(line):
+    assert findings(SOLVING.format(line=line), "MJB007") == []
 
 
 @pytest.mark.parametrize("text", ["str({})", "repr({})", "format({})", "f'{{{}}}'", "'%s' % {}"])
 @pytest.mark.parametrize("read", ["data", "data.sensordata", "data.qfrc_constraint[0]"])
-def test_what_becomes_text_is_read(tmp_path: Path, text: str, read: str) -> None:
+def test_what_becomes_text_is_read(text: str, read: str) -> None:
     line = f"data.ctrl[0] = len({text.format(read)})"
-    assert not findings(tmp_path, LOOP.format(before="pass", line=line), "MJB007")
-    assert findings(tmp_path, LOOP.format(before="pass", line="pass"), "MJB007")
+    assert not findings(LOOP.format(before="pass", line=line), "MJB007")
+    assert findings(LOOP.format(before="pass", line="pass"), "MJB007")

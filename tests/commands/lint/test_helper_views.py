@@ -1,7 +1,5 @@
 """Views that come out of a function of the script, and are stored by its caller."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings, places
 
@@ -36,9 +34,9 @@ PAIR = "return data.time, data.qpos"
         ("return [data.qpos]", "log.append(look(data))"),
     ],
 )
-def test_a_view_of_a_helper_is_found_in_the_helper(tmp_path: Path, helper: str, store: str) -> None:
+def test_a_view_of_a_helper_is_found_in_the_helper(helper: str, store: str) -> None:
     text = SCRIPT.format(helper=helper, store=store)
-    assert places(tmp_path, text, "MJB001") == [("MJB001", helper)]
+    assert places(text, "MJB001") == [("MJB001", helper)]
 
 
 @pytest.mark.parametrize(
@@ -62,10 +60,8 @@ def test_a_view_of_a_helper_is_found_in_the_helper(tmp_path: Path, helper: str, 
         ("return data.qpos", "new = mujoco.MjData(model); log.append(look(new))"),
     ],
 )
-def test_a_copy_a_number_or_a_view_to_write_through_is_no_finding(
-    tmp_path: Path, helper: str, store: str
-) -> None:
-    assert places(tmp_path, SCRIPT.format(helper=helper, store=store), "MJB001") == []
+def test_a_copy_a_number_or_a_view_to_write_through_is_no_finding(helper: str, store: str) -> None:
+    assert places(SCRIPT.format(helper=helper, store=store), "MJB001") == []
 
 
 GENERATOR = """
@@ -85,27 +81,27 @@ def steps(model, data):
         "log = [q for _, q in steps(model, data)]",
     ],
 )
-def test_a_view_that_a_generator_yields_is_found_there(tmp_path: Path, caller: str) -> None:
+def test_a_view_that_a_generator_yields_is_found_there(caller: str) -> None:
     text = GENERATOR.format(caller=caller)
-    assert places(tmp_path, text, "MJB001") == [("MJB001", "yield data.time, data.qpos")]
+    assert places(text, "MJB001") == [("MJB001", "yield data.time, data.qpos")]
 
 
-def test_what_is_not_stored_of_a_generator_is_no_finding(tmp_path: Path) -> None:
+def test_what_is_not_stored_of_a_generator_is_no_finding() -> None:
     for caller in (
         "for time, q in steps(model, data): log.append(time)",
         "for time, q in steps(model, data): total += q[0]",
         "log = [q.copy() for _, q in steps(model, data)]",
     ):
-        assert places(tmp_path, GENERATOR.format(caller=caller), "MJB001") == []
+        assert places(GENERATOR.format(caller=caller), "MJB001") == []
 
 
-def test_the_message_says_that_the_caller_stores_it(tmp_path: Path) -> None:
+def test_the_message_says_that_the_caller_stores_it() -> None:
     text = SCRIPT.format(helper="return data.qpos", store="log.append(look(data))")
-    (finding,) = findings(tmp_path, text, "MJB001")
+    (finding,) = findings(text, "MJB001")
     assert finding.message.startswith("a view is returned, and the caller stores it")
 
 
-def test_an_mjdata_of_the_episode_is_one_for_all_its_steps(tmp_path: Path) -> None:
+def test_an_mjdata_of_the_episode_is_one_for_all_its_steps() -> None:
     text = """
     for episode in range(9):
         data = mujoco.MjData(model)
@@ -117,4 +113,4 @@ def test_an_mjdata_of_the_episode_is_one_for_all_its_steps(tmp_path: Path) -> No
                 break
         ends.append(data.qvel)
     """
-    assert places(tmp_path, text, "MJB001") == [("MJB001", "log.append(data.qpos)")]
+    assert places(text, "MJB001") == [("MJB001", "log.append(data.qpos)")]

@@ -1,7 +1,5 @@
 """Rows of a log that mix the new state with what is computed from another."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
@@ -22,10 +20,10 @@ STEP = "mujoco.mj_step(model, data)"
 ROW = "log.append((data.qpos.copy(), data.xpos.copy()))"
 
 
-def messages(tmp_path: Path, *lines: str) -> list[str]:
+def messages(*lines: str) -> list[str]:
     """Return the messages for a loop of some lines."""
     text = LOOP.format(lines="\n    ".join(lines))
-    return [finding.message for finding in findings(tmp_path, text, "MJB015")]
+    return [finding.message for finding in findings(text, "MJB015")]
 
 
 @pytest.mark.parametrize(
@@ -46,9 +44,9 @@ def messages(tmp_path: Path, *lines: str) -> list[str]:
         "for k in range(2): log.append((data.qpos[k], data.xpos[k, 2]))",
     ],
 )
-def test_a_row_of_two_moments_is_a_wrong_result(tmp_path: Path, row: str) -> None:
-    assert len(messages(tmp_path, STEP, row)) == 1
-    assert len(messages(tmp_path, row, STEP)) == 1, "what stands after a row ran before it"
+def test_a_row_of_two_moments_is_a_wrong_result(row: str) -> None:
+    assert len(messages(STEP, row)) == 1
+    assert len(messages(row, STEP)) == 1, "what stands after a row ran before it"
 
 
 @pytest.mark.parametrize(
@@ -63,8 +61,8 @@ def test_a_row_of_two_moments_is_a_wrong_result(tmp_path: Path, row: str) -> Non
         (STEP, "mujoco.mj_kinematics(model, data)", "log.append((*data.qpos, *data.sensordata))"),
     ],
 )
-def test_the_last_call_that_computes_is_the_step(tmp_path: Path, lines: tuple[str, ...]) -> None:
-    assert len(messages(tmp_path, *lines)) == 1
+def test_the_last_call_that_computes_is_the_step(lines: tuple[str, ...]) -> None:
+    assert len(messages(*lines)) == 1
 
 
 @pytest.mark.parametrize(
@@ -85,8 +83,8 @@ def test_the_last_call_that_computes_is_the_step(tmp_path: Path, lines: tuple[st
         ("mujoco.mj_step(model, other)", ROW),
     ],
 )
-def test_what_may_be_computed_again_is_no_finding(tmp_path: Path, lines: tuple[str, ...]) -> None:
-    assert messages(tmp_path, *lines) == []
+def test_what_may_be_computed_again_is_no_finding(lines: tuple[str, ...]) -> None:
+    assert messages(*lines) == []
 
 
 @pytest.mark.parametrize(
@@ -106,20 +104,20 @@ def test_what_may_be_computed_again_is_no_finding(tmp_path: Path, lines: tuple[s
         "log.append(lambda: (data.qpos.copy(), data.xpos.copy()))",
     ],
 )
-def test_rows_of_one_moment_and_what_is_no_row_are_no_finding(tmp_path: Path, line: str) -> None:
-    assert messages(tmp_path, STEP, line) == []
+def test_rows_of_one_moment_and_what_is_no_row_are_no_finding(line: str) -> None:
+    assert messages(STEP, line) == []
 
 
-def test_a_state_that_was_copied_before_the_step_is_of_the_same_moment(tmp_path: Path) -> None:
+def test_a_state_that_was_copied_before_the_step_is_of_the_same_moment() -> None:
     row = "log.append((before, data.xpos.copy()))"
-    assert messages(tmp_path, "before = data.qpos.copy()", STEP, row) == []
+    assert messages("before = data.qpos.copy()", STEP, row) == []
 
 
-def test_a_row_outside_of_loops_that_step_is_no_finding(tmp_path: Path) -> None:
-    assert messages(tmp_path, STEP.replace("mj_step", "mj_forward"), ROW) == []
+def test_a_row_outside_of_loops_that_step_is_no_finding() -> None:
+    assert messages(STEP.replace("mj_step", "mj_forward"), ROW) == []
 
 
-def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
+def test_a_method_that_steps_runs_in_somebodys_loop() -> None:
     row = "self.log.append((self.data.qpos.copy(), self.data.xpos.copy()))"
     step = "mujoco.mj_step(self.model, self.data)"
     text = """
@@ -129,9 +127,9 @@ def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
             {}
             return np.concatenate([self.data.qpos, self.data.sensordata])
     """
-    (finding,) = findings(tmp_path, text.format(step, row), "MJB015")
+    (finding,) = findings(text.format(step, row), "MJB015")
     assert (finding.line, finding.is_wrong_result) == (8, True)
-    assert findings(tmp_path, text.format(row, step), "MJB015") == [], "a caller may compute again"
+    assert findings(text.format(row, step), "MJB015") == [], "a caller may compute again"
 
 
 @pytest.mark.parametrize(
@@ -142,22 +140,22 @@ def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
         ("log.append((data.time, data.sensordata[0]))", "call mj_forward(model, data) before"),
     ],
 )
-def test_the_message_says_what_computes_what_is_read(tmp_path: Path, row: str, calls: str) -> None:
-    (message,) = messages(tmp_path, STEP, row)
+def test_the_message_says_what_computes_what_is_read(row: str, calls: str) -> None:
+    (message,) = messages(STEP, row)
     assert calls in message
 
 
-def test_the_message_says_which_fields_are_of_which_state(tmp_path: Path) -> None:
+def test_the_message_says_which_fields_are_of_which_state() -> None:
     row = "log.append((data.time, data.qpos.copy(), data.xpos.copy(), data.ncon))"
-    (message,) = messages(tmp_path, STEP, row)
+    (message,) = messages(STEP, row)
     assert message.startswith("ncon and xpos still belong to the state before the last step, qpos")
 
 
-def test_a_copy_of_the_state_is_offered_before_a_single_step_alone(tmp_path: Path) -> None:
-    (message,) = messages(tmp_path, STEP, ROW)
+def test_a_copy_of_the_state_is_offered_before_a_single_step_alone() -> None:
+    (message,) = messages(STEP, ROW)
     assert message.endswith(", or copy qpos before the step and the rest after it")
     for steps in ("mujoco.mj_step(model, data, 5)", f"for _ in range(5): {STEP}"):
-        (message,) = messages(tmp_path, steps, ROW)
+        (message,) = messages(steps, ROW)
         assert message.endswith("call mj_kinematics(model, data) before this row")
 
 

@@ -1,7 +1,5 @@
 """What lint says of objects that every iteration creates, and where that has a reason."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings, places
 
@@ -30,8 +28,8 @@ def advance(data, plan):
         "for plan in plans:\n    cost(plan)",
     ],
 )
-def test_a_new_mjdata_in_every_iteration_is_found(tmp_path: Path, text: str) -> None:
-    assert len(findings(tmp_path, SETUP + text, "MJB010")) == 1
+def test_a_new_mjdata_in_every_iteration_is_found(text: str) -> None:
+    assert len(findings(SETUP + text, "MJB010")) == 1
 
 
 @pytest.mark.parametrize(
@@ -59,8 +57,8 @@ def test_a_new_mjdata_in_every_iteration_is_found(tmp_path: Path, text: str) -> 
         "    advance(scratch, plan)",
     ],
 )
-def test_a_copy_that_is_kept_or_that_has_a_reason_is_no_finding(tmp_path: Path, text: str) -> None:
-    assert findings(tmp_path, SETUP + text, "MJB010") == []
+def test_a_copy_that_is_kept_or_that_has_a_reason_is_no_finding(text: str) -> None:
+    assert findings(SETUP + text, "MJB010") == []
 
 
 EPISODES = """
@@ -86,8 +84,8 @@ for episode in range(9):
         "if randomize: model = mujoco.MjModel.from_xml_path('robot.xml')",
     ],
 )
-def test_a_model_that_is_compiled_again_is_found(tmp_path: Path, line: str) -> None:
-    (finding,) = findings(tmp_path, EPISODES.format(model=line), "MJB011")
+def test_a_model_that_is_compiled_again_is_found(line: str) -> None:
+    (finding,) = findings(EPISODES.format(model=line), "MJB011")
     assert finding.instead == ()
 
 
@@ -105,23 +103,23 @@ def test_a_model_that_is_compiled_again_is_found(tmp_path: Path, line: str) -> N
         "make = lambda: mujoco.MjModel.from_xml_path('robot.xml')",
     ],
 )
-def test_another_model_or_one_that_is_kept_is_no_finding(tmp_path: Path, line: str) -> None:
-    assert findings(tmp_path, EPISODES.format(model=line), "MJB011") == []
+def test_another_model_or_one_that_is_kept_is_no_finding(line: str) -> None:
+    assert findings(EPISODES.format(model=line), "MJB011") == []
 
 
-def test_a_function_that_loads_once_is_no_finding(tmp_path: Path) -> None:
+def test_a_function_that_loads_once_is_no_finding() -> None:
     cached = "@functools.cache\ndef scene():\n    return mujoco.MjModel.from_xml_path('a.xml')\n"
     early = (
         "def scene():\n    if known:\n        return known[0]\n"
         "    return mujoco.MjModel.from_xml_path('a.xml')\n"
     )
     loop = "for _ in range(9):\n    model = scene()\n    mujoco.mj_step(model, data)\n"
-    assert findings(tmp_path, cached + loop, "MJB011") == []
-    assert findings(tmp_path, early + loop, "MJB011") == []
-    assert len(findings(tmp_path, early.replace("if known", "while known") + loop)) == 0
+    assert findings(cached + loop, "MJB011") == []
+    assert findings(early + loop, "MJB011") == []
+    assert len(findings(early.replace("if known", "while known") + loop)) == 0
 
 
-def test_a_model_that_follows_from_the_state_is_no_finding(tmp_path: Path) -> None:
+def test_a_model_that_follows_from_the_state_is_no_finding() -> None:
     text = """
     def fitted(model, data):
         spec = mujoco.MjSpec()
@@ -131,16 +129,16 @@ def test_a_model_that_follows_from_the_state_is_no_finding(tmp_path: Path) -> No
         mujoco.mj_step(model, data)
         fitted(model, data)
     """
-    assert findings(tmp_path, text, "MJB011") == []
+    assert findings(text, "MJB011") == []
 
 
-def test_a_loop_that_resets_compiles_anew_as_well(tmp_path: Path) -> None:
+def test_a_loop_that_resets_compiles_anew_as_well() -> None:
     text = """
     while True:
         physics = mjcf.Physics.from_xml_string(XML)
         physics.reset()
     """
-    assert len(findings(tmp_path, text, "MJB011")) == 1
+    assert len(findings(text, "MJB011")) == 1
 
 
 RENDERING = """
@@ -161,13 +159,13 @@ for i in range(9):
         "with mujoco.Renderer(model) as renderer: renderer.update_scene(data)",
     ],
 )
-def test_a_renderer_for_every_frame_is_found(tmp_path: Path, line: str) -> None:
-    assert len(findings(tmp_path, RENDERING.format(line=line), "MJB012")) == 1
+def test_a_renderer_for_every_frame_is_found(line: str) -> None:
+    assert len(findings(RENDERING.format(line=line), "MJB012")) == 1
 
 
-def test_a_renderer_is_known_under_another_name(tmp_path: Path) -> None:
+def test_a_renderer_is_known_under_another_name() -> None:
     text = "from mujoco import Renderer as Camera\n" + RENDERING.format(line="Camera(model)")
-    assert [f.code for f in findings(tmp_path, text, "MJB012")] == ["MJB012"]
+    assert [f.code for f in findings(text, "MJB012")] == ["MJB012"]
 
 
 @pytest.mark.parametrize(
@@ -182,8 +180,8 @@ def test_a_renderer_is_known_under_another_name(tmp_path: Path) -> None:
         "renderer = mujoco.Renderer(model); break",
     ],
 )
-def test_a_renderer_that_is_created_once_is_no_finding(tmp_path: Path, line: str) -> None:
-    assert findings(tmp_path, RENDERING.format(line=line), "MJB012") == []
+def test_a_renderer_that_is_created_once_is_no_finding(line: str) -> None:
+    assert findings(RENDERING.format(line=line), "MJB012") == []
 
 
 JIT = "import jax\nfrom functools import partial\n"
@@ -202,8 +200,8 @@ JIT = "import jax\nfrom functools import partial\n"
         "while x:\n    @partial(jax.jit, inline=True)\n    def f(d):\n        return d\n    f(1)",
     ],
 )
-def test_a_function_that_is_compiled_in_every_iteration_is_found(tmp_path: Path, text: str) -> None:
-    assert len(findings(tmp_path, JIT + text, "MJB013")) == 1
+def test_a_function_that_is_compiled_in_every_iteration_is_found(text: str) -> None:
+    assert len(findings(JIT + text, "MJB013")) == 1
 
 
 @pytest.mark.parametrize(
@@ -222,10 +220,8 @@ def test_a_function_that_is_compiled_in_every_iteration_is_found(tmp_path: Path,
         "for _ in range(9):\n    d = other.jit(lambda d: d)(d)",
     ],
 )
-def test_a_function_that_is_compiled_once_or_differs_is_no_finding(
-    tmp_path: Path, text: str
-) -> None:
-    assert findings(tmp_path, JIT + text, "MJB013") == []
+def test_a_function_that_is_compiled_once_or_differs_is_no_finding(text: str) -> None:
+    assert findings(JIT + text, "MJB013") == []
 
 
 ROLLOUT = """
@@ -238,9 +234,9 @@ for _ in range(9):
 """
 
 
-def test_rollout_with_threads_of_its_own_is_found_in_a_loop(tmp_path: Path) -> None:
+def test_rollout_with_threads_of_its_own_is_found_in_a_loop() -> None:
     call = "states, sensors = rollout.rollout(model, datas, starts, plans)"
-    assert places(tmp_path, ROLLOUT.format(call=call)) == [("MJB014", call)]
+    assert places(ROLLOUT.format(call=call)) == [("MJB014", call)]
 
 
 @pytest.mark.parametrize(
@@ -254,8 +250,8 @@ def test_rollout_with_threads_of_its_own_is_found_in_a_loop(tmp_path: Path) -> N
         "with pytest.raises(ValueError): rollout.rollout(model, datas, None)",
     ],
 )
-def test_rollout_without_threads_or_with_a_pool_is_no_finding(tmp_path: Path, call: str) -> None:
-    assert findings(tmp_path, ROLLOUT.format(call=call), "MJB014") == []
+def test_rollout_without_threads_or_with_a_pool_is_no_finding(call: str) -> None:
+    assert findings(ROLLOUT.format(call=call), "MJB014") == []
 
 
 @pytest.mark.parametrize(
@@ -267,10 +263,8 @@ def test_rollout_without_threads_or_with_a_pool_is_no_finding(tmp_path: Path, ca
         "for _ in range(9):\n    reset()",
     ],
 )
-def test_a_function_that_the_loop_calls_compiles_in_every_iteration(
-    tmp_path: Path, text: str
-) -> None:
-    (finding,) = findings(tmp_path, JIT + text, "MJB013")
+def test_a_function_that_the_loop_calls_compiles_in_every_iteration(text: str) -> None:
+    (finding,) = findings(JIT + text, "MJB013")
     assert finding.message.endswith("calls this in every iteration")
 
 
@@ -286,8 +280,8 @@ def test_a_function_that_the_loop_calls_compiles_in_every_iteration(
         "def moves():\n    return jax.jit(lambda d: d + 1)\nfor _ in range(9):\n    moves()",
     ],
 )
-def test_a_function_that_differs_with_each_call_is_no_finding(tmp_path: Path, text: str) -> None:
-    assert findings(tmp_path, JIT + text, "MJB013") == []
+def test_a_function_that_differs_with_each_call_is_no_finding(text: str) -> None:
+    assert findings(JIT + text, "MJB013") == []
 
 
 DEVICE = """
@@ -316,8 +310,8 @@ for episode in range(episodes):
         "mujoco.mj_resetData(model, data); dx = mjx.put_data(model, data, device=gpu)",
     ],
 )
-def test_what_goes_to_the_device_in_every_episode_is_found(tmp_path: Path, line: str) -> None:
-    assert len(findings(tmp_path, DEVICE.format(line=line), "MJB022")) == 1
+def test_what_goes_to_the_device_in_every_episode_is_found(line: str) -> None:
+    assert len(findings(DEVICE.format(line=line), "MJB022")) == 1
 
 
 @pytest.mark.parametrize(
@@ -333,10 +327,10 @@ def test_what_goes_to_the_device_in_every_episode_is_found(tmp_path: Path, line:
         "dx = mjx.put_data(model, data, impl=ways[episode])",
     ],
 )
-def test_another_model_on_the_device_is_no_finding(tmp_path: Path, line: str) -> None:
-    assert findings(tmp_path, DEVICE.format(line=line), "MJB022") == []
+def test_another_model_on_the_device_is_no_finding(line: str) -> None:
+    assert findings(DEVICE.format(line=line), "MJB022") == []
 
 
-def test_a_loop_that_does_not_step_on_the_device_is_no_finding(tmp_path: Path) -> None:
+def test_a_loop_that_does_not_step_on_the_device_is_no_finding() -> None:
     text = "from mujoco import mjx\nfor data in datas:\n    batch.append(mjx.put_data(model, data))"
-    assert findings(tmp_path, text, "MJB022") == []
+    assert findings(text, "MJB022") == []

@@ -1,7 +1,5 @@
 """What functions do that a stepping loop calls: look names up, create arrays."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings, places
 
@@ -33,10 +31,8 @@ HELPERS = [
 
 
 @pytest.mark.parametrize(("helper", "code"), HELPERS)
-def test_a_function_that_each_step_calls_is_in_the_loop(
-    tmp_path: Path, helper: str, code: str
-) -> None:
-    (finding,) = findings(tmp_path, script(helper), "MJB002", "MJB003")
+def test_a_function_that_each_step_calls_is_in_the_loop(helper: str, code: str) -> None:
+    (finding,) = findings(script(helper), "MJB002", "MJB003")
     assert (finding.code, finding.line) == (code, 8)
     assert finding.message.endswith("; the loop in line 11 calls this in every iteration")
     assert finding.ns_per_step
@@ -51,9 +47,9 @@ def test_a_function_that_each_step_calls_is_in_the_loop(
         "if t % 2: observe()",
     ],
 )
-def test_calls_are_followed_through_expressions_and_functions(tmp_path: Path, call: str) -> None:
+def test_calls_are_followed_through_expressions_and_functions(call: str) -> None:
     text = script("return data.body('torso').xpos[2]", call)
-    assert [code for code, _ in places(tmp_path, text, "MJB002")] == ["MJB002"]
+    assert [code for code, _ in places(text, "MJB002")] == ["MJB002"]
 
 
 @pytest.mark.parametrize(("helper", "code"), HELPERS)
@@ -69,17 +65,17 @@ def test_calls_are_followed_through_expressions_and_functions(tmp_path: Path, ca
     ],
 )
 def test_a_function_that_not_every_step_calls_is_not(
-    tmp_path: Path, helper: str, code: str, call: str, before: str
+    helper: str, code: str, call: str, before: str
 ) -> None:
-    assert findings(tmp_path, script(helper, call, before), code) == []
+    assert findings(script(helper, call, before), code) == []
 
 
-def test_what_a_function_does_under_a_condition_is_not_in_every_step(tmp_path: Path) -> None:
+def test_what_a_function_does_under_a_condition_is_not_in_every_step() -> None:
     helper = "if data.time > 1: return np.zeros(3)"
-    assert findings(tmp_path, script(helper), "MJB003") == []
+    assert findings(script(helper), "MJB003") == []
 
 
-def test_a_function_that_steps_runs_in_the_loop_that_calls_it(tmp_path: Path) -> None:
+def test_a_function_that_steps_runs_in_the_loop_that_calls_it() -> None:
     text = """
     def advance():
         mujoco.mj_step(model, data)
@@ -87,12 +83,12 @@ def test_a_function_that_steps_runs_in_the_loop_that_calls_it(tmp_path: Path) ->
     for i in range(9):
         advance()
     """
-    assert places(tmp_path, text, "MJB002") == [("MJB002", 'return data.body("torso").xpos[2]')]
+    assert places(text, "MJB002") == [("MJB002", 'return data.body("torso").xpos[2]')]
     episode = text.replace("mujoco", "for _ in range(9): mujoco")
-    assert findings(tmp_path, episode, "MJB002") == [], "once for nine steps"
+    assert findings(episode, "MJB002") == [], "once for nine steps"
 
 
-def test_methods_of_an_object_of_the_script_are_followed(tmp_path: Path) -> None:
+def test_methods_of_an_object_of_the_script_are_followed() -> None:
     text = """
     class Env:
         def observe(self):
@@ -108,4 +104,4 @@ def test_methods_of_an_object_of_the_script_are_followed(tmp_path: Path) -> None
         env.step(0)
     """
     expected = [("MJB002", 'return self.data.body("torso").xpos[2]')]
-    assert places(tmp_path, text, "MJB002") == expected
+    assert places(text, "MJB002") == expected

@@ -1,7 +1,5 @@
 """A viewer that is synced in every step."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings
 
@@ -15,19 +13,19 @@ with mujoco.viewer.launch_passive(model, data) as viewer:
 """
 
 
-def test_a_viewer_that_is_synced_in_every_step_is_found(tmp_path: Path) -> None:
-    (finding,) = findings(tmp_path, SETUP.format(line="viewer.sync()"))
+def test_a_viewer_that_is_synced_in_every_step_is_found() -> None:
+    (finding,) = findings(SETUP.format(line="viewer.sync()"))
     assert finding.code == "MJB021"
 
 
-def test_a_viewer_may_be_assigned(tmp_path: Path) -> None:
+def test_a_viewer_may_be_assigned() -> None:
     text = """
         viewer = mujoco.viewer.launch_passive(model, data)
         for _ in range(steps):
             mujoco.mj_step(model, data)
             viewer.sync()
     """
-    assert [each.code for each in findings(tmp_path, text)] == ["MJB021"]
+    assert [each.code for each in findings(text)] == ["MJB021"]
 
 
 @pytest.mark.parametrize(
@@ -43,11 +41,11 @@ def test_a_viewer_may_be_assigned(tmp_path: Path) -> None:
         "other.sync()",
     ],
 )
-def test_a_viewer_that_keeps_a_rate_is_no_finding(tmp_path: Path, line: str) -> None:
+def test_a_viewer_that_keeps_a_rate_is_no_finding(line: str) -> None:
     helper = "def keep_real_time(data):\n    time.sleep(data.time - time.monotonic())\n"
-    assert findings(tmp_path, helper + SETUP.format(line=line), "MJB021") == []
+    assert findings(helper + SETUP.format(line=line), "MJB021") == []
 
 
-def test_several_steps_in_a_call_are_no_finding(tmp_path: Path) -> None:
+def test_several_steps_in_a_call_are_no_finding() -> None:
     text = SETUP.format(line="viewer.sync()").replace("mj_step(model, data)", "mj_step(m, data, 9)")
-    assert findings(tmp_path, text, "MJB021") == []
+    assert findings(text, "MJB021") == []

@@ -1,10 +1,7 @@
 """What is stored to be written through is no log: lint is silent."""
 
-from pathlib import Path
-
 import pytest
-
-from mjbench.commands.lint import check as lint
+from linted import check
 
 HEAD = """
 import mujoco
@@ -29,19 +26,17 @@ STORED = (
 )
 
 
-def codes(tmp_path: Path, body: str) -> list[str]:
-    file = tmp_path / "script.py"
-    file.write_text(HEAD + body)
-    return [finding.code for finding in lint.check(str(file))]
+def codes(body: str) -> list[str]:
+    return [finding.code for finding in check(HEAD + body)]
 
 
 @pytest.mark.parametrize("lines", STORED, ids=lambda lines: lines[-1])
-def test_what_is_written_through_is_no_finding(tmp_path: Path, lines: list[str]) -> None:
+def test_what_is_written_through_is_no_finding(lines: list[str]) -> None:
     body = [line.format(view="data.qpos") for line in (*lines, "mujoco.mj_step(model, data)")]
-    assert "MJB001" not in codes(tmp_path, "for i in range(6):\n    " + "\n    ".join(body))
+    assert "MJB001" not in codes("for i in range(6):\n    " + "\n    ".join(body))
 
 
-def test_what_another_method_writes_through_is_no_finding(tmp_path: Path) -> None:
+def test_what_another_method_writes_through_is_no_finding() -> None:
     text = (
         "class Env:\n"
         "    def step(self, action):\n"
@@ -50,16 +45,16 @@ def test_what_another_method_writes_through_is_no_finding(tmp_path: Path) -> Non
         "    def act(self, action):\n"
         "        self.q[:] = action\n"
     )
-    assert codes(tmp_path, text) == []
+    assert codes(text) == []
 
 
 @pytest.mark.parametrize("field", ["ctrl", "qfrc_applied", "mocap_pos", "userdata", "act"])
-def test_views_of_inputs_are_stored_to_be_written(tmp_path: Path, field: str) -> None:
+def test_views_of_inputs_are_stored_to_be_written(field: str) -> None:
     text = f"for i in range(9):\n    mujoco.mj_step(model, data)\n    log.append(data.{field})\n"
-    assert codes(tmp_path, text) == []
+    assert codes(text) == []
 
 
-def test_a_view_of_an_mjdata_of_the_same_iteration_is_no_finding(tmp_path: Path) -> None:
+def test_a_view_of_an_mjdata_of_the_same_iteration_is_no_finding() -> None:
     text = (
         "for i in range(9):\n"
         "    data = mujoco.MjData(model)\n"
@@ -67,4 +62,4 @@ def test_a_view_of_an_mjdata_of_the_same_iteration_is_no_finding(tmp_path: Path)
         "        mujoco.mj_step(model, data)\n"
         "    log.append(data.qpos)\n"
     )
-    assert "MJB001" not in codes(tmp_path, text)
+    assert "MJB001" not in codes(text)

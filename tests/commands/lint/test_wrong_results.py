@@ -1,7 +1,5 @@
 """What lint says of Runge-Kutta in halves, of a shared MjData, and of views that callers write."""
 
-from pathlib import Path
-
 import pytest
 from linted import findings
 
@@ -26,10 +24,8 @@ for _ in range(9):
         ("", "model.opt.integrator = int(mujoco.mjtIntegrator.mjINT_RK4)"),
     ],
 )
-def test_halves_of_a_runge_kutta_step_are_wrong_results(
-    tmp_path: Path, xml: str, line: str
-) -> None:
-    (finding,) = findings(tmp_path, xml + HALVES.format(line=line), "MJB008")
+def test_halves_of_a_runge_kutta_step_are_wrong_results(xml: str, line: str) -> None:
+    (finding,) = findings(xml + HALVES.format(line=line), "MJB008")
     assert finding.is_wrong_result
 
 
@@ -44,17 +40,15 @@ def test_halves_of_a_runge_kutta_step_are_wrong_results(
         ("", "other.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4"),
     ],
 )
-def test_halves_of_other_or_unknown_integrators_are_no_finding(
-    tmp_path: Path, xml: str, line: str
-) -> None:
-    assert findings(tmp_path, xml + HALVES.format(line=line), "MJB008") == []
+def test_halves_of_other_or_unknown_integrators_are_no_finding(xml: str, line: str) -> None:
+    assert findings(xml + HALVES.format(line=line), "MJB008") == []
 
 
-def test_whole_steps_of_runge_kutta_are_no_finding(tmp_path: Path) -> None:
+def test_whole_steps_of_runge_kutta_are_no_finding() -> None:
     text = RK4 + HALVES.format(line="").replace("mj_step1", "mj_step").replace(
         "mj_step2", "mj_step"
     )
-    assert findings(tmp_path, text, "MJB008") == []
+    assert findings(text, "MJB008") == []
 
 
 THREADS = """
@@ -90,8 +84,8 @@ one = ThreadPoolExecutor(max_workers=1)
         "with ThreadPoolExecutor() as p: p.map(outer, x)",
     ],
 )
-def test_one_mjdata_in_several_threads_is_a_wrong_result(tmp_path: Path, line: str) -> None:
-    (finding,) = findings(tmp_path, THREADS.format(line=line), "MJB009")
+def test_one_mjdata_in_several_threads_is_a_wrong_result(line: str) -> None:
+    (finding,) = findings(THREADS.format(line=line), "MJB009")
     assert finding.is_wrong_result
 
 
@@ -112,10 +106,8 @@ def test_one_mjdata_in_several_threads_is_a_wrong_result(tmp_path: Path, line: s
         "for i in x: pool.submit(unknown, data)",
     ],
 )
-def test_an_mjdata_of_its_own_or_one_thread_at_a_time_is_no_finding(
-    tmp_path: Path, line: str
-) -> None:
-    assert findings(tmp_path, THREADS.format(line=line), "MJB009") == []
+def test_an_mjdata_of_its_own_or_one_thread_at_a_time_is_no_finding(line: str) -> None:
+    assert findings(THREADS.format(line=line), "MJB009") == []
 
 
 GETTERS = """
@@ -137,13 +129,11 @@ for i in range(9):
 """
 
 
-def messages(
-    tmp_path: Path, *lines: str, result: str = "self.data.qpos", method: str = "pass"
-) -> list[str]:
+def messages(*lines: str, result: str = "self.data.qpos", method: str = "pass") -> list[str]:
     text = GETTERS.format(
         result=result, plain=result.replace("self.", ""), method=method, lines="\n    ".join(lines)
     )
-    return [finding.message for finding in findings(tmp_path, text, "MJB016")]
+    return [finding.message for finding in findings(text, "MJB016")]
 
 
 @pytest.mark.parametrize(
@@ -165,19 +155,17 @@ def messages(
 @pytest.mark.parametrize(
     "read", ["obs = env.state()", "obs = env.now", "obs = look(data)", "time, obs = pair()"]
 )
-def test_a_write_into_what_a_getter_returns_is_a_wrong_result(
-    tmp_path: Path, read: str, write: str
-) -> None:
-    (message,) = messages(tmp_path, read, write)
+def test_a_write_into_what_a_getter_returns_is_a_wrong_result(read: str, write: str) -> None:
+    (message,) = messages(read, write)
     assert "data.qpos of the simulation" in message
-    assert messages(tmp_path, read, write, result="self.data.qpos.copy()") == []
-    assert messages(tmp_path, read, write, result="np.array(self.data.qpos)") == []
-    assert messages(tmp_path, read, write, result="self.data.ctrl") == [], "an input is written"
+    assert messages(read, write, result="self.data.qpos.copy()") == []
+    assert messages(read, write, result="np.array(self.data.qpos)") == []
+    assert messages(read, write, result="self.data.ctrl") == [], "an input is written"
 
 
 @pytest.mark.parametrize("result", ["self.data.qpos[2:]", "self.data.sensordata", "self.data.xpos"])
-def test_any_view_of_what_a_step_changes_counts(tmp_path: Path, result: str) -> None:
-    assert len(messages(tmp_path, "obs = env.state()", "obs[0] = 0", result=result)) == 1
+def test_any_view_of_what_a_step_changes_counts(result: str) -> None:
+    assert len(messages("obs = env.state()", "obs[0] = 0", result=result)) == 1
 
 
 @pytest.mark.parametrize(
@@ -198,14 +186,12 @@ def test_any_view_of_what_a_step_changes_counts(tmp_path: Path, result: str) -> 
         ("obs = sorted(env.state())", "obs.sort()"),
     ],
 )
-def test_copies_reads_and_a_state_that_is_set_are_no_finding(
-    tmp_path: Path, lines: tuple[str, ...]
-) -> None:
-    assert messages(tmp_path, *lines) == []
+def test_copies_reads_and_a_state_that_is_set_are_no_finding(lines: tuple[str, ...]) -> None:
+    assert messages(*lines) == []
 
 
 @pytest.mark.parametrize("name", ["qpos", "state_view", "view"])
-def test_a_getter_that_is_named_as_a_view_promises_one(tmp_path: Path, name: str) -> None:
+def test_a_getter_that_is_named_as_a_view_promises_one(name: str) -> None:
     text = f"""
     class Robot:
         def {name}(self): return self.data.qpos
@@ -213,18 +199,18 @@ def test_a_getter_that_is_named_as_a_view_promises_one(tmp_path: Path, name: str
     q = robot.{name}()
     q[0] = 1
     """
-    assert findings(tmp_path, text, "MJB016") == []
+    assert findings(text, "MJB016") == []
 
 
-def test_a_method_of_the_same_class_is_a_caller_too(tmp_path: Path) -> None:
-    (message,) = messages(tmp_path, "pass", method="obs = self.state(); obs[0] = 0")
+def test_a_method_of_the_same_class_is_a_caller_too() -> None:
+    (message,) = messages("pass", method="obs = self.state(); obs[0] = 0")
     assert message.startswith("this writes into self.data.qpos of the simulation, which state()")
     text = "class Env:\n    def state(self): return self.data.qpos\n    def reset(self):\n"
     text += "        q = self.state()\n        q[0] = 0\n"
-    assert findings(tmp_path, text, "MJB016") == []
+    assert findings(text, "MJB016") == []
 
 
-def test_an_mjdata_of_one_call_is_not_the_simulation(tmp_path: Path) -> None:
+def test_an_mjdata_of_one_call_is_not_the_simulation() -> None:
     text = """
     def start():
         data = mujoco.MjData(model)
@@ -232,14 +218,14 @@ def test_an_mjdata_of_one_call_is_not_the_simulation(tmp_path: Path) -> None:
     q = start()
     q[0] = 1
     """
-    assert findings(tmp_path, text, "MJB016") == []
+    assert findings(text, "MJB016") == []
 
 
-def test_a_property_that_is_stored_is_a_stored_view(tmp_path: Path) -> None:
+def test_a_property_that_is_stored_is_a_stored_view() -> None:
     text = GETTERS.format(
         result="self.data.qpos", plain="data.qpos", method="pass", lines="log.append({})"
     )
-    (finding,) = findings(tmp_path, text.format("env.now"), "MJB001")
+    (finding,) = findings(text.format("env.now"), "MJB001")
     assert finding.line == 9
-    assert findings(tmp_path, text.format("env.now.copy()"), "MJB001") == []
-    assert findings(tmp_path, text.format("env.now); env.now.fill(0"), "MJB001") == []
+    assert findings(text.format("env.now.copy()"), "MJB001") == []
+    assert findings(text.format("env.now); env.now.fill(0"), "MJB001") == []

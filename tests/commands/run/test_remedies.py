@@ -11,7 +11,7 @@ from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import ArgumentChange, CallThreads, CallTime, Incident
 from mjbench.commands.run.hook import argument_types, call_clock
 from mjbench.commands.run.loop_time import LineTime, LoopTime
-from mjbench.commands.run.remedies import call_remedies, line_remedies, listing, loop_remedies
+from mjbench.commands.run.remedies import call_ways, line_remedies, listing, loop_remedies
 from mjbench.commands.run.remedies.call_remedies import CALL_REMEDIES
 from mjbench.commands.run.remedies.line_remedies import LINE_REMEDIES
 from mjbench.commands.run.remedies.remedy import Basis, Remedy, RemedyKind
@@ -43,7 +43,6 @@ def loop(*lines, activities=None):
         samples=400,
         seconds=10.0,
         activities=activities or total,
-        packages={},
         lines=lines,
         inner_functions=[],
     )
@@ -98,7 +97,8 @@ def test_a_finding_without_a_row_of_its_own_has_the_share_of_its_lines_with_its_
 def test_one_call_saves_loops_with_the_steps_that_other_functions_make():
     inside = [line(12, {PHYSICS: 0.5, PYTHON: 0.1}), line(16, {PHYSICS: 0.2, PYTHON: 0.1})]
     time = replace(loop(line(40, {PHYSICS: 0.9, PYTHON: 0.1})), lines_on_stack=inside)
-    loops = [replace(finding("MJB020", number), last_line=number + 3) for number in (15, 11)]
+    found = [finding("MJB020", number) for number in (15, 11)]
+    loops = [replace(f, last_line=f.line + 3, instead=("mjd_transitionFD",)) for f in found]
     (pair,) = listing.pairs([time], loops)
     assert pair.ways is line_remedies.columns
     (first,) = listing.remedies(time, loops, MeasuredRatios({pair: ratio(0.5)}))
@@ -115,6 +115,24 @@ def test_a_finding_on_the_line_of_a_step_does_not_save_the_step():
     assert first.gain == pytest.approx(0.3)
 
 
+def test_settling_goes_with_its_steps_on_one_line_or_several():
+    time = loop(line(12, {PHYSICS: 0.7, PYTHON: 0.3}))
+    (first,) = listing.remedies(time, [finding("MJB023", number=12)])
+    assert first.gain == pytest.approx(1.0)
+
+
+def test_plans_that_are_known_are_stepped_by_one_call():
+    inside = [line(12, {PHYSICS: 0.6, PYTHON: 0.3})]
+    time = replace(loop(line(40, {PHYSICS: 0.6, PYTHON: 0.3})), lines_on_stack=inside)
+    serial = finding("MJB006", number=12)
+    assert listing.remedies(time, [serial]) == [], "its controls may follow from the state"
+    plans = replace(serial, instead=("rollout",))
+    (pair,) = listing.pairs([time], [plans])
+    assert pair.ways is call_ways.rollouts
+    (first,) = listing.remedies(time, [plans], MeasuredRatios({pair: ratio(0.5)}))
+    assert (first.where, first.gain) == ("train.py:12", pytest.approx(0.9 - 0.3))
+
+
 def test_gains_below_three_percent_are_left_out():
     time = loop(line(12, {PHYSICS: 0.972, PYTHON: 0.028}))
     assert listing.remedies(time) == []
@@ -129,7 +147,6 @@ def test_of_few_samples_no_line_is_named():
 CONTEXTS = {
     "mj_ray": {"calls": 36_000},
     "mj_inverse": {"calls": 1000, "text": "mj_inverse(m, d)"},
-    "mjd_transitionFD": {"text": "mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)"},
 }
 ROLLOUT_CONTEXTS = {
     "rollout takes these simulations": {"steps": 100, "all_steps": 800},
@@ -186,7 +203,7 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
     other = LineTime(Place("train.py", 19, "main", "text"), 0.2, {NUMPY: 0.2})
     whole = loop_of(step(seconds=2.0), call("MjData", seconds=4.0))
     time = replace(whole, lines=[other], activities={PHYSICS: 0.8, NUMPY: 0.2})
-    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
+    pair = RemedyPair(call_ways.new_data, ("MjData", "mj_copyData"), steps=10)
     assert pair in listing.pairs([time], [])
     measured = MeasuredRatios({pair: replace(ratio(0.25), created_share=2 / 3)})
     remedy = next(each for each in listing.remedies(time, [], measured) if each.kind == "call")
@@ -199,7 +216,7 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
 
 def test_an_object_whose_creation_no_clock_saw_saves_no_more_than_its_lines():
     time = replace(loop_of(step(seconds=2.0), call("MjData", seconds=4.0)), samples=10)
-    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData"), steps=10)
+    pair = RemedyPair(call_ways.new_data, ("MjData", "mj_copyData"), steps=10)
     measured = MeasuredRatios({pair: replace(ratio(0.25), created_share=0.0)})
     (remedy,) = [each for each in listing.remedies(time, [], measured) if each.kind == "call"]
     assert remedy.gain <= 1.0
@@ -208,16 +225,14 @@ def test_an_object_whose_creation_no_clock_saw_saves_no_more_than_its_lines():
 def test_functions_that_no_clock_saw_save_nothing():
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(step(seconds=0.0), call("mj_forward", calls=1000, seconds=0.0))
-    measured = MeasuredRatios(
-        {RemedyPair(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)}
-    )
+    measured = MeasuredRatios({RemedyPair(call_ways.functions, ("mj_kinematics",)): ratio(2 / 3)})
     assert listing.remedies(time, [found], measured) == []
 
 
 def test_a_new_mjdata_costs_only_its_first_steps():
     """Of 250 steps that follow each MjData, 50 are in the pair."""
     time = loop_of(step(seconds=8.0), call("MjData", calls=4, seconds=1.99))
-    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
+    pair = RemedyPair(call_ways.new_data, ("MjData", "mj_copyData"), steps=50)
     assert pair in listing.pairs([time], [])
     measured = MeasuredRatios({pair: replace(ratio(0.5), created_share=0.2)})
     (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
@@ -237,7 +252,7 @@ def test_what_a_new_mjdata_saves_does_not_grow_with_what_python_does_to_call_ste
     )
     creation = call("MjData", calls=100, seconds=10 * 20 / whole_us)
     time = replace(seen, calls=[step(seconds=10 * 120 / whole_us, calls=20_000), creation])
-    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData"), steps=50)
+    pair = RemedyPair(call_ways.new_data, ("MjData", "mj_copyData"), steps=50)
     assert pair in listing.pairs([time], [])
     measured = MeasuredRatios({pair: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
     (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
@@ -292,17 +307,14 @@ def test_who_copies_a_model_is_told_that_several_mjdata_share_one():
 
 @pytest.mark.parametrize("callee", call_clock.COPIES_OF_DATA)
 def test_a_copy_of_an_mjdata_is_compared_with_a_copy_of_its_kind(callee):
-    pair = RemedyPair(call_remedies.new_data, (callee, "mj_copyData"), steps=10, of_copied=True)
+    pair = RemedyPair(call_ways.new_data, (callee, "mj_copyData"), steps=10, of_copied=True)
     assert pair in listing.pairs([loop_of(step(), call(callee))], [])
 
 
 def test_a_renderer_is_tried_at_its_size_and_with_its_library():
     time = loop_of(step(), call("Renderer", frame=(48, 64), backend="egl"))
     asked = listing.pairs([time], [])
-    assert (
-        RemedyPair(call_remedies.renderer, frame=(48, 64), backend="egl", by_wall_time=True)
-        in asked
-    )
+    assert RemedyPair(call_ways.renderer, frame=(48, 64), backend="egl", by_wall_time=True) in asked
 
 
 def drawing(count):
@@ -321,9 +333,7 @@ def test_more_images_than_a_video_shows_are_left_out(count, gains):
 
 
 def test_coarser_images_save_a_part_of_all_that_draws():
-    pair = RemedyPair(
-        call_remedies.coarser_images, frame=(48, 64), backend="egl", by_wall_time=True
-    )
+    pair = RemedyPair(call_ways.coarser_images, frame=(48, 64), backend="egl", by_wall_time=True)
     time = drawing(100)
     assert pair in listing.pairs([time], [])
     (coarser,) = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.25)}))
@@ -334,7 +344,7 @@ def test_a_finding_of_lint_gives_its_message_and_its_code():
     time = loop_of(step(), call("MjData"))
     (remedy,) = listing.remedies(time, [finding("MJB005")])
     assert (remedy.code, remedy.text) == ("MJB005", "do otherwise")
-    pair = RemedyPair(call_remedies.new_data, ("MjData", "mj_resetData"), steps=10)
+    pair = RemedyPair(call_ways.new_data, ("MjData", "mj_resetData"), steps=10)
     assert pair in listing.pairs([time], [finding("MJB005")])
 
 
@@ -342,9 +352,7 @@ def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
     """1,000 steps of 5 ms, each with a call of 4 ms; the pair takes 2/3 with what is enough."""
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(step(seconds=5.0), call("mj_forward", calls=1000, seconds=4.0))
-    measured = MeasuredRatios(
-        {RemedyPair(call_remedies.functions, ("mj_kinematics",)): ratio(2 / 3)}
-    )
+    measured = MeasuredRatios({RemedyPair(call_ways.functions, ("mj_kinematics",)): ratio(2 / 3)})
     (remedy,) = listing.remedies(time, [found], measured)
     assert remedy.gain == pytest.approx(0.99 / 3)  # with what Python does to make the calls
     assert listing.remedies(time) == [], "only lint knows what is read afterwards"
@@ -354,7 +362,7 @@ def test_functions_in_a_loop_that_does_not_step_are_compared_alone():
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(call("mj_forward", calls=1000, seconds=6.0))
     (pair,) = listing.pairs([time], [found])
-    assert (pair.ways, pair.steps) == (call_remedies.functions, 0)
+    assert (pair.ways, pair.steps) == (call_ways.functions, 0)
     (remedy,) = listing.remedies(time, [found], MeasuredRatios({pair: ratio(0.2)}))
     assert remedy.gain == pytest.approx(0.99 * 0.8)
 
@@ -507,7 +515,7 @@ def test_rays_at_once_save_the_loop_that_casts_them_one_by_one(tmp_path):
     rays = replace(call("mj_ray", calls=36_000, seconds=4.0), place=lines[2].place)
     stepping = replace(step(seconds=2.0), place=lines[0].place, lines=[(file, 2)])
     time = replace(loop(*lines), calls=[stepping, rays])
-    pair = RemedyPair(call_remedies.rays, simulations=36)
+    pair = RemedyPair(call_ways.rays, simulations=36)
     assert pair in listing.pairs([time], [])
     first, *_ = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.5)}))
     assert first.text.startswith("mj_multiRay")
@@ -523,6 +531,8 @@ def test_processes_that_a_loop_starts_at_once_are_set_up():
     time = loop_of(step(), replace(starts, first_ns=10**9, last_ns=2 * 10**9))
     assert listing.remedies(time) == []
     assert listing.remedies(loop_of(step(), starts))
+    on_busy_cores = replace(starts, seconds=2.0, first_ns=10**9, last_ns=4 * 10**9)
+    assert listing.remedies(loop_of(step(), on_busy_cores)) == []
 
 
 def test_the_timer_is_turned_off_before_callbacks_are_set():
@@ -536,7 +546,7 @@ def test_the_timer_is_turned_off_before_callbacks_are_set():
 def test_inverse_dynamics_is_computed_in_the_step_of_the_same_data(text):
     same = text == "mj_inverse(m, d)"
     time = loop_of(step(), call("mj_inverse", calls=1000, text=text))
-    pair = RemedyPair(call_remedies.inverse)
+    pair = RemedyPair(call_ways.inverse)
     assert (pair in listing.pairs([time], [])) == same
     listed = listing.remedies(time, [], MeasuredRatios({pair: ratio(0.7)}))
     assert bool(listed) == same
@@ -559,7 +569,7 @@ def test_steps_with_nothing_between_them_are_one_call(tmp_path):
     file = tmp_path / "train.py"
     bare = replace(step(), place=Place(str(file), 3, "main"))
     time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 5))
-    pair = RemedyPair(call_remedies.one_call)
+    pair = RemedyPair(call_ways.one_call)
     held = "for _ in range(9):\n    for _ in range(5):\n        mj_step(m, d)\n        {}\n    {}\n"
     file.write_text(held.format("# and no more", "d.ctrl[:] = policy(d)"))
     findings = listing.findings_of([str(file)])

@@ -9,28 +9,26 @@ import pytest
 
 from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.recorded_models import RecordedModel
-from mjbench.commands.run.remedies import call_remedies, line_remedies, loop_remedies, remedy_pairs
+from mjbench.commands.run.remedies import call_ways, line_remedies, loop_remedies, remedy_pairs
 from mjbench.commands.run.remedies.remedy_pairs import RemedyPair, TimedWay
 from mjbench.errors import InputError
 from mjbench.simulation import compat
 
 # What each row tries; the names are those of the call clock.
 PAIRS = [
-    RemedyPair(call_remedies.functions, ("mj_kinematics",)),
+    RemedyPair(call_ways.functions, ("mj_kinematics",)),
     *(
-        RemedyPair(getattr(call_remedies, name))
-        for name in ("inverse", "uncentered", "one_call", "rays", "no_rollout")
+        RemedyPair(getattr(call_ways, name))
+        for name in ("inverse", "one_call", "rays", "no_rollout")
     ),
-    RemedyPair(call_remedies.rollouts, ("rollout", "Rollout.rollout")),
-    RemedyPair(call_remedies.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),
-    RemedyPair(call_remedies.rollouts, ("Rollout.rollout", "Batch.step")),
-    RemedyPair(call_remedies.rollouts, ("Rollout.rollout", "mj_step")),
-    RemedyPair(call_remedies.new_data, ("MjData", "mj_resetData")),
-    RemedyPair(call_remedies.new_data, ("MjData", "mj_copyData")),
-    RemedyPair(call_remedies.new_data, (call_clock.COPY_OF_DATA, "mj_copyData"), of_copied=True),
-    RemedyPair(
-        call_remedies.new_data, (call_clock.DEEP_COPY_OF_DATA, "mj_copyData"), of_copied=True
-    ),
+    RemedyPair(call_ways.rollouts, ("rollout", "Rollout.rollout")),
+    RemedyPair(call_ways.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),
+    RemedyPair(call_ways.rollouts, ("Rollout.rollout", "Batch.step")),
+    RemedyPair(call_ways.rollouts, ("Rollout.rollout", "mj_step")),
+    RemedyPair(call_ways.new_data, ("MjData", "mj_resetData")),
+    RemedyPair(call_ways.new_data, ("MjData", "mj_copyData")),
+    RemedyPair(call_ways.new_data, (call_clock.COPY_OF_DATA, "mj_copyData"), of_copied=True),
+    RemedyPair(call_ways.new_data, (call_clock.DEEP_COPY_OF_DATA, "mj_copyData"), of_copied=True),
     RemedyPair(line_remedies.named_access, by_wall_time=True),
     *(
         RemedyPair(getattr(line_remedies, name))
@@ -39,7 +37,7 @@ PAIRS = [
     RemedyPair(loop_remedies.no_timer),
     RemedyPair(loop_remedies.batch, on_threads=True),
 ]
-GRAPHICS = [RemedyPair(call_remedies.renderer), RemedyPair(call_remedies.coarser_images)]
+GRAPHICS = [RemedyPair(call_ways.renderer), RemedyPair(call_ways.coarser_images)]
 
 FALLING = """
 <mujoco>
@@ -64,7 +62,7 @@ def model(integrator="Euler"):
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
 def test_inverse_dynamics_within_a_step_leaves_the_same_state(integrator):
     states = []
-    for way in ways(call_remedies.inverse, model(integrator)):
+    for way in ways(call_ways.inverse, model(integrator)):
         data = mujoco.MjData(model(integrator))
         for _ in range(200):
             way.run(data)
@@ -74,7 +72,7 @@ def test_inverse_dynamics_within_a_step_leaves_the_same_state(integrator):
 
 def test_halves_of_a_step_are_not_suggested_for_runge_kutta():
     with pytest.raises(InputError, match="Euler"):
-        ways(call_remedies.inverse, model("RK4"))
+        ways(call_ways.inverse, model("RK4"))
 
 
 def test_contacts_one_by_one_and_as_arrays_are_the_same():
@@ -94,7 +92,7 @@ def test_both_ways_of_each_pair_run(pair):
 def test_each_pair_of_ways_is_tried_here():
     declared = {
         function
-        for module in (call_remedies, line_remedies, loop_remedies)
+        for module in (call_ways, line_remedies, loop_remedies)
         for function in vars(module).values()
         if inspect.isfunction(function)
         and function.__annotations__.get("return") == tuple[TimedWay, TimedWay]
@@ -124,7 +122,7 @@ def test_a_step_with_controls_is_that_of_a_rollout():
         .replace("<joint axis", '<joint name="hinge" axis')
     )
     ends = []
-    for way in ways(call_remedies.no_rollout, actuated):
+    for way in ways(call_ways.no_rollout, actuated):
         data = mujoco.MjData(actuated)
         way.prepare(data)
         for _ in range(3):
@@ -188,8 +186,8 @@ def test_every_pair_can_be_timed(pair):
 def test_a_pair_that_the_model_or_the_release_lacks_is_left_out():
     runge_kutta = mujoco.MjModel.from_xml_string("<mujoco><option integrator='RK4'/></mujoco>")
     asked = [
-        RemedyPair(call_remedies.inverse),
-        RemedyPair(call_remedies.functions, ("mj_of_another_release",)),
+        RemedyPair(call_ways.inverse),
+        RemedyPair(call_ways.functions, ("mj_of_another_release",)),
     ]
     known = RemedyPair(loop_remedies.no_timer)
     _, *rest = answers([*asked, known], runge_kutta)
@@ -218,8 +216,8 @@ def test_a_model_that_crashes_the_child_costs_only_its_ratios():
 
 def test_a_pair_on_threads_is_the_median_launch_with_the_interval_of_all(monkeypatch):
     threaded, alone = (
-        RemedyPair(call_remedies.rollouts, on_threads=True),
-        RemedyPair(call_remedies.one_call),
+        RemedyPair(call_ways.rollouts, on_threads=True),
+        RemedyPair(call_ways.one_call),
     )
     estimates = iter((0.9, 0.5, 1.4, 0.7, 0.6, 0.8))
 

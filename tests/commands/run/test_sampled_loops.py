@@ -64,7 +64,6 @@ def test_shares_of_a_loop_sum_to_one(file):
     assert time.seconds == pytest.approx(1.0)
     assert time.in_main
     assert time.activities == pytest.approx({Activity.PHYSICS: 0.7, Activity.PYTHON: 0.3})
-    assert time.packages == {"": pytest.approx(0.3)}
     assert time.own_files == ["program.py"]
     assert time.error(0.3) == pytest.approx((0.3 * 0.7 / 10) ** 0.5)
 
@@ -247,7 +246,6 @@ def test_what_calls_take_is_known_and_samples_divide_the_rest(file):
     assert {line.place.line: line.share for line in time.lines} == pytest.approx({2: 0.85, 8: 0.15})
     assert time.is_timed(Activity.PHYSICS)
     assert not time.is_timed(Activity.PYTHON)
-    assert time.packages == pytest.approx({"": 0.85})
 
 
 @pytest.mark.parametrize(("before", "seconds"), [(0, 4.0), (2, 4.0), (40, 8.0)])

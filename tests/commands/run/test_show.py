@@ -10,7 +10,6 @@ from mjbench.commands.run import show as program
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.gil_waits import GilWait
-from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.launch import UncaughtException
 from mjbench.commands.run.loop_time import LineStay, LineTime, LoopTime
 from mjbench.commands.run.physics_cost import PhysicsCost
@@ -36,7 +35,6 @@ def loop(activities: dict[Activity, float], samples: int = 100, **more: Any) -> 
         samples=samples,
         seconds=2.0,
         activities=activities,
-        packages={},
         lines=[],
         inner_functions=[],
         **more,
@@ -356,16 +354,6 @@ def test_the_thread_that_waits_longest_for_the_gil_is_named_with_the_one_that_ho
     )
 
 
-def test_calls_of_jax_are_listed_by_line() -> None:
-    calls = [
-        CallTime(call_clock.DISPATCH, 1, thread, PLACE, None, 50.0, 0.25, 0, 1, 0, 0)
-        for thread in (1, 2)
-    ]
-    text = terminal.text_of(program.sections([row(replace(MIXED, calls=calls))]))
-    (line,) = (line for line in text.splitlines() if "jax dispatch" in line)
-    assert line.split() == ["train.py:7", "jax", "dispatch", "100", "5", "ms", "25", "%"]
-
-
 def test_a_program_whose_steps_are_not_counted_has_no_heading_of_steps() -> None:
     text = terminal.text_of(program.sections([row(loop({Activity.COMPILING: 1.0}))]))
     assert "train.py: observation\nObserving took" in text
@@ -419,6 +407,20 @@ def test_a_timer_that_holds_two_stages_is_named_by_both() -> None:
     cost = PhysicsCost(1.0, {"kinematics": 0.4, "tendons": 0.2, "constraint solver": 0.4}, [])
     text = terminal.text_of(program.sections([replace(seen, physics=cost)]))
     assert "kinematics 40 %, constraint solver 40 %, tendons 20 %" in text
+
+
+@pytest.mark.parametrize(("error", "said"), [(0.01, "timed"), (0.1, "6 %")])
+def test_a_share_of_steps_has_the_error_that_their_bursts_show(error: float, said: str) -> None:
+    of_program = steps()
+    assert of_program.step is not None
+    timed = replace(of_program, step=replace(of_program.step, mean_error=error))
+    call = CallTime(
+        "mj_step", 1, 1, PLACE, MIXED.loop, 1, 1.8, 0, 1, 1, 1,
+    )  # fmt: skip
+    seen = replace(row(replace(MIXED, calls=[call])), steps=[timed])
+    text = terminal.text_of(program.sections([seen]))
+    (line,) = [each for each in text.splitlines() if each.startswith("physics ")]
+    assert line.split("60 %")[1].strip().startswith(said)
 
 
 PACED = loop({Activity.SLEEPING: 0.9, Activity.PHYSICS: 0.1})

@@ -99,7 +99,7 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_setting_of_a_shipped_model_applies(name: str, brief: None) -> None:
     source = models.resolve(name)
     settings = knobs.settings(usual_regime.observe_model(models.load(source), is_mjcf=True))
-    assert {"timestep", "integrator", "autoreset", "engine_clock"} <= settings.keys()
+    assert {"timestep", "integrator", "autoreset", "timer"} <= settings.keys()
     for knob, values in settings.items():
         assert len({value.label for value in values}) == len(values)
         for value in values:
@@ -452,7 +452,7 @@ def test_the_loop_has_a_clock_and_threads(monkeypatch: pytest.MonkeyPatch) -> No
     cores = SimpleNamespace(thread_counts=lambda: (1, 4, 8))
     monkeypatch.setattr(knob_values.topology, "read", lambda: cores)
     settings = knobs.settings(seen(model_xml()))
-    assert [each.loop for each in settings["engine_clock"]] == [LoopChange(is_clock_off=True)]
+    assert [each.loop for each in settings["timer"]] == [LoopChange(is_clock_off=True)]
     threads = [each.loop for each in settings["engine_threads"]]
     assert threads == [LoopChange(engine_threads=4), LoopChange(engine_threads=8)]
     monkeypatch.setattr(

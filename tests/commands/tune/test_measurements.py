@@ -85,7 +85,7 @@ def test_fewer_runs_are_spread_over_all(cartpole, inline):
 def test_the_loop_has_settings_of_its_own(cartpole):
     done = tried(
         cartpole,
-        Setting("engine_clock", "clock off", loop=LoopChange(is_clock_off=True)),
+        Setting("timer", "clock off", loop=LoopChange(is_clock_off=True)),
         timed_s=0.01,
     )
     assert done.accuracy.effect == Effect.FREE

@@ -22,7 +22,7 @@ from mjbench.results import terminal
 from mjbench.status import Status
 
 PRESENT = present()
-CLOCK = Setting("engine_clock", "engine clock off", loop=LoopChange(is_clock_off=True))
+CLOCK = Setting("timer", "timer off", loop=LoopChange(is_clock_off=True))
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
 ISLAND = Setting("island", "island=disable", (Edit(Part.FLAG, "island", "disable"),))
 TIMESTEP = Setting("timestep", "timestep=0.004", (Edit(Part.OPTION, "timestep", "0.004"),))
@@ -54,8 +54,8 @@ WORSE = recommended(Effect.APPROXIMATE, 0.25, 0.2, TIMESTEP, is_allowed=False)
 def test_what_changes_least_comes_first_and_what_is_not_allowed_is_no_advice():
     of_all = record(FREE, FASTER, WORSE)
     assert tuning.conclusion(of_all) == (
-        "robot: 1.25 times as fast with the same results: engine clock off, jacobian=sparse;"
-        " 2.00 times as fast without a larger error: engine clock off, timestep=0.004"
+        "robot: 1.25 times as fast with the same results: timer off, jacobian=sparse;"
+        " 2.00 times as fast without a larger error: timer off, timestep=0.004"
     )
     assert of_all.best() == FASTER
     assert tuning.advised(of_all) == [FREE, FASTER]
@@ -95,7 +95,7 @@ def test_what_saves_much_by_count_is_named_though_there_was_no_time_for_it():
 
 def test_lines_to_paste_are_those_of_each_recommendation():
     printed = terminal.text_of(tuning.sections([record(FREE, FASTER)]))
-    assert "To apply engine clock off, jacobian=sparse, in the program:" in printed
+    assert "To apply timer off, jacobian=sparse, in the program:" in printed
     assert '<option jacobian="sparse"/>' in printed
     assert '<option timestep="0.004"/>' in printed
     assert printed.count("    mujoco.mj_resetCallbacks()") == 2
@@ -178,7 +178,7 @@ def test_without_a_reference_no_error_is_shown():
 
 def test_a_row_of_the_flat_table_has_an_error_as_a_share():
     (row,) = tuning.rows(record(FREE))
-    assert (row["settings"], row["error"]) == ("engine clock off, jacobian=sparse", 0.02)
+    assert (row["settings"], row["error"]) == ("timer off, jacobian=sparse", 0.02)
 
 
 def timed_alone(label, ratios):

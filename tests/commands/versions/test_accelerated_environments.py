@@ -23,8 +23,8 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def with_engine(spec: ReleaseSpec) -> ReleaseSpec:
-    comparison = AcceleratedComparison(spec, [spec], [], ["mjx"], Sizes())
-    return accelerated_environments.with_engines(comparison).baseline
+    comparison = AcceleratedComparison([spec, spec], [], ["mjx"], Sizes())
+    return accelerated_environments.with_engines(comparison).specs[0]
 
 
 def test_mjx_stands_beside_the_named_packages_in_the_version_that_is_installed_here() -> None:

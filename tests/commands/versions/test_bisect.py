@@ -17,7 +17,6 @@ from mjbench.commands.versions.bisect import (
     BisectMeasured,
     BisectRecord,
     Search,
-    SearchRange,
     VersionKind,
     VersionRow,
     finished,
@@ -82,10 +81,11 @@ def search(
     ready: Collection[int] = (),
 ) -> Iterator[BisectMeasured]:
     commits = [VersionRow(n, f"{n:040x}", f"commit {n}") for n in range(1, count + 1)]
-    searched = SearchRange("bench.py::step", VersionKind.COMMIT, "old", "new", commits)
+    searched = BisectRecord(target="bench.py::step", old="old", new="new", versions=count)
     ticks = itertools.count()
     return Search(
-        invented.decide, searched, 0.01, earlier, lambda: ready, lambda: float(next(ticks))
+        *(invented.decide, searched, commits, 0.01, earlier),
+        *(lambda: ready, lambda: float(next(ticks))),
     ).run()
 
 

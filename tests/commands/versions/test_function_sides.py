@@ -230,7 +230,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def comparison(cwd: Path, *functions: str) -> EnvironmentComparison:
     parsed = function_sides.parse_functions(functions, cwd, Path(cwd.anchor))
-    return EnvironmentComparison(OLD, [NEW], parsed, cwd)
+    return EnvironmentComparison([OLD, NEW], parsed, cwd)
 
 
 def test_both_sides_run_the_same_code_with_their_own_packages(tmp_path: Path, cache: Path) -> None:

@@ -13,8 +13,9 @@ from .call_clock import CallClock
 # program's processor time is what counts: of two processes that share a core, each is slowed by the
 # clock of both.
 BURST_CALLS, MAX_COST_SHARE = 199, 0.003
-# What it may cost in any case, so that a fast loop is timed for more than a moment.
-FREE_COST_NS = 10_000_000
+# What it may cost in any case, so that a fast loop is timed for more than a moment, and the time
+# over which this is spread: calls between two bursts count as those in the second.
+FREE_COST_NS, FREE_SPREAD_NS = 10_000_000, 1_000_000_000
 # Calls of the calibration with cold caches, and bytes that are read before each: what a core's own
 # caches hold.
 COLD_CALLS, COLD_BYTES = 200, 1 << 20
@@ -37,19 +38,19 @@ class Pacer:
 
     def begin(self) -> None:
         self._start_ns, self._processor_start_ns = self._now_ns(), self._processor_ns()
+        self._spent_ns = 0
 
-    def _elapsed_ns(self) -> int:
-        processor_ns = self._processor_ns() - self._processor_start_ns
-        return min(self._now_ns() - self._start_ns, processor_ns)
+    def spend(self, cost_ns: int) -> None:
+        """Note what timing has cost, by what is known now: what is learned later does not count."""
+        self._spent_ns += cost_ns
 
-    def calls_to_pass(self, cost_ns: int, period_ns: int) -> int:
+    def calls_to_pass(self, period_ns: int) -> int:
         """Return how many calls have to pass, so that what was timed has cost its share."""
-        owed_ns = max(0, cost_ns - FREE_COST_NS)
-        return max(0, int((owed_ns / MAX_COST_SHARE - self._elapsed_ns()) / period_ns))
-
-    def has_earned(self, cost_ns: int) -> bool:
-        """Return whether a burst may be timed, after those that have cost so much."""
-        return cost_ns - FREE_COST_NS < MAX_COST_SHARE * self._elapsed_ns()
+        at_first = MAX_COST_SHARE + FREE_COST_NS / FREE_SPREAD_NS
+        earned_ns = max(self._spent_ns / at_first, (self._spent_ns - FREE_COST_NS) / MAX_COST_SHARE)
+        processor_ns = self._processor_ns() - self._processor_start_ns
+        elapsed_ns = min(self._now_ns() - self._start_ns, processor_ns)
+        return max(0, int((earned_ns - elapsed_ns) / period_ns))
 
 
 def cold_cost_ns(
@@ -168,7 +169,6 @@ class CallBursts:
 
     def begin(self) -> None:
         if not self._burst_calls:
-            self._pass_on()
             self._begin_ns = self._now_ns()
 
     def add(self, callee: str, frame: FrameType, begin_ns: int, end_ns: int) -> None:
@@ -183,16 +183,16 @@ class CallBursts:
         if not calls:  # another thread has ended it
             return
         self._latest = self._burst.write()
+        self._pass_on()
         self.calls_timed += calls
         self._period_ns = max(1, (end_ns - self._begin_ns) // calls)
         self._note_cost()
-        self.to_pass = self._pacer.calls_to_pass(
-            self.calls_timed * self.call_cost_ns, self._period_ns
-        )
+        self._pacer.spend(calls * self.call_cost_ns)
+        self.to_pass = self._pacer.calls_to_pass(self._period_ns)
         self._planned_to_pass, self._end_ns = self.to_pass, end_ns
 
     def _pass_on(self, until_ns: int = 0) -> None:
-        """Let the calls that have passed since the last burst count as those in it."""
+        """Let the calls that have passed before the latest burst count as those in it."""
         passed, self._planned_to_pass = self._planned_to_pass - self.to_pass, self.to_pass
         if passed > 0:
             in_burst = sum(calls for _, calls, _, _ in self._latest)

@@ -5,8 +5,7 @@ and ends, once the program has imported MuJoCo. It also notes when an environmen
 Records go into a file that is mapped into memory, one for each process, so they survive any end of
 the program.
 
-The clock must cost little. It times bursts of calls; between them, calls pass through. Where even
-that would cost too much, it takes its functions away until the program resets a simulation.
+The clock must cost little. It times bursts of calls; between them, calls pass through.
 
 `step_file` has the format of the files.
 """
@@ -30,9 +29,6 @@ from .watch import Watch, write_engine
 
 # Bursts from which the cost of a timed call is learned, and times the calibrated cost at most.
 _MOST_COSTS, _MOST_COST = 15, 5
-# Calls that follow each other faster are left alone for most of the time: even to pass them through
-# would cost more than `MAX_COST_SHARE`.
-FASTEST_PASSED_NS = 5_000
 CALIBRATION_CALLS = 2000
 _RESETS = ("mj_resetData", "mj_resetDataKeyframe")
 _NONE = object()  # stands for an argument that is not given
@@ -56,7 +52,7 @@ class StepClock:
         self.collections = CollectionClock(now_ns)
         self._burst = Burst(calls)
         bursts = CallBursts(calls, now_ns, processor_ns)
-        self._others = EngineCalls(self, self._burst, bursts, watch, now_ns)
+        self._others = EngineCalls(self, bursts, watch, now_ns)
         calls.before_steps = self._note_first
         calls.step_counts.append(self._count)
         self._originals: dict[str, Any] = {}
@@ -74,8 +70,8 @@ class StepClock:
         self._first_ns = self._last_ns = 0
         self._calls_timed = self._calls_passed = 0
         self._latest_burst: Written = ()
-        self._others.begin_process()
-        self.to_pass = self._planned_to_pass = 0
+        self._others.bursts.begin_process()
+        self.to_pass = self._planned_to_pass = self._unestimated = 0
         self._burst_begin_ns = 0
         self.burst_calls = 0
         self._burst_timers: list[float] | None = None
@@ -87,7 +83,6 @@ class StepClock:
         self._halves_seen = False
         self._burst_period_ns = self._burst_end_ns = 0
         self._costs_ns: list[int] = []  # of a timed call, as bursts have shown
-        self._is_away = self._was_away = self._was_left = False
         self.collections.begin(self._file.write_collections)
         self._write_header()
 
@@ -100,14 +95,15 @@ class StepClock:
             return
         self._burst.begin_process()
         self._reset_totals()
-        self._come_back()
 
     def leave(self) -> None:
         """Leave the process alone: it has no file."""
         self._file.close()
         self.collections.end()
-        self._go_away()
-        self._module = None
+        if self._module is not None:
+            for name, function in self._originals.items():
+                if getattr(self._module, name) is self._timed[name]:
+                    setattr(self._module, name, function)
 
     # MuJoCo
 
@@ -181,12 +177,6 @@ class StepClock:
 
         return engine_function(call, function)
 
-    def break_burst(self) -> None:
-        """End a burst before it is full: calls follow that are no steps."""
-        self._burst.write()
-        self._calls_timed += self.burst_calls
-        self.burst_calls = 0
-
     def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
         self._note_latest(model, data)
@@ -194,7 +184,7 @@ class StepClock:
         since_ns = self._now_ns() - self._burst_end_ns
         if passed > BURST_CALLS:
             self._learn_cost(since_ns // passed)
-        self._pass_on(passed, since_ns, 0)
+        self._unestimated += passed
         self._calls_passed, self._planned_to_pass = self._passed(), 0
         self._timestep_ns = _timestep_ns(model)
         self._burst_timers = _timers(data)
@@ -207,22 +197,20 @@ class StepClock:
             self._write_header()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
-    def _pass_on(self, passed: int, since_ns: int, until_ns: int) -> None:
-        """Let calls since the last burst count as those in it; `until_ns` of 0 is not known."""
-        if self._was_left and self._burst_period_ns:  # nothing counted them
-            self._was_left = False
-            passed = since_ns // max(1, self._burst_period_ns - self.cold_ns)
-        if passed > 0:
-            self._burst.pass_on(self._latest_burst, passed / BURST_CALLS, until_ns)
+    def _pass_on(self, calls: int, until_ns: int = 0) -> None:
+        """Let untimed calls count as those of the latest burst; `until_ns` of 0 is not known."""
+        if calls > 0:
+            self._burst.pass_on(self._latest_burst, calls / BURST_CALLS, until_ns)
 
     def _learn_cost(self, passed_ns: int) -> None:
         """Learn what a timed call costs this program, from what it took between two bursts.
 
-        Where the program's own data fill the caches, that is more than the calibration says.
+        Where the program's own data fill the caches, that is more than the calibration says. Where
+        its own calls vary by more, their quartile does not take this for a cost.
         """
         self._costs_ns.append(self._burst_period_ns - passed_ns)
         del self._costs_ns[:-_MOST_COSTS]
-        typical_ns = sorted(self._costs_ns)[len(self._costs_ns) // 2]
+        typical_ns = sorted(self._costs_ns)[len(self._costs_ns) // 4]
         self.cold_ns = max(self.timed_ns, min(typical_ns, _MOST_COST * self.timed_ns))
 
     def _note_latest(self, model: Any, data: Any) -> None:
@@ -258,18 +246,20 @@ class StepClock:
             seconds = [now - then for now, then in zip(timers, self._burst_timers, strict=True)]
             if min(seconds, default=0.0) >= 0.0:  # else the program has reset them meanwhile
                 self._file.add_timers(seconds)
-        self._calls_timed += self.burst_calls
         period_ns = max(1, (end_ns - self._burst_begin_ns) // self.burst_calls)
         self._burst_period_ns = period_ns
+        self._calls_timed += self.burst_calls
+        self._pacer.spend(self.burst_calls * self.cold_ns)
         self.burst_calls = 0
-        by_cost = self._pacer.calls_to_pass(self._calls_timed * self.cold_ns, period_ns)
+        by_cost = self._pacer.calls_to_pass(period_ns)
         self.to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
         self._planned_to_pass = self.to_pass
         self._observe(False)
+        # those before it, not those after it: a slow burst lets fewer pass, and would weigh less
+        self._pass_on(self._unestimated)
+        self._unestimated = 0
         self._watch.look(model, data, frame, end_ns)
         self._observe(not self.to_pass)
-        if self.to_pass and period_ns < FASTEST_PASSED_NS:
-            self._go_away()
         self._write_header()
         self._burst_end_ns = self._now_ns()
 
@@ -292,34 +282,14 @@ class StepClock:
 
     def _count(self) -> int:
         """Return what changes when the program steps."""
-        if self._is_away:
-            return self._now_ns()
         return self._calls_timed + self.burst_calls + self._passed()
 
     def _cost_ns(self) -> int:
         own_ns = self._calls_timed * self.cold_ns + self._passed() * self.passed_ns
         return own_ns + self._calls.cost_ns
 
-    def _go_away(self) -> None:
-        """Give the program the engine's own functions, until it resets a simulation."""
-        self._is_away = self._was_away = self._was_left = True
-        self.to_pass = self._planned_to_pass = 0
-        for name, function in self._originals.items():
-            if getattr(self._module, name) is self._timed[name]:
-                setattr(self._module, name, function)
-
-    def _come_back(self) -> None:
-        """Time a burst again, where the last one went away."""
-        if self._is_away and self._module is not None:
-            self._is_away = False
-            for name, function in self._originals.items():
-                if getattr(self._module, name) is function:
-                    setattr(self._module, name, self._timed[name])
-
     def _returning(self, function: Any) -> Any:
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if self._is_away and self._pacer.has_earned(self._cost_ns() - self._calls.cost_ns):
-                self._come_back()
             if self._calls.is_observing and len(args) > 1:
                 self._watch.look_for_warnings(args[1], sys._getframe(1), self._now_ns())
             return function(*args, **kwargs)
@@ -337,7 +307,7 @@ class StepClock:
         call, costs = clock._timing(nothing, "nothing"), []
         # one call more than a burst has: none ends while calls are calibrated
         for to_pass, burst_calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
-            blocks = []
+            timed_ns, nothing_ns = [], []
             for _ in range(5):
                 clock.to_pass, clock.burst_calls = to_pass, burst_calls
                 begin_ns = self._now_ns()
@@ -347,8 +317,10 @@ class StepClock:
                 for _ in range(CALIBRATION_CALLS // 5):
                     nothing(None, None)
                 end_ns = self._now_ns()
-                blocks.append((middle_ns - begin_ns) - (end_ns - middle_ns))
-            costs.append(max(0, min(blocks)) // (CALIBRATION_CALLS // 5))
+                timed_ns.append(middle_ns - begin_ns)
+                nothing_ns.append(end_ns - middle_ns)
+            cost_ns = max(0, min(timed_ns) - min(nothing_ns))
+            costs.append(cost_ns // (CALIBRATION_CALLS // 5))
         self.timed_ns, self.passed_ns = costs
         clock.to_pass, clock.burst_calls = 0, BURST_CALLS + 1
         cold_ns = cold_cost_ns(lambda: call(None, None), lambda: nothing(None, None), self._now_ns)
@@ -378,7 +350,6 @@ class StepClock:
             self._first_ns,
             self._last_ns,
             self._calls_passed,
-            self._was_away,
             self._cost_ns(),
             self.timed_ns,
             self._process_ns,
@@ -388,16 +359,14 @@ class StepClock:
         """Write what the last burst left; called when the process ends by itself."""
         self.collections.end()  # what Python frees when it ends is not the program's
         passed = self._planned_to_pass - self.to_pass
-        if passed > 0 or self._was_left:
-            # the last of these calls may have ended any time ago, but not before it could
-            period_ns = max(1, self._burst_period_ns - self.cold_ns)
-            since_ns = self._now_ns() - self._burst_end_ns
-            until_ns = self._burst_end_ns + (since_ns if self._was_left else passed * period_ns)
-            self._pass_on(passed, since_ns, min(until_ns, self._now_ns()))
-        if self._is_away:
-            self._last_ns = self._now_ns()
+        # the last of these calls may have ended any time ago, but not before it could
+        period_ns = max(1, self._burst_period_ns - self.cold_ns)
+        self._pass_on(
+            self._unestimated + passed,
+            min(self._burst_end_ns + passed * period_ns, self._now_ns()),
+        )
         self._calls_timed += self.burst_calls
-        self._others.end()
+        self._others.bursts.end()
         latest = self._latest()
         if latest is not None:
             self._watch.look_for_warnings(latest, None, self._last_ns)

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 RECORD = struct.Struct("<6q")
 # What stands before the records, as `Header` names it: what the step clock writes, and then what
 # the clock of garbage collections does.
-OF_STEPS, OF_COLLECTIONS = struct.Struct("<8q"), struct.Struct("<3q")
-HEADER = struct.Struct("<11q")
+OF_STEPS, OF_COLLECTIONS = struct.Struct("<7q"), struct.Struct("<3q")
+HEADER = struct.Struct("<10q")
 # Seconds by the engine's timers, as sums over bursts.
 MAX_TIMERS = 32
 TIMERS = struct.Struct(f"<{MAX_TIMERS}d")

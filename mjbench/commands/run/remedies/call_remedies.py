@@ -1,27 +1,22 @@
 """What to do about calls of MuJoCo and JAX in a loop: a row for each remedy.
 
-A remedy belongs to a call in a context, such as an MjData that is created in a loop. The pair of a
-row, and what it asks of the program, stand before the rows.
+A remedy belongs to a call in a context, such as an MjData that is created in a loop. What a row
+asks of the program stands before the rows; the ways of its pair are in `call_ways`.
 """
 
-import copy
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import mujoco
-import numpy as np
 
 from mjbench.commands.run.activities import Activity
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import call_clock
-from mjbench.commands.run.remedies import call_savings
+from mjbench.commands.run.remedies import call_savings, call_ways
 from mjbench.commands.run.remedies.call_savings import CallRemedy, CallsInLoop, count_of, steps_of
 from mjbench.commands.run.remedies.remedy_pairs import RemedyPair, TimedWay
-from mjbench.errors import InputError
-from mjbench.host import machine
-from mjbench.simulation import compat
 
 # What is given to mj_inverse on a line.
 _INVERSE_ARGUMENTS = re.compile(r"mj_inverse\(([^()]*)\)")
@@ -31,14 +26,6 @@ _COUNT_ERROR = 0.1
 _LEAST_SPREAD = 0.25
 # At most so many steps follow a new MjData in a pair: the first ones pay for its memory.
 _MOST_STEPS = 50
-# What copies an MjData, by the names of the call clock.
-_COPIERS: Mapping[str, Callable[[mujoco.MjData], mujoco.MjData]] = {
-    call_clock.COPY_OF_DATA: copy.copy,
-    call_clock.DEEP_COPY_OF_DATA: copy.deepcopy,
-}
-# Pixels of a side of a shadow map: that of MuJoCo has 4096, which takes the processor most of an
-# image.
-_SHADOW_SIZE = 1024
 # Simulations that one thread may step faster than several, which are woken for each step.
 _MOST_IN_TURN = 64
 _WITHOUT_WARM_START = (
@@ -48,241 +35,34 @@ _WITHOUT_WARM_START = (
 _USUAL_RAYS, _MOST_RAYS = 32, 1000
 
 
-# -- functions of the engine -----------------------------------------------------------------------
-
-
-def _calling(
-    model: mujoco.MjModel, names: Sequence[str], steps: int
-) -> Callable[[mujoco.MjData], None]:
-    functions = [getattr(mujoco, name) for name in ("mj_step", *names)[steps == 0 :]]
-
-    def run(data: mujoco.MjData) -> None:
-        for function in functions:
-            function(model, data)
-
-    return run
-
-
-def functions(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    """Return `mj_forward`, and the functions that are enough, each after a step if there is one."""
-    assert pair.functions is not None, "the pair names them"
-    present = _calling(model, ["mj_forward"], pair.steps)
-    return TimedWay(present), TimedWay(_calling(model, pair.functions, pair.steps))
-
-
-def inverse(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    """Return inverse dynamics before a step, and within it; halves are no Runge-Kutta."""
-    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        raise InputError("mj_step1 and mj_step2 integrate by Euler")
-    velocity = mujoco.mjtStage.mjSTAGE_VEL
-
-    def before(data: mujoco.MjData) -> None:
-        mujoco.mj_inverse(model, data)
-        mujoco.mj_step(model, data)
-
-    def within(data: mujoco.MjData) -> None:
-        mujoco.mj_step1(model, data)
-        mujoco.mj_inverseSkip(model, data, velocity, 1)
-        mujoco.mj_step2(model, data)
-
-    return TimedWay(before), TimedWay(within)
-
-
-def uncentered(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    size = 2 * model.nv + model.na
-    by_state, by_control = np.empty((size, size)), np.empty((size, model.nu))
-
-    def way(centered: bool) -> TimedWay:
-        return TimedWay(
-            lambda data: mujoco.mjd_transitionFD(
-                model, data, 1e-6, centered, by_state, by_control, None, None
-            )
-        )
-
-    return way(True), way(False)
-
-
-def one_call(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    def ten_steps(data: mujoco.MjData) -> None:
-        for _ in range(10):
-            mujoco.mj_step(model, data)
-
-    return TimedWay(ten_steps), TimedWay(lambda data: mujoco.mj_step(model, data, 10))
-
-
-def rays(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    origin = np.array(model.stat.center)
-    nray = pair.simulations
-    vectors = np.random.default_rng(0).normal(size=(nray, 3))
-    geoms, distances = np.empty(nray, np.int32), np.empty(nray)
-    geom = np.empty(1, np.int32)
-
-    def one_by_one(data: mujoco.MjData) -> list[float]:
-        return [mujoco.mj_ray(model, data, origin, each, None, 1, -1, geom) for each in vectors]
-
-    def at_once(data: mujoco.MjData) -> None:
-        compat.cast_rays(model, data, origin, vectors, geoms, distances)
-
-    return TimedWay(one_by_one), TimedWay(at_once)
-
-
-# -- rollouts --------------------------------------------------------------------------------------
-
-
-def rollouts(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    """Return two ways of stepping simulations, by the names that the call clock gives them."""
-    if (problem := compat.rollout_threads_unavailable()) is not None:
-        raise InputError(problem)
-    from mujoco import rollout
-
-    threads, nstep = machine.usable_cores(), pair.steps
-    datas = [mujoco.MjData(model) for _ in range(threads)]
-    one, pool = datas[0], rollout.Rollout(nthread=threads)
-    starts = np.empty((pair.simulations, compat.state_size(model, compat.FULLPHYSICS)))
-
-    def take_state(data: mujoco.MjData) -> None:
-        compat.get_state(model, data, starts[0], compat.FULLPHYSICS)
-        starts[1:] = starts[0]
-
-    def way(name: str) -> TimedWay:
-        if name == "Batch.step":
-            from mujoco.batch import Batch
-
-            batch = Batch(model, pair.simulations)
-            return TimedWay(lambda data: batch.step(nstep=nstep))
-        if name == "mj_step":
-            singles = [mujoco.MjData(model) for _ in range(pair.simulations)]
-
-            def set_states(data: mujoco.MjData) -> None:
-                compat.get_state(model, data, starts[0], compat.FULLPHYSICS)
-                for each in singles:
-                    compat.set_state(model, each, starts[0], compat.FULLPHYSICS)
-
-            def step_each(data: mujoco.MjData) -> None:
-                for each in singles:
-                    mujoco.mj_step(model, each)
-
-            return TimedWay(step_each, prepare=set_states)
-        calls: Mapping[str, Callable[[], object]] = {
-            "rollout": lambda: rollout.rollout(model, one, starts, nstep=nstep),
-            call_clock.THREADED_ROLLOUT: lambda: rollout.rollout(model, datas, starts, nstep=nstep),
-            "Rollout.rollout": lambda: pool.rollout(model, datas, starts, nstep=nstep),
-        }
-        call = calls[name]
-        return TimedWay(lambda data: call(), prepare=take_state)
-
-    assert pair.functions is not None, "there are two"
-    present, suggested = pair.functions
-    return way(present), way(suggested)
-
-
-def no_rollout(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    """Return one step of one simulation by rollout, and by mj_step."""
-    from mujoco import rollout
-
-    starts = np.empty((1, compat.state_size(model, compat.FULLPHYSICS)))
-    control = np.zeros((1, 1, model.nu))
-
-    def take_state(data: mujoco.MjData) -> None:
-        compat.get_state(model, data, starts[0], compat.FULLPHYSICS)
-
-    def one_step(data: mujoco.MjData) -> None:
-        ends, _ = rollout.rollout(model, data, starts[:1], control)
-        starts[:1] = ends[:, -1]
-
-    def step(data: mujoco.MjData) -> None:
-        data.ctrl[:] = control[0, 0]
-        mujoco.mj_step(model, data)
-
-    return TimedWay(one_step, prepare=take_state), TimedWay(step)
-
-
-# -- objects that are created ----------------------------------------------------------------------
-
-
-def new_data(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    """Return an MjData that is new each time, and one that stays; both are stepped.
-
-    Steps are timed, too: the first ones after a new MjData pay for its memory.
-    """
-    assert pair.functions is not None, "there are two"
-    present, suggested = pair.functions
-    scratch = mujoco.MjData(model)
-    copier, is_copy = _COPIERS.get(present), suggested == "mj_copyData"
-    is_new_copy = is_copy and copier is None
-
-    def create(data: mujoco.MjData) -> mujoco.MjData:
-        return mujoco.MjData(model) if copier is None else copier(data)
-
-    def use(fresh: mujoco.MjData, data: mujoco.MjData) -> None:
-        if is_new_copy:
-            compat.copied_data(model, fresh, data)
-        step(fresh)
-
-    def step(stepped: mujoco.MjData) -> None:
-        for _ in range(pair.steps):
-            mujoco.mj_step(model, stepped)
-
-    def again(data: mujoco.MjData) -> None:
-        if is_copy:
-            compat.copied_data(model, scratch, data)
-        else:
-            mujoco.mj_resetData(model, scratch)
-        step(scratch)
-
-    return TimedWay.creating(create, use), TimedWay(again)
-
-
-def renderer(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    height, width = pair.frame
-    model.vis.global_.offheight = max(height, model.vis.global_.offheight)
-    model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
-    permanent = mujoco.Renderer(model, height, width)
-
-    def draw(renderer: mujoco.Renderer, data: mujoco.MjData) -> None:
-        renderer.update_scene(data)
-        renderer.render()
-
-    def create(data: mujoco.MjData) -> mujoco.Renderer:
-        return mujoco.Renderer(model, height, width)
-
-    return TimedWay.creating(create, draw), TimedWay(lambda data: draw(permanent, data))
-
-
-def coarser_images(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    coarse = copy.copy(model)
-    quality = coarse.vis.quality
-    quality.shadowsize, quality.offsamples = min(quality.shadowsize, _SHADOW_SIZE), 0
-    return renderer(model, pair)[1], renderer(coarse, pair)[1]
-
-
-# -- what rows ask, and whether they apply ---------------------------------------------------------
-
-
 def _functions_pair(calls: CallsInLoop) -> RemedyPair:
     enough = () if calls.finding is None else tuple(calls.finding.instead)
-    return RemedyPair(functions, enough, steps=int(calls.nstep > 0))
+    return RemedyPair(call_ways.functions, enough, steps=int(calls.nstep > 0))
 
 
 def _rays_pair(calls: CallsInLoop) -> RemedyPair:
     steps = count_of(steps_of(calls.loop.calls))
     of_step = calls.count / steps if steps else _USUAL_RAYS
-    return RemedyPair(rays, simulations=min(_MOST_RAYS, max(1, round(of_step))))
+    return RemedyPair(call_ways.rays, simulations=min(_MOST_RAYS, max(1, round(of_step))))
 
 
 def _renderer_pair(calls: CallsInLoop) -> RemedyPair:
     frame = next((call.frame for call in calls.calls if call.frame), None) or (240, 320)
-    return RemedyPair(renderer, frame=frame, backend=calls.calls[0].backend, by_wall_time=True)
+    return RemedyPair(
+        call_ways.renderer, frame=frame, backend=calls.calls[0].backend, by_wall_time=True
+    )
 
 
 def _data_pair(calls: CallsInLoop) -> RemedyPair:
     steps = min(_MOST_STEPS, round(calls.nstep / max(1.0, calls.count)))
     if calls.finding is not None and calls.finding.code == "MJB005":
-        return RemedyPair(new_data, ("MjData", "mj_resetData"), steps=steps)
+        return RemedyPair(call_ways.new_data, ("MjData", "mj_resetData"), steps=steps)
     longest = max(calls.calls, key=lambda call: call.seconds).callee
-    present = longest if longest in _COPIERS else "MjData"
-    is_copied = present in _COPIERS
-    return RemedyPair(new_data, (present, "mj_copyData"), steps=steps, of_copied=is_copied)
+    present = longest if longest in call_ways.COPIERS else "MjData"
+    is_copied = present in call_ways.COPIERS
+    return RemedyPair(
+        call_ways.new_data, (present, "mj_copyData"), steps=steps, of_copied=is_copied
+    )
 
 
 def _rollout_pair(
@@ -295,7 +75,7 @@ def _rollout_pair(
             names,
             simulations=max(1, round(sum(call.all_steps for call in calls.calls) / steps)),
             steps=max(1, round(steps / max(1.0, calls.count))),
-            on_threads=ways is rollouts,
+            on_threads=ways is call_ways.rollouts,
         )
 
     return pair
@@ -326,7 +106,9 @@ def _are_spread(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
     begin_ns = min(call.first_ns for call in of_loop)
     loop_ns = max(call.last_ns for call in of_loop) - begin_ns
     calls_ns = max(call.last_ns for call in calls) - min(call.first_ns for call in calls)
-    return calls_ns >= _LEAST_SPREAD * loop_ns
+    # on a busy machine, starts of a pool take long, and nothing happens between them
+    own_ns = 1e9 * call_savings.seconds_of(calls)
+    return calls_ns >= max(_LEAST_SPREAD * loop_ns, 2 * own_ns)
 
 
 # What to do about a call in a loop. A call that stands in none of them is what the program is for.
@@ -334,7 +116,7 @@ CALL_REMEDIES = (
     CallRemedy(
         callees=("mj_step",),
         text="nothing happens between these steps: call mj_step(model, data, nstep) once",
-        pair=lambda calls: RemedyPair(one_call),
+        pair=lambda calls: RemedyPair(call_ways.one_call),
         saving=call_savings.of_call_alone,
         codes=("MJB017",),
         needs_finding=True,
@@ -355,17 +137,9 @@ CALL_REMEDIES = (
         text="mj_inverse computes what depends on positions and velocities, and mj_step computes it"
         " again: call mj_step1, set data.qacc, call mj_inverseSkip(model, data,"
         " mujoco.mjtStage.mjSTAGE_VEL, 1), and then mj_step2",
-        pair=lambda calls: RemedyPair(inverse),
+        pair=lambda calls: RemedyPair(call_ways.inverse),
         saving=call_savings.of_functions,
         applies=_is_of_stepped_data,
-    ),
-    CallRemedy(
-        callees=("mjd_transitionFD",),
-        text="with flg_centered=False, half as many steps are taken; None in place of C and D"
-        " leaves out sensors",
-        effect="derivatives, which are less exact",
-        pair=lambda calls: RemedyPair(uncentered),
-        applies=lambda calls, of_loop: "True" in calls[0].place.text,
     ),
     CallRemedy(
         callees=("mj_ray",),
@@ -411,10 +185,10 @@ CALL_REMEDIES = (
     ),
     CallRemedy(
         callees=("render",),
-        text=f'draw coarser images, by <quality shadowsize="{_SHADOW_SIZE}" offsamples="0"/> in'
-        " <visual> of the model",
+        text=f'draw coarser images, by <quality shadowsize="{call_ways.SHADOW_SIZE}"'
+        ' offsamples="0"/> in <visual> of the model',
         effect="shadows, and edges, which are not smoothed",
-        pair=lambda calls: replace(_renderer_pair(calls), ways=coarser_images),
+        pair=lambda calls: replace(_renderer_pair(calls), ways=call_ways.coarser_images),
         saving=call_savings.of_images,
         is_of_loop=True,
     ),
@@ -460,14 +234,14 @@ CALL_REMEDIES = (
         callees=(call_clock.THREADED_ROLLOUT,),
         text="rollout starts threads for each call: keep a pool, rollout.Rollout(nthread=n), and"
         " give it initial_warmstart where one call continues another",
-        pair=_rollout_pair(rollouts, call_clock.THREADED_ROLLOUT, "Rollout.rollout"),
+        pair=_rollout_pair(call_ways.rollouts, call_clock.THREADED_ROLLOUT, "Rollout.rollout"),
         codes=("MJB014",),
     ),
     CallRemedy(
         callees=("rollout",),
         text="rollout takes these simulations one after the other: give it a list with an MjData"
         " for each core, and keep a pool, rollout.Rollout(nthread=n)",
-        pair=_rollout_pair(rollouts, "rollout", "Rollout.rollout"),
+        pair=_rollout_pair(call_ways.rollouts, "rollout", "Rollout.rollout"),
         applies=lambda calls, of_loop: any(c.all_steps > c.steps for c in calls),
     ),
     CallRemedy(
@@ -475,7 +249,7 @@ CALL_REMEDIES = (
         text="rollout copies states for each step of one simulation: write data.ctrl, and call"
         " mj_step(model, data)",
         effect=_WITHOUT_WARM_START,
-        pair=_rollout_pair(no_rollout),
+        pair=_rollout_pair(call_ways.no_rollout),
         applies=lambda calls, of_loop: all(c.all_steps == c.calls for c in calls),
     ),
     CallRemedy(
@@ -483,7 +257,7 @@ CALL_REMEDIES = (
         text="rollout copies all states for each step: mujoco.batch.Batch keeps them; write"
         " batch.ctrl, and call batch.step()",
         effect=_WITHOUT_WARM_START,
-        pair=_rollout_pair(rollouts, "Rollout.rollout", "Batch.step"),
+        pair=_rollout_pair(call_ways.rollouts, "Rollout.rollout", "Batch.step"),
         applies=_are_of_one_step,
     ),
     CallRemedy(
@@ -491,7 +265,7 @@ CALL_REMEDIES = (
         text="each step is handed over to threads: take many in one call where their controls are"
         " known, or keep an MjData for each simulation, and call mj_step",
         effect=_WITHOUT_WARM_START,
-        pair=_rollout_pair(rollouts, "Rollout.rollout", "mj_step"),
+        pair=_rollout_pair(call_ways.rollouts, "Rollout.rollout", "mj_step"),
         applies=_are_of_few,
     ),
     CallRemedy(

@@ -13,6 +13,7 @@ from mjbench.commands.lint import rules as lint_rules
 from mjbench.commands.lint.check import Finding
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.loop_time import LineTime, LoopTime, error_of
+from mjbench.commands.run.remedies import call_ways
 from mjbench.commands.run.remedies.call_savings import Saving, count_of, steps_of
 from mjbench.commands.run.remedies.remedy import Basis
 from mjbench.commands.run.remedies.remedy_pairs import (
@@ -113,7 +114,17 @@ LINE_REMEDIES = (
 )
 
 # By code of lint: loops of which steps and Python go together, and their steps beside the call.
-LOOP_PAIRS = {"MJB020": RemedyPair(columns)}
+# Findings name that call.
+LOOP_PAIRS = {
+    "MJB006": RemedyPair(
+        call_ways.rollouts,
+        ("mj_step", "Rollout.rollout"),
+        simulations=16,
+        steps=25,
+        on_threads=True,
+    ),
+    "MJB020": RemedyPair(columns),
+}
 
 
 def line_remedies(

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from mjbench.commands.lint import check as lint
 from mjbench.commands.lint.check import Finding
+from mjbench.commands.lint.restarts import SETTLED_RESET
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime, Incident
 from mjbench.commands.run.hook import call_clock
@@ -63,7 +64,7 @@ def pairs(
         asked += [
             pair
             for code, pair in line_remedies.LOOP_PAIRS.items()
-            if _lines_of(loop.lines_on_stack, [each for each in findings if each.code == code])
+            if _lines_of(loop.lines_on_stack, _of_whole(code, findings))
         ]
     return list(dict.fromkeys(asked))
 
@@ -253,8 +254,9 @@ def _of_findings(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[Remedy
         has_row = finding.code in line_remedies.LOOP_PAIRS or line_remedies.has_row(finding, lines)
         if not lines or finding.is_wrong_result or finding.code in _BY_CALLS or has_row:
             continue
-        # a step on the line of a finding about one line stays
-        left = None if finding.last_line else Activity.PHYSICS
+        # a step on the line of a finding about one line stays, but where it is about the step
+        is_whole = finding.last_line or finding.code == SETTLED_RESET
+        left = None if is_whole else Activity.PHYSICS
         parts = [part for line in lines for part in line.activities.items() if part[0] != left]
         shares = shares_of(parts, 1.0)
         share = min(1.0, sum(shares.values()))
@@ -271,19 +273,18 @@ def _of_whole_loops(
 ) -> Iterator[Remedy]:
     """Yield what to do about loops that one call replaces, which are one thing to do."""
     for code, pair in line_remedies.LOOP_PAIRS.items():
-        of_code = sorted(
-            (each for each in findings if each.code == code), key=lambda each: each.line
-        )
+        of_code = _of_whole(code, findings)
         if not (lines := _lines_of(loop.lines_on_stack, of_code)):
             continue
         first = min(lines, key=lambda line: line.place.position).place
         of_file = [each for each in of_code if each.file == first.file]
         saving = line_remedies.saved_with_steps(lines, measured.ratios.get(pair), loop.samples)
         error = saving.relative_error
+        begin, end = of_file[0].line, max(each.last_line or each.line for each in of_file)
         yield Remedy(
             RemedyKind.LINE,
             Activity.PHYSICS,
-            Place(first.file, of_file[0].line, first.function),
+            Place(first.file, begin, first.function),
             of_file[0].message,
             saving.gain,
             None if error is None else saving.gain * error,
@@ -291,8 +292,14 @@ def _of_whole_loops(
             basis=saving.basis,
             share=saving.share,
             effect="nothing but rounding",
-            last_line=max(each.last_line or each.line for each in of_file),
+            last_line=end if end > begin else None,
         )
+
+
+def _of_whole(code: str, findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings that one call replaces their loop."""
+    of_code = (each for each in findings if each.code == code and each.instead)
+    return sorted(of_code, key=lambda each: each.line)
 
 
 def _lines_of(lines: Sequence[LineTime], findings: Sequence[Finding]) -> list[LineTime]:

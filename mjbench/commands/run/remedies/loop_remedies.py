@@ -142,7 +142,8 @@ def of_building(loop: LoopTime) -> Remedy | None:
     loading = [call for call in loop.calls if call.activity == Activity.LOADING]
     if line is None or loop.samples < FEW_SAMPLES or count_of(loading) < LEAST_REPEATS:
         return None
-    is_call = any(call.place.position == line.place.position for call in loading)
+    places = {call.place.position for call in loading}
+    is_call = len(places) == 1 or line.place.position in places
     if is_call and line.activities.get(Activity.BUILDING, 0.0) < LEAST_GAIN:
         return None
     return of_samples(loop, Activity.BUILDING, line.place, _BUILDING_ADVICE, line.share)
