@@ -117,7 +117,11 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
 
     Results: depend on what is changed; bodies that are moved away still cost time in each step.
     """
-    specs = _spec_names(script)
+    specs = {
+        dotted_name(target)
+        for target, value in script.values.items()
+        if isinstance(value, ast.Call) and "MjSpec" in dotted_name(value.func).split(".")
+    } - {""}
     for call in script.calls:
         if _compiles(call, specs) and not _is_stored(script, call):
             each = _innermost(script, call, or_resets=True)
@@ -351,14 +355,6 @@ def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
         case ast.Tuple() | ast.List() | ast.Dict() | ast.ListComp() | ast.DictComp():
             return True
     return False
-
-
-def _spec_names(script: SteppingScript) -> set[str]:
-    return {
-        dotted_name(target)
-        for target, value in script.values.items()
-        if isinstance(value, ast.Call) and "MjSpec" in dotted_name(value.func).split(".")
-    } - {""}
 
 
 def _compiles(call: ast.Call, specs: set[str]) -> bool:

@@ -1,7 +1,7 @@
 """What costs most in a loop and has no remedy, so that a report can say so."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.bounds import Share
@@ -53,7 +53,9 @@ def costliest(time: LoopTime, remedies: Sequence[Remedy]) -> CostlyPlaces | None
     # a remedy may be about more than its own lines, such as all that builds a model
     if total < LEAST_GAIN or any(total + (each.gain or 0.0) > 1 + _SLACK for each in remedies):
         return None
-    return CostlyPlaces(name, _largest(shares[name]), total)
+    places = sorted(shares[name], key=lambda place: -shares[name][place])
+    large = [place for place in places if shares[name][place] >= LEAST_GAIN]
+    return CostlyPlaces(name, large or places[:1], total)
 
 
 def _name(line: LineTime, activity: Activity) -> str:
@@ -61,8 +63,3 @@ def _name(line: LineTime, activity: Activity) -> str:
         return activity.value
     is_own = line.package in ("", "numpy", file_owners.STANDARD_LIBRARY)
     return "your own Python and NumPy" if is_own else line.package
-
-
-def _largest(shares: Mapping[Place, float]) -> list[Place]:
-    places = sorted(shares, key=lambda place: -shares[place])
-    return [place for place in places if shares[place] >= LEAST_GAIN] or places[:1]
