@@ -161,7 +161,7 @@ def make_readers_folder(folder: Path) -> None:
         (folder / name).mkdir()
     (folder / "models").symlink_to(ROOT / "models")
     shutil.copy(ROOT / "models/cartpole.xml", folder / "robots/arm.xml")
-    shutil.copy(ROOT / "results/runs/reference-mujoco-4.0.0.jsonl", folder / "RUN.jsonl")
+    shutil.copytree(ROOT / "results/runs", folder / "results/runs")
     guide = (ROOT / "docs/guides/revisions.md").read_text(encoding="utf-8")
     (bench,) = (each.text for each in examples_of(guide) if each.name == "bench.py")
     texts = {

@@ -90,11 +90,14 @@ class Part:
 
 
 def untorn(samples: Sequence[Sample], calls: Sequence[CallTime]) -> list[Sample]:
-    """Return samples in which no line that is one step calls something else.
+    """Return samples in which no line that is one step calls something else, and no other steps.
 
     The program runs while its stack is read, from the innermost function on. What such a line seems
-    to call is what the line before it called.
+    to call is what the line before it called. Where the engine has returned meanwhile, the line is
+    one that the program has come to.
     """
+    timed = {call.place.position for call in calls}
+    samples = [_returned(sample, timed) for sample in samples] if timed else samples
     steps = {
         call.place.position
         for call in calls
@@ -119,6 +122,14 @@ def untorn(samples: Sequence[Sample], calls: Sequence[CallTime]) -> list[Sample]
         whole(sample) if is_torn else sample
         for sample, is_torn in zip(samples, are_torn, strict=True)
     ]
+
+
+def _returned(sample: Sample, timed: Collection[tuple[str, int]]) -> Sample:
+    place, called = activities.place_of(sample.own_frame), len(sample.called)
+    if place.position in timed or not called or not activities.is_step_clock(sample.stack[-1]):
+        return sample
+    stack, inner = sample.stack[:-called], sample.inner[:-called]
+    return replace(sample, stack=stack, inner=inner, activity=activities.activity(stack))
 
 
 def shown_places(stack: Sequence[Frame]) -> list[Place]:

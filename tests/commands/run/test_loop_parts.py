@@ -6,7 +6,8 @@ import pytest
 
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
-from mjbench.commands.run.loop_parts import Sample, longest_stay, loop_seconds, parts_of
+from mjbench.commands.run.hook import step_clock
+from mjbench.commands.run.loop_parts import Sample, longest_stay, loop_seconds, parts_of, untorn
 from mjbench.commands.run.loop_time import shares_of
 from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
 from mjbench.commands.run.source_loops import SourceLoop
@@ -38,3 +39,20 @@ def test_a_run_of_samples_on_one_line_is_a_stay_unless_the_line_is_often_seen() 
     assert stay is not None
     assert (stay.place.line, stay.seconds) == (14, pytest.approx(0.08))
     assert longest_stay([saving] * 4 + [resting] * 2) is None
+
+
+def test_a_line_that_the_program_came_to_while_its_stack_was_read_does_not_step() -> None:
+    engine = Frame("call", step_clock.__file__, 100)
+
+    def seen(line: int) -> Sample:
+        stack = [Frame("main", "train.py", line), engine]
+        return replace(SAMPLE, stack=stack, inner=stack, activity=Activity.PHYSICS)
+
+    before, step, after = untorn([seen(11), seen(12), seen(13)], [UNSEEN])
+    assert [each.activity for each in (before, step, after)] == [
+        Activity.PYTHON,
+        Activity.PHYSICS,
+        Activity.PYTHON,
+    ]
+    assert [len(each.inner) for each in (before, step, after)] == [1, 2, 1]
+    assert untorn([seen(11)], []) == [seen(11)], "which lines step is not known"

@@ -147,7 +147,6 @@ def test_of_few_samples_no_line_is_named():
 CONTEXTS = {
     "mj_ray": {"calls": 36_000},
     "mj_inverse": {"calls": 1000, "text": "mj_inverse(m, d)"},
-    "mjd_transitionFD": {"text": "mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)"},
 }
 ROLLOUT_CONTEXTS = {
     "rollout takes these simulations": {"steps": 100, "all_steps": 800},

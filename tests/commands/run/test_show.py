@@ -10,7 +10,6 @@ from mjbench.commands.run import show as program
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.gil_waits import GilWait
-from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.launch import UncaughtException
 from mjbench.commands.run.loop_time import LineStay, LineTime, LoopTime
 from mjbench.commands.run.physics_cost import PhysicsCost
@@ -347,16 +346,6 @@ def test_the_thread_that_waits_longest_for_the_gil_is_named_with_the_one_that_ho
         "Threads: at least 37 % of the time of worker 0 waits for the GIL; 2 more wait, too;"
         " planner holds it for 80 % of the time, most often at train.py:7." in text
     )
-
-
-def test_calls_of_jax_are_listed_by_line() -> None:
-    calls = [
-        CallTime(call_clock.DISPATCH, 1, thread, PLACE, None, 50.0, 0.25, 0, 1, 0, 0)
-        for thread in (1, 2)
-    ]
-    text = terminal.text_of(program.sections([row(replace(MIXED, calls=calls))]))
-    (line,) = (line for line in text.splitlines() if "jax dispatch" in line)
-    assert line.split() == ["train.py:7", "jax", "dispatch", "100", "5", "ms", "25", "%"]
 
 
 def test_a_program_whose_steps_are_not_counted_has_no_heading_of_steps() -> None:

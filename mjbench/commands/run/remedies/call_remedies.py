@@ -146,14 +146,6 @@ CALL_REMEDIES = (
         applies=_is_of_stepped_data,
     ),
     CallRemedy(
-        callees=("mjd_transitionFD",),
-        text="with flg_centered=False, half as many steps are taken; None in place of C and D"
-        " leaves out sensors",
-        effect="derivatives, which are less exact",
-        pair=lambda calls: RemedyPair(call_ways.uncentered),
-        applies=lambda calls, of_loop: "True" in calls[0].place.text,
-    ),
-    CallRemedy(
         callees=("mj_ray",),
         text="mj_multiRay casts all rays from one point in one call",
         pair=_rays_pair,
