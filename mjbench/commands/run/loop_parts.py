@@ -170,7 +170,8 @@ def loop_seconds(samples: Sequence[Sample], calls: Sequence[CallTime]) -> float:
     if not calls:
         return sampled_s
     seconds = _span_s(calls)
-    if samples and activities.calls_tasks(samples[0].inner[0]):
+    first = samples[0] if samples else None
+    if first and not is_own(first.inner[0]) and any(map(activities.calls_tasks, first.stack)):
         # between two tasks of a pool, its worker takes the next one, or waits
         return max(sampled_s, _seconds_of(calls))
     if equal_samples(samples) < FEW_SAMPLES:

@@ -35,7 +35,8 @@ def test_calls_that_the_clock_did_not_see_leave_the_loop_to_the_rest(samples, re
 
 def test_between_tasks_of_a_pool_the_loop_of_its_worker_does_not_run() -> None:
     worker = Frame("worker", multiprocessing.pool.__file__, 125)
-    task = replace(SAMPLE, stack=[worker, *STACK], inner=[worker, *STACK])
+    of_map = [replace(worker, function="mapstar", line=48), *STACK]
+    task = replace(SAMPLE, stack=[worker, *of_map], inner=of_map)
     stepping = replace(UNSEEN, last_ns=8_000_000_000)
     assert loop_seconds([SAMPLE] * 100, [stepping]) == pytest.approx(8.0)
     assert loop_seconds([task] * 100, [stepping]) == pytest.approx(2.0)
