@@ -172,6 +172,9 @@ def loop_seconds(samples: Sequence[Sample], calls: Sequence[CallTime]) -> float:
     if not calls:
         return sampled_s
     seconds = _span_s(calls)
+    if samples and activities.calls_tasks(samples[0].inner[0]):
+        # between two tasks of a pool, its worker takes the next one, or waits
+        return max(sampled_s, _seconds_of(calls))
     if equal_samples(samples) < FEW_SAMPLES:
         return seconds
     seconds *= _stretch(samples, {call.place.position for call in calls}) or 1.0

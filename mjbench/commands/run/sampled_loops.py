@@ -309,7 +309,7 @@ def _own_lines(parts: Sequence[Part], total_s: float) -> list[LineTime]:
     times = []
     for of_line in by_line.values():
         places = [place for place, _ in reversed(of_line)]
-        named = (place for place in places if not place.function.startswith("<"))
+        named = (place for place in places if not place.function.endswith(">"))
         beside = (part.sample for _, part in of_line if part.activity != Activity.PHYSICS)
         packages = Counter(map(_called_package, filter(None, beside))).most_common(1)
         package = packages[0][0] if packages else ""

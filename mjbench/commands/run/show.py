@@ -153,7 +153,7 @@ def beside_remedies(row: ProgramRow) -> str | None:
         )
     if pace := late_iterations.pace(time, row.steps, row.queued_s):
         return f"the loop in {where(time)} {pace}"
-    if time.is_mostly_physics and gain < 1 - MOSTLY_PHYSICS:
+    if physics >= MOSTLY_PHYSICS and gain < 1 - MOSTLY_PHYSICS:
         return _mostly_physics(row, time)
     is_known = time.is_half_physics and time.samples >= FEW_SAMPLES
     has_most = is_known and (costly is None or costly.share < physics)
