@@ -20,6 +20,8 @@ from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
 
 # Where samples saw a loop for this many times as long as its calls span, they say how long it runs.
 _LEAST_BEYOND = 1.1
+# Times the error of samples from which on the error of bursts is large: samples may miss calls.
+FAR_BETTER = 3
 # What samples show of a line that calls what is timed: its own text may tell it.
 _KNOWN_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
 # Where samples saw less than this beside the calls that are timed, they do not divide the rest.
@@ -170,11 +172,35 @@ def loop_seconds(samples: Sequence[Sample], calls: Sequence[CallTime]) -> float:
     if not calls:
         return sampled_s
     seconds = _span_s(calls)
+    first = samples[0] if samples else None
+    if first and not is_own(first.inner[0]) and any(map(activities.calls_tasks, first.stack)):
+        # between two tasks of a pool, its worker takes the next one, or waits
+        return max(sampled_s, _seconds_of(calls))
     if equal_samples(samples) < FEW_SAMPLES:
         return seconds
     seconds *= _stretch(samples, {call.place.position for call in calls}) or 1.0
     # it also runs without these calls, or those after the last burst took longer than those in it
     return sampled_s if sampled_s > _LEAST_BEYOND * seconds else seconds
+
+
+def by_samples(
+    samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float, step_error: float
+) -> Sequence[CallTime]:
+    """Return calls, where samples tell far better than bursts for how long a loop steps.
+
+    Args:
+      step_error: standard error of the time of steps in bursts, as a share of it.
+    """
+    steps = [call for call in calls if call.callee in call_clock.STEPS]
+    lines, steps_s = {call.place.position for call in steps}, _seconds_of(steps)
+    on_lines = [s for s in samples if activities.place_of(s.own_frame).position in lines]
+    sampled_s, count = _seconds_of(samples), equal_samples(samples)
+    share = _seconds_of(on_lines) / sampled_s if sampled_s else 0.0
+    least = FAR_BETTER * error_of(share, count) * seconds
+    if count < FEW_SAMPLES or not share or steps_s * step_error <= least:
+        return calls
+    factor = share * seconds / steps_s
+    return [replace(c, seconds=factor * c.seconds) if c in steps else c for c in calls]
 
 
 def parts_of(

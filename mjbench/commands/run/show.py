@@ -8,6 +8,7 @@ from mjbench.commands.run import costly_places, late_iterations
 from mjbench.commands.run.activities import WAITING, Activity
 from mjbench.commands.run.costly_places import CostlyPlaces
 from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
+from mjbench.commands.run.loop_parts import FAR_BETTER
 from mjbench.commands.run.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
 from mjbench.commands.run.remedies import listing
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
@@ -152,7 +153,7 @@ def beside_remedies(row: ProgramRow) -> str | None:
         )
     if pace := late_iterations.pace(time, row.steps, row.queued_s):
         return f"the loop in {where(time)} {pace}"
-    if time.is_mostly_physics and gain < 1 - MOSTLY_PHYSICS:
+    if physics >= MOSTLY_PHYSICS and gain < 1 - MOSTLY_PHYSICS:
         return _mostly_physics(row, time)
     is_known = time.is_half_physics and time.samples >= FEW_SAMPLES
     has_most = is_known and (costly is None or costly.share < physics)
@@ -448,8 +449,10 @@ def _activities_table(time: LoopTime, step_error: float) -> DataTable:
         if share < _LEAST_SHARE:
             continue
         is_timed = time.is_timed(activity) or activity in _TIMED
-        # steps are timed in bursts, which may differ
+        # steps are timed in bursts, which may differ: then enough samples tell better
         of_bursts = share * step_error if activity == Activity.PHYSICS else 0.0
+        if time.samples >= FEW_SAMPLES and of_bursts > FAR_BETTER * time.error(share):
+            of_bursts = time.error(share)
         is_exact = is_timed and of_bursts < _LEAST_ERROR
         error = whole_percent(of_bursts if is_timed else time.error(share))
         rows.append((str(activity), share, "timed" if is_exact else error, formats.bar(share)))

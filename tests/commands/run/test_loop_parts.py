@@ -1,5 +1,6 @@
 """The time of a loop is divided once, however short what was timed is."""
 
+import multiprocessing.pool
 from dataclasses import replace
 
 import pytest
@@ -30,6 +31,15 @@ def test_calls_that_the_clock_did_not_see_leave_the_loop_to_the_rest(samples, re
     assert shares_of(parts, seconds) == pytest.approx({Activity.PHYSICS: 0.0, rest: 1.0})
     collected = parts_of(sampled, [UNSEEN], seconds, 0.1)
     assert sum(part.seconds for part in collected) == pytest.approx(seconds)
+
+
+def test_between_tasks_of_a_pool_the_loop_of_its_worker_does_not_run() -> None:
+    worker = Frame("worker", multiprocessing.pool.__file__, 125)
+    of_map = [replace(worker, function="mapstar", line=48), *STACK]
+    task = replace(SAMPLE, stack=[worker, *of_map], inner=of_map)
+    stepping = replace(UNSEEN, last_ns=8_000_000_000)
+    assert loop_seconds([SAMPLE] * 100, [stepping]) == pytest.approx(8.0)
+    assert loop_seconds([task] * 100, [stepping]) == pytest.approx(2.0)
 
 
 def test_a_run_of_samples_on_one_line_is_a_stay_unless_the_line_is_often_seen() -> None:

@@ -267,6 +267,12 @@ def test_a_place_with_a_remedy_is_named_for_that_and_what_has_none_with_its_shar
     )
 
 
+def test_what_a_remedy_beyond_its_own_line_is_about_is_no_other_place() -> None:
+    of_loop = replace(MIXED, lines=lines(0.6))
+    facts = list(program.sections([row(of_loop, replace(remedy(), gain=0.8, share=0.9))]))[1].facts
+    assert not any("Not in the list" in str(fact) for fact in facts)
+
+
 def test_a_package_and_other_activities_are_named_as_what_they_are() -> None:
     (line,) = lines(0.9, activity=Activity.PYTHON)
     of_package = loop({Activity.PYTHON: 0.9})
@@ -467,6 +473,12 @@ def test_a_loop_that_does_not_sleep_to_keep_real_time_keeps_no_rate(
 ) -> None:
     said = program.conclusion(replace(row(time), steps=[steps(factor=factor)]))
     assert "keeps real time" not in said
+
+
+def test_a_loop_that_sleeps_for_all_of_the_simulated_time_is_slower_than_real_time() -> None:
+    said = program.conclusion(replace(row(PACED, remedy()), steps=[steps(factor=0.88)]))
+    assert said.startswith("the loop in train.py:5–9 runs at 0.88 × real time: it sleeps for all")
+    assert "do otherwise" not in said
 
 
 def test_iterations_that_take_longer_and_longer_are_said_unless_steps_do() -> None:

@@ -53,10 +53,6 @@ def _renderer_pair(calls: CallsInLoop) -> RemedyPair:
     )
 
 
-def _image_pair(calls: CallsInLoop) -> RemedyPair:
-    return replace(_renderer_pair(calls), ways=call_ways.coarser_images)
-
-
 def _data_pair(calls: CallsInLoop) -> RemedyPair:
     steps = min(_MOST_STEPS, round(calls.nstep / max(1.0, calls.count)))
     if calls.finding is not None and calls.finding.code == "MJB005":
@@ -192,7 +188,7 @@ CALL_REMEDIES = (
         text=f'draw coarser images, by <quality shadowsize="{call_ways.SHADOW_SIZE}"'
         ' offsamples="0"/> in <visual> of the model',
         effect="shadows, and edges, which are not smoothed",
-        pair=_image_pair,
+        pair=lambda calls: replace(_renderer_pair(calls), ways=call_ways.coarser_images),
         saving=call_savings.of_images,
         is_of_loop=True,
     ),
