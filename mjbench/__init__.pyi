@@ -104,7 +104,8 @@ def compare(
       nbatch: Simulations at once. Default: 64; fewer where the plain loop would take more than 20
         ms.
       returns: What every path returns: final states; the state after every step, too; and sensor
-        data of every step, too, which are of the state before it.
+        data of every step, too, which are of the state before it. MJX and Warp return final states
+        only.
       nstep: Steps of each simulation. Default: 100; fewer where the plain loop would take more than
         20 ms; --hold with --rl.
       hold: Steps for which each control is held: an environment's frame_skip. Default: 1; 5 with

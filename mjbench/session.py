@@ -22,7 +22,7 @@ from mjbench.errors import (
     printable,
     wrong_argument,
 )
-from mjbench.host import disturbance, machine, neighbours, platforms
+from mjbench.host import disturbance, machine, neighbours
 from mjbench.host.disturbance import Disturbance, Watch
 from mjbench.host.machine import Machine
 from mjbench.host.neighbours import Neighbour
@@ -98,12 +98,6 @@ class Measurement:
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
     record_types: Mapping[str, type] = field(default_factory=dict)
-
-
-def pinning_notes() -> list[str]:
-    """Return that this system cannot keep processes on a core, where it cannot."""
-    problem = platforms.pinning_problem()
-    return [problem] if problem else []
 
 
 def input_files(

@@ -6,10 +6,11 @@ from benchmarks.history import counting, release_ratios, timing
 from benchmarks.history.tasks import Selection
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError
+from mjbench.host import platforms
 from mjbench.host.disturbance import Disturbance
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record
-from mjbench.session import Item, Items, Measurement, Observer, finished, input_files, pinning_notes
+from mjbench.session import Item, Items, Measurement, Observer, finished, input_files
 from mjbench.simulation.starts import DEFAULT_STARTS
 
 # The records of a run file by their `type`.
@@ -38,7 +39,7 @@ def ratios(selection: Selection) -> Measurement:
         input_files(selection.sources, selection.releases, DEFAULT_STARTS),
         measure,
         release_ratios.finished,
-        pinning_notes(),
+        platforms.pinning_notes(),
         RECORD_TYPES,
     )
 

@@ -27,7 +27,7 @@ from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_names
 from mjbench.results.runs import Record
-from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
+from mjbench.session import Item, Items, Measurement, Observer, input_files
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -271,6 +271,6 @@ def measurement(
         },
         input_files(sources, [], plan.sizes.starts),
         items,
-        notes=pinning_notes(),
+        notes=platforms.pinning_notes(),
         record_types=records.RECORD_TYPES,
     )

@@ -97,10 +97,8 @@ def _measure(
 def _store(file: Path, content: bytes) -> None:
     from mjbench.host import files
 
-    with writing(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with files.replacing(file) as partial:
-            partial.write_bytes(content)
+    with writing(file), files.replacing(file) as partial:
+        partial.write_bytes(content)
 
 
 def _section(rows: "Sequence[SweepRow]") -> "Section":

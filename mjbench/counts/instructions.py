@@ -31,7 +31,7 @@ from mjbench.counts.counted_program import (
 from mjbench.counts.records import InstructionsRecord
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
-from mjbench.host import child, child_connection, files, platforms
+from mjbench.host import child, child_connection, files, machine, platforms
 from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.paired import release_python
 from mjbench.paired.run_sizes import Sizes
@@ -252,7 +252,7 @@ def _task_count(
     )
     if isinstance(answer, Failure):
         return replace(empty, status=answer.status, detail=answer.detail)
-    profile, repeated = (callgrind.parse(child.text(dump)) for dump in dumps)
+    profile, repeated = (callgrind.parse(machine.read_text(dump)) for dump in dumps)
     if isinstance(task, OperationRequest):
         return _operation_count(empty, task.repeats, profile, repeated)
     assert answer is not None, "it is that of a model"

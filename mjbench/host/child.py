@@ -351,10 +351,3 @@ def last_line(log: Path) -> str:
         return ""
     lines = output.strip().splitlines()
     return f"; its last output: {one_line(lines[-1], 160)}" if lines else ""
-
-
-def text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""

@@ -63,7 +63,11 @@ def _pid_namespace() -> str:
 
 @contextlib.contextmanager
 def replacing(file: Path) -> Iterator[Path]:
-    """Yield an empty file beside `file`, which takes its place when the block ends well."""
+    """Yield an empty file beside `file`, which takes its place when the block ends well.
+
+    The folder is created where it is missing.
+    """
+    file.parent.mkdir(parents=True, exist_ok=True)
     partial = create_beside(file)
     try:
         yield partial

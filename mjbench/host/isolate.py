@@ -21,7 +21,7 @@ from time import monotonic
 from typing import Any, TypeVar, TypeVarTuple
 
 from mjbench.errors import REFUSALS, MachineError, failure_of
-from mjbench.host import child, child_connection, files
+from mjbench.host import child, child_connection, files, machine
 from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.status import Status
 
@@ -195,7 +195,7 @@ def _converse(
 
 def _located(end: Ended, folder: Path) -> Ended:
     try:
-        text, position = json.loads(child.text(folder / _ACTIVITY))
+        text, position = json.loads(machine.read_text(folder / _ACTIVITY))
     except (ValueError, TypeError):  # none yet, or the child died while it wrote
         text, position = "", None
     detail = end.detail + (f" while {text}" if text else "")

@@ -390,9 +390,9 @@ def _sysctl(name: str) -> str:
 
 
 def read_text(path: str | Path) -> str:
-    """Return the text of a file of the kernel; empty where there is none."""
+    """Return the text of a file, such as one of the kernel; empty where there is none."""
     try:
-        return Path(path).read_text().strip()
+        return Path(path).read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
         return ""
 

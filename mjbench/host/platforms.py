@@ -51,14 +51,14 @@ def forbids_programs(folder: Path) -> bool:
     return False
 
 
-def pinning_problem() -> str | None:
-    """Return what it means that processes cannot be kept on a core; None where they can."""
+def pinning_notes() -> list[str]:
+    """Return what it means that processes cannot be kept on a core; nothing where they can."""
     if sys.platform == "linux":
-        return None
-    return (
+        return []
+    return [
         "this system cannot keep a process on one core:"
         " times spread more than on Linux, and verdicts take longer"
-    )
+    ]
 
 
 def can_adopt() -> bool:

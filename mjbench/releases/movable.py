@@ -66,10 +66,9 @@ def was_checked(install: MovableInstall) -> bool:
 
 def note_checked(install: MovableInstall) -> None:
     file = _cached(install.digest, _CHECKED)
-    with contextlib.suppress(OSError):
-        if file is not None:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.touch()
+    if file is not None:
+        with contextlib.suppress(OSError), files.replacing(file):
+            pass
 
 
 def _image(content: bytes) -> MovableImage:
@@ -81,11 +80,13 @@ def _image(content: bytes) -> MovableImage:
             return MovableImage(int(stored["insert_at"]), *(stored[name] for name in _ARRAYS))
     except Exception:  # it is missing or damaged: read the library again
         image = image_reader.read(content)
-    with contextlib.suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with files.replacing(file) as partial, partial.open("wb") as stream:
-            arrays = {name: getattr(image, name) for name in _ARRAYS}
-            np.savez(stream, insert_at=image.insert_at, **arrays)
+    arrays = {name: getattr(image, name) for name in _ARRAYS}
+    with (
+        contextlib.suppress(OSError),
+        files.replacing(file) as partial,
+        partial.open("wb") as stream,
+    ):
+        np.savez(stream, insert_at=image.insert_at, **arrays)
     return image
 
 

@@ -73,13 +73,11 @@ def _remember(digest: str, seconds: float) -> float:
     file = _user_file()
     if file is None:
         return seconds
-    with contextlib.suppress(OSError, MachineError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with installs.locked(_FILE_NAME):
-            table = _read(file)
-            if digest in table:
-                return table[digest]
-            table[digest] = seconds
-            with files.replacing(file) as partial:
-                partial.write_text(as_text(table))
+    with contextlib.suppress(OSError, MachineError), installs.locked(_FILE_NAME):
+        table = _read(file)
+        if digest in table:
+            return table[digest]
+        table[digest] = seconds
+        with files.replacing(file) as partial:
+            partial.write_text(as_text(table))
     return seconds

@@ -17,7 +17,7 @@ from commands import ROOT, mjbench, mjbench_process
 from mjbench.counts import instructions
 from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.host import child
+from mjbench.host import machine
 from mjbench.paired import operations
 from mjbench.releases import release_names
 from mjbench.simulation import models
@@ -185,7 +185,7 @@ def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
 
 def _processes(*words: object) -> list[int]:
     """Return the processes whose command lines hold all words."""
-    lines = {int(f.parent.name): child.text(f) for f in Path("/proc").glob("[0-9]*/cmdline")}
+    lines = {int(f.parent.name): machine.read_text(f) for f in Path("/proc").glob("[0-9]*/cmdline")}
     return [pid for pid, line in lines.items() if all(str(word) in line for word in words)]
 
 
@@ -232,7 +232,9 @@ def _command(program: Path, *nsteps: int) -> list[str]:
 def _instructions_retired(program: Path, nstep: int, out: Path) -> int:
     perf = ["perf", "stat", "-x,", "-e", "instructions:u", "-o", str(out)]
     subprocess.run([*perf, *_command(program, nstep)], env=ENVIRONMENT, check=False)
-    fields = [line.split(",")[0] for line in child.text(out).splitlines() if "instructions" in line]
+    fields = [
+        line.split(",")[0] for line in machine.read_text(out).splitlines() if "instructions" in line
+    ]
     if not fields or not fields[0].isdigit():
         pytest.skip(f"this machine counts no instructions: {(fields or ['nothing'])[0]}")
     return int(fields[0])

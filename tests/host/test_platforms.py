@@ -42,7 +42,7 @@ def test_a_system_without_affinity_leaves_processes_where_they_are(
     monkeypatch.delattr(os, "sched_setaffinity", raising=False)
     assert platforms.affinity() == set()
     platforms.set_affinity(0, [0])
-    assert "one core" in str(platforms.pinning_problem())
+    assert "one core" in str(platforms.pinning_notes())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a pidfd tells that a process has ended")

@@ -28,13 +28,13 @@ from mjbench.commands.tune.c_search import SearchPlan
 from mjbench.commands.tune.driver import tune
 from mjbench.commands.tune.result import TuneRecord
 from mjbench.errors import Failure, InputError, MjbenchError, describe_unforeseen
-from mjbench.host import isolate, machine
+from mjbench.host import isolate, machine, platforms
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.results.runs import Record
-from mjbench.session import Item, Items, Measurement, Observer, failure_of_model, pinning_notes
+from mjbench.session import Item, Items, Measurement, Observer, failure_of_model
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.status import Status
@@ -154,7 +154,7 @@ def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
         return _environment_items(source, parts)
 
     arguments = {"target": source.name, "kind": kind, "plan": plan}
-    notes = pinning_notes() if is_model else []
+    notes = platforms.pinning_notes() if is_model else []
     return Measurement("checkup", arguments, [*files, *plan.starts.files], measure, notes=notes)
 
 

@@ -46,7 +46,8 @@ class CompareOptions(BudgetOptions, StartOptions, TimeLimitOptions, OutputOption
         "final",
         choice("final", "trajectory", "sensors"),
         "What every path returns: final states; the state after every step, too; and sensor data"
-        " of every step, too, which are of the state before it.",
+        " of every step, too, which are of the state before it. MJX and Warp return final states"
+        " only.",
     )
     nstep: int | None = nstep_option(f"100; {_FEWER}; --hold with --rl")
     hold: int | None = hold_option(None, unset=f"1; {RL_HOLD} with --rl")

@@ -117,7 +117,11 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
 
     Results: depend on what is changed; bodies that are moved away still cost time in each step.
     """
-    specs = _spec_names(script)
+    specs = {
+        dotted_name(target)
+        for target, value in script.values.items()
+        if isinstance(value, ast.Call) and "MjSpec" in dotted_name(value.func).split(".")
+    } - {""}
     for call in script.calls:
         if _compiles(call, specs) and not _is_stored(script, call):
             each = _innermost(script, call, or_resets=True)
@@ -353,14 +357,6 @@ def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
     return False
 
 
-def _spec_names(script: SteppingScript) -> set[str]:
-    return {
-        dotted_name(target)
-        for target, value in script.values.items()
-        if isinstance(value, ast.Call) and "MjSpec" in dotted_name(value.func).split(".")
-    } - {""}
-
-
 def _compiles(call: ast.Call, specs: set[str]) -> bool:
     owner, _, name = dotted_name(call.func).rpartition(".")
     kind = owner.rpartition(".")[2]
@@ -410,7 +406,9 @@ def _if_constant(
         varies = following(script, caller, given) if caller else each.varying_names(script)
         varying = _varying_inside(body, varies)
         read = (n for n in name_nodes(body) if isinstance(n.ctx, ast.Load) and n.id in varying)
-        if all(_is_number(script, name) for name in read):
+        # an operand of arithmetic, or a default, can be an argument
+        operands = ast.BinOp | ast.UnaryOp | ast.arguments
+        if all(isinstance(script.parents[name], operands) for name in read):
             yield Match(node, loop=each.calling_loop)
             return
 
@@ -435,11 +433,6 @@ def _varying_inside(function: ast.AST, varying: set[str]) -> set[str]:
             changes = default is not None and not names_in(default).isdisjoint(varying)
             varying = varying | {argument.arg} if changes else varying - {argument.arg}
     return varying
-
-
-def _is_number(script: SteppingScript, name: ast.Name) -> bool:
-    """Return whether a name is an operand of arithmetic, or a default: it can be an argument."""
-    return isinstance(script.parents[name], ast.BinOp | ast.UnaryOp | ast.arguments)
 
 
 def _has_threads(script: SteppingScript, call: ast.Call) -> bool:

@@ -121,11 +121,15 @@ def shared_data(script: SteppingScript) -> Iterator[Match]:
     for call in starts:
         work = _work(call, executors)
         function = script.functions.named(work[0]) if work else None
-        if function is None or _is_locked(function):
+        if function is None or any(isinstance(node, ast.With) for node in ast.walk(function)):
+            continue
+        if not attributes_in(function).isdisjoint(("acquire", "wait", "get")):
             continue
         each = next(iterations(script, call), None)
         loop = each.loop if each is not None else None
-        if not is_call(call, "map") and (loop is None or _waits(loop)):
+        # it may wait for a thread that it started before it starts the next
+        in_turn = loop is None or not attributes_in(loop).isdisjoint(("join", "result"))
+        if in_turn and not is_call(call, "map"):
             continue
         if _steps_shared_data(script, function, loop, work):
             yield Match(call)
@@ -150,16 +154,6 @@ def _work(call: ast.Call, executors: set[str]) -> list[ast.expr]:
     arguments = given.get("args")
     elements = arguments.elts if isinstance(arguments, ast.Tuple | ast.List) else []
     return [given["target"], *elements] if "target" in given else []
-
-
-def _is_locked(function: ast.FunctionDef) -> bool:
-    has_context = any(isinstance(n, ast.With) for n in ast.walk(function))
-    return has_context or not attributes_in(function).isdisjoint(("acquire", "wait", "get"))
-
-
-def _waits(loop: ast.AST) -> bool:
-    """Return whether a loop waits for a thread that it started before it starts the next."""
-    return not attributes_in(loop).isdisjoint(("join", "result"))
 
 
 def _steps_shared_data(

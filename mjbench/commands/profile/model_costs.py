@@ -120,7 +120,7 @@ def static_costs(model: mujoco.MjModel, stages: Mapping[str, float]) -> list[Cos
     if not (count := static_geoms(model)):
         return []
     share = stages.get(Stage.KINEMATICS, 0.0) * count / model.ngeom
-    name = "static geoms, which sleep would leave out"
+    name = 'static geoms, which <flag sleep="enable"/> would leave out'
     return [Cost(CostKind.STATIC, name, count, share)] if share >= LEAST_SHARE else []
 
 

@@ -4,7 +4,7 @@ import contextlib
 import enum
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -168,17 +168,12 @@ def _by_line(stack: Sequence[Frame]) -> Activity | None:
     return next((activity for pattern, activity in _LINES if pattern.search(text)), None)
 
 
-def _called_by_own(stack: Sequence[Frame]) -> Iterator[Frame]:
-    """Return the lines that the innermost line of the user's code has called, innermost first."""
-    return itertools.takewhile(lambda frame: not is_own(frame), reversed(stack))
-
-
 def _by_caller(stack: Sequence[Frame], has_thread_pool: bool) -> Activity | None:
     """Return the activity of what is one whole, whatever it calls.
 
     Callers beyond the innermost line of the user's code do not count: that line is what they run.
     """
-    called = list(_called_by_own(stack))
+    called = list(itertools.takewhile(lambda frame: not is_own(frame), reversed(stack)))
     if any(map(imports, called)):
         return Activity.IMPORT
     if any(f.function in _WARP_COMPILES and _WARP_FILE.search(f.file) for f in called):

@@ -10,6 +10,8 @@ from mjbench.formats import duration, plain, whole_percent
 
 # Simulated seconds per second between which a loop that sleeps keeps real time.
 _SLOWEST, _FASTEST = 0.9, 1.1
+# Slower loops are meant to be slow.
+_SLOW_MOTION = 0.6
 # A loop that sleeps less than this keeps no rate.
 _LEAST_SLEEP = 0.1
 # A cause takes at least this share of the longest delay.
@@ -30,8 +32,14 @@ def pace(time: LoopTime, steps: Sequence[StepTimes], queued_s: float | None) -> 
     if of_process is None or of_process.iteration is None or sleep < _LEAST_SLEEP:
         return ""
     factor, iteration = of_process.real_time_factor, of_process.iteration
-    if factor is None or not _SLOWEST <= factor <= _FASTEST:
+    if factor is None or not _SLOW_MOTION <= factor <= _FASTEST:
         return ""
+    if factor < _SLOWEST:
+        slow = (
+            f"runs at {plain(factor, 2)} × real time: it sleeps for all of the simulated time, and"
+            " works beside; sleep until the start plus data.time instead"
+        )
+        return slow if sleep >= factor else ""
     rate = f"keeps real time ({plain(factor, 2)} ×; it sleeps {whole_percent(sleep)} of the time)"
     longest_ns = max(iteration.max_ns, 1e9 * of_process.longest_collection_s)
     if not iteration.late and longest_ns <= iteration.late_ns:

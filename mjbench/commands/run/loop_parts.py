@@ -20,6 +20,8 @@ from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
 
 # Where samples saw a loop for this many times as long as its calls span, they say how long it runs.
 _LEAST_BEYOND = 1.1
+# Times the error of samples from which on the error of bursts is large: samples may miss calls.
+FAR_BETTER = 3
 # What samples show of a line that calls what is timed: its own text may tell it.
 _KNOWN_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
 # Where samples saw less than this beside the calls that are timed, they do not divide the rest.
@@ -90,11 +92,14 @@ class Part:
 
 
 def untorn(samples: Sequence[Sample], calls: Sequence[CallTime]) -> list[Sample]:
-    """Return samples in which no line that is one step calls something else.
+    """Return samples in which no line that is one step calls something else, and no other steps.
 
     The program runs while its stack is read, from the innermost function on. What such a line seems
-    to call is what the line before it called.
+    to call is what the line before it called. Where the engine has returned meanwhile, the line is
+    one that the program has come to.
     """
+    timed = {call.place.position for call in calls}
+    samples = [_returned(sample, timed) for sample in samples] if timed else samples
     steps = {
         call.place.position
         for call in calls
@@ -119,6 +124,14 @@ def untorn(samples: Sequence[Sample], calls: Sequence[CallTime]) -> list[Sample]
         whole(sample) if is_torn else sample
         for sample, is_torn in zip(samples, are_torn, strict=True)
     ]
+
+
+def _returned(sample: Sample, timed: Collection[tuple[str, int]]) -> Sample:
+    place, called = activities.place_of(sample.own_frame), len(sample.called)
+    if place.position in timed or not called or not activities.is_step_clock(sample.stack[-1]):
+        return sample
+    stack, inner = sample.stack[:-called], sample.inner[:-called]
+    return replace(sample, stack=stack, inner=inner, activity=activities.activity(stack))
 
 
 def shown_places(stack: Sequence[Frame]) -> list[Place]:
@@ -159,11 +172,35 @@ def loop_seconds(samples: Sequence[Sample], calls: Sequence[CallTime]) -> float:
     if not calls:
         return sampled_s
     seconds = _span_s(calls)
+    first = samples[0] if samples else None
+    if first and not is_own(first.inner[0]) and any(map(activities.calls_tasks, first.stack)):
+        # between two tasks of a pool, its worker takes the next one, or waits
+        return max(sampled_s, _seconds_of(calls))
     if equal_samples(samples) < FEW_SAMPLES:
         return seconds
     seconds *= _stretch(samples, {call.place.position for call in calls}) or 1.0
     # it also runs without these calls, or those after the last burst took longer than those in it
     return sampled_s if sampled_s > _LEAST_BEYOND * seconds else seconds
+
+
+def by_samples(
+    samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float, step_error: float
+) -> Sequence[CallTime]:
+    """Return calls, where samples tell far better than bursts for how long a loop steps.
+
+    Args:
+      step_error: standard error of the time of steps in bursts, as a share of it.
+    """
+    steps = [call for call in calls if call.callee in call_clock.STEPS]
+    lines, steps_s = {call.place.position for call in steps}, _seconds_of(steps)
+    on_lines = [s for s in samples if activities.place_of(s.own_frame).position in lines]
+    sampled_s, count = _seconds_of(samples), equal_samples(samples)
+    share = _seconds_of(on_lines) / sampled_s if sampled_s else 0.0
+    least = FAR_BETTER * error_of(share, count) * seconds
+    if count < FEW_SAMPLES or not share or steps_s * step_error <= least:
+        return calls
+    factor = share * seconds / steps_s
+    return [replace(c, seconds=factor * c.seconds) if c in steps else c for c in calls]
 
 
 def parts_of(

@@ -122,10 +122,6 @@ class LoopTime:
         return sum(self.activities.get(each, 0.0) for each in WAITING)
 
     @property
-    def is_mostly_physics(self) -> bool:
-        return self.activities.get(Activity.PHYSICS, 0.0) >= MOSTLY_PHYSICS
-
-    @property
     def is_half_physics(self) -> bool:
         return self.activities.get(Activity.PHYSICS, 0.0) >= 0.5
 

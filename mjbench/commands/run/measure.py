@@ -66,6 +66,7 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
         {step.pid for step in steps},
         calls,
         {step.pid: step.collections_s for step in steps},
+        {each.pid: each.step.mean_error for each in steps if each.step is not None},
     )
     stepping = {pid for time in times for pid in time.pids} or {observation.pid}
     of_main = {time.loop for time in times if time.in_main}

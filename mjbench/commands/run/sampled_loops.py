@@ -12,6 +12,7 @@ from mjbench.commands.run.hook.call_clock import COMPILE, DISPATCH, PROCESS_STAR
 from mjbench.commands.run.loop_parts import (
     Part,
     Sample,
+    by_samples,
     equal_samples,
     longest_stay,
     loop_seconds,
@@ -82,6 +83,7 @@ def loop_times(
     stepping_pids: Collection[int] = (),
     calls: Sequence[CallTime] = (),
     collections_s: Mapping[int, float] | None = None,
+    step_errors: Mapping[int, float] | None = None,
 ) -> list[LoopTime]:
     """Return the loops that step, or wait for processes that do; the program's own first.
 
@@ -90,6 +92,7 @@ def loop_times(
       calls: that were timed one by one; they also show loops of which there are no samples.
       collections_s: seconds of garbage collections by process, which samples of Python alone do
         not show.
+      step_errors: standard errors of the time of steps by process, as a share of it.
     """
     of_pools = {
         each.thread.pid for each in threads if any(map(activities.is_of_thread_pool, each.stacks))
@@ -124,7 +127,8 @@ def loop_times(
             >= (1 - LEAST_LOOP_SHARE) * sum(stepping_s[pid].values())
         }
         if samples or any(call.is_step or call.callee in _SHOWN for call in timed):
-            times.append(_loop_time(loop, samples, timed, main_pid, collected_s))
+            errors = step_errors or {}
+            times.append(_loop_time(loop, samples, timed, main_pid, collected_s, errors))
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )
@@ -262,6 +266,7 @@ def _loop_time(
     calls: Sequence[CallTime],
     main_pid: int,
     collections_s: Mapping[int, float],
+    step_errors: Mapping[int, float],
 ) -> LoopTime:
     samples = untorn(samples, calls)
     threads = {sample.thread.thread for sample in samples}
@@ -270,6 +275,8 @@ def _loop_time(
     own_frames = {frame for sample in samples for frame in sample.inner if is_own(frame)}
     own_files = {activities.shown_path(frame.file) for frame in own_frames}
     seconds = loop_seconds(samples, calls)
+    step_error = max((step_errors.get(pid, 0.0) for pid in pids), default=0.0)
+    calls = by_samples(samples, calls, seconds, step_error)
     collected_s = sum(collections_s.get(pid, 0.0) for pid in pids)
     parts = parts_of(samples, calls, seconds, collected_s)
     return LoopTime(
@@ -302,7 +309,7 @@ def _own_lines(parts: Sequence[Part], total_s: float) -> list[LineTime]:
     times = []
     for of_line in by_line.values():
         places = [place for place, _ in reversed(of_line)]
-        named = (place for place in places if not place.function.startswith("<"))
+        named = (place for place in places if not place.function.endswith(">"))
         beside = (part.sample for _, part in of_line if part.activity != Activity.PHYSICS)
         packages = Counter(map(_called_package, filter(None, beside))).most_common(1)
         package = packages[0][0] if packages else ""

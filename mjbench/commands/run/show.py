@@ -1,15 +1,14 @@
 """What `mjbench run` comes to: what to do first, and where the program's time goes."""
 
 import signal
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench import formats
 from mjbench.commands.run import costly_places, late_iterations
-from mjbench.commands.run.activities import WAITING, Activity, Place
-from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.activities import WAITING, Activity
 from mjbench.commands.run.costly_places import CostlyPlaces
 from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
+from mjbench.commands.run.loop_parts import FAR_BETTER
 from mjbench.commands.run.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
 from mjbench.commands.run.remedies import listing
 from mjbench.commands.run.remedies.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
@@ -154,7 +153,7 @@ def beside_remedies(row: ProgramRow) -> str | None:
         )
     if pace := late_iterations.pace(time, row.steps, row.queued_s):
         return f"the loop in {where(time)} {pace}"
-    if time.is_mostly_physics and gain < 1 - MOSTLY_PHYSICS:
+    if physics >= MOSTLY_PHYSICS and gain < 1 - MOSTLY_PHYSICS:
         return _mostly_physics(row, time)
     is_known = time.is_half_physics and time.samples >= FEW_SAMPLES
     has_most = is_known and (costly is None or costly.share < physics)
@@ -404,7 +403,6 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
             _activities_table(time, row.step_error(time)),
             _lines_table("Lines of your code", "line of your code", time.lines),
             _lines_table("Functions of packages", "function of a package", time.inner_functions),
-            _jax_table(time),
         ),
     )
 
@@ -451,8 +449,10 @@ def _activities_table(time: LoopTime, step_error: float) -> DataTable:
         if share < _LEAST_SHARE:
             continue
         is_timed = time.is_timed(activity) or activity in _TIMED
-        # steps are timed in bursts, which may differ
+        # steps are timed in bursts, which may differ: then enough samples tell better
         of_bursts = share * step_error if activity == Activity.PHYSICS else 0.0
+        if time.samples >= FEW_SAMPLES and of_bursts > FAR_BETTER * time.error(share):
+            of_bursts = time.error(share)
         is_exact = is_timed and of_bursts < _LEAST_ERROR
         error = whole_percent(of_bursts if is_timed else time.error(share))
         rows.append((str(activity), share, "timed" if is_exact else error, formats.bar(share)))
@@ -472,25 +472,3 @@ def _lines_table(title: str, heading: str, lines: Sequence[LineTime]) -> DataTab
 
 def _shortened(text: str) -> str:
     return text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
-
-
-def _jax_table(time: LoopTime) -> DataTable:
-    parts: dict[tuple[Place, str], list[CallTime]] = defaultdict(list)
-    for call in time.calls:
-        if call.is_of_jax:
-            parts[call.place, call.callee].append(call)
-    seconds = {key: sum(call.seconds for call in calls) for key, calls in parts.items()}
-    columns = (
-        Column("line that calls JAX"),
-        Column("call"),
-        Column("calls", formats.count),
-        Column("each", duration),
-        Column("share", whole_percent),
-    )
-    rows = []
-    for key in sorted(parts, key=lambda key: -seconds[key])[:_MOST_LINES]:
-        place, callee = key
-        count = round(sum(call.calls for call in parts[key]))
-        each = 1e9 * seconds[key] / count if count else None
-        rows.append((str(place), callee, count or None, each, seconds[key] / time.seconds))
-    return DataTable("Calls of JAX", columns, rows)

@@ -250,7 +250,7 @@ def run_cell(cell: Cell, folder: Path | None = None) -> CellResult:
         file = next(results.glob("*.jsonl"), None)
         if file is not None and code in (ExitCode.OK, ExitCode.FINDING):
             return CellResult(Status.OK, content=file.read_bytes())
-        lines = child.text(log).strip().splitlines()
+        lines = machine.read_text(log).splitlines()
         detail = lines[-1].removeprefix("mjbench: ") if lines else child.describe_exit(code)
         status = Status.INPUT if code == ExitCode.USAGE else Status.FAILED
         return CellResult(Status.CRASHED if code < 0 else status, one_line(detail))

@@ -21,6 +21,7 @@ from mjbench.commands.versions.function_sides import RevisionComparison
 from mjbench.commands.versions.target_verdict import decide_targets
 from mjbench.errors import InputError, MachineError
 from mjbench.formats import listed, short_commit
+from mjbench.host import platforms
 from mjbench.paired import targets
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
@@ -32,7 +33,7 @@ from mjbench.releases import catalogue, installs
 from mjbench.releases.catalogue import ReleaseRange
 from mjbench.releases.release_names import INSTALLED, ReleaseSpec
 from mjbench.results.runs import Record
-from mjbench.session import Item, Items, Measurement, Observer, input_files, pinning_notes
+from mjbench.session import Item, Items, Measurement, Observer, input_files
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
 
@@ -433,4 +434,4 @@ def _measurement(
                 text = short_name(record.version, kind)
                 observer(text, number / max(expected, number + 1))
 
-    return Measurement("bisect", arguments, files, measure, finished, pinning_notes())
+    return Measurement("bisect", arguments, files, measure, finished, platforms.pinning_notes())

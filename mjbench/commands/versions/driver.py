@@ -23,6 +23,7 @@ from mjbench.commands.versions.function_sides import (
 from mjbench.commands.versions.target_verdict import decide_targets
 from mjbench.errors import InputError
 from mjbench.formats import listed
+from mjbench.host import platforms
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring.timing import Progress
 from mjbench.paired import targets
@@ -36,7 +37,7 @@ from mjbench.paths import BASE, find
 from mjbench.releases import named_packages
 from mjbench.releases.release_names import ReleaseSpec
 from mjbench.results.runs import Record
-from mjbench.session import Item, Items, Measurement, Observer, finished, input_files, pinning_notes
+from mjbench.session import Item, Items, Measurement, Observer, finished, input_files
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
@@ -247,7 +248,7 @@ def _measurement(
                     return
 
     return Measurement(
-        command, {**asdict(plan), **arguments}, files, measure, finished, pinning_notes()
+        command, {**asdict(plan), **arguments}, files, measure, finished, platforms.pinning_notes()
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from mjbench import formats
 from mjbench.commands.versions import family
 from mjbench.commands.versions.family import Family
-from mjbench.formats import count_of, duration, plain
+from mjbench.formats import count_of, duration
 from mjbench.interval import Interval
 from mjbench.paired.metrics import METRICS, Metric
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, ResultsOutcome, Verdict
@@ -57,6 +57,7 @@ _COLOURS = {
 }
 # From this factor on, a change is a factor and not a percentage.
 _LARGE = 2.0
+_TIMES = formats.digits(3)
 
 
 def sections(run: Run) -> list[Section]:
@@ -448,16 +449,12 @@ def describe_ratio(metric: Metric, verdict: Verdict, ratio: Interval) -> str:
         return f"inconclusive, {formats.change(ratio.estimate)} (interval {interval})"
     if not spec.is_of_memory and ratio.low is not None and ratio.high is not None:
         if verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
-            interval = formats.ends(ratio.inverse, _times)
-            return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {interval})"
+            interval = formats.ends(ratio.inverse, _TIMES)
+            return f"faster, {_TIMES(1 / ratio.estimate)} times as fast (interval {interval})"
         if verdict == Verdict.SLOWER and ratio.estimate >= _LARGE:
-            interval = formats.ends(ratio, _times)
-            return f"slower, takes {_times(ratio.estimate)} times as long (interval {interval})"
+            interval = formats.ends(ratio, _TIMES)
+            return f"slower, takes {_TIMES(ratio.estimate)} times as long (interval {interval})"
     size = formats.short_percent(abs(ratio.estimate - 1))
     interval = formats.ends(ratio, formats.change) or "unknown"
     is_point = ratio.low is not None and ratio.low == ratio.high  # without any noise
     return f"{spec.outcome(verdict)} by {size}" + ("" if is_point else f" (interval {interval})")
-
-
-def _times(factor: float) -> str:
-    return plain(factor, 3)

@@ -58,6 +58,16 @@ def test_a_slow_call_is_counted_by_its_line_with_what_it_took(clock, tmp_path):
     assert call.lines[0] == call.place.position
 
 
+def test_a_method_has_the_name_that_samples_give_it(clock, tmp_path):
+    class Env:
+        def observe(self):
+            clock.slow(lambda: None, "render")()
+
+    Env().observe()
+    (call,) = read(tmp_path).calls
+    assert call.place.function.endswith("Env.observe")
+
+
 @pytest.mark.parametrize("file", [step_times.__file__, call_clock.__file__])
 def test_lines_of_mjbench_are_never_the_programs(clock, tmp_path, file):
     code = compile("for _ in range(3): timed()", file, "exec")

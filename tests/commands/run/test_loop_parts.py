@@ -1,12 +1,14 @@
 """The time of a loop is divided once, however short what was timed is."""
 
+import multiprocessing.pool
 from dataclasses import replace
 
 import pytest
 
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
-from mjbench.commands.run.loop_parts import Sample, longest_stay, loop_seconds, parts_of
+from mjbench.commands.run.hook import step_clock
+from mjbench.commands.run.loop_parts import Sample, longest_stay, loop_seconds, parts_of, untorn
 from mjbench.commands.run.loop_time import shares_of
 from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
 from mjbench.commands.run.source_loops import SourceLoop
@@ -31,6 +33,15 @@ def test_calls_that_the_clock_did_not_see_leave_the_loop_to_the_rest(samples, re
     assert sum(part.seconds for part in collected) == pytest.approx(seconds)
 
 
+def test_between_tasks_of_a_pool_the_loop_of_its_worker_does_not_run() -> None:
+    worker = Frame("worker", multiprocessing.pool.__file__, 125)
+    of_map = [replace(worker, function="mapstar", line=48), *STACK]
+    task = replace(SAMPLE, stack=[worker, *of_map], inner=of_map)
+    stepping = replace(UNSEEN, last_ns=8_000_000_000)
+    assert loop_seconds([SAMPLE] * 100, [stepping]) == pytest.approx(8.0)
+    assert loop_seconds([task] * 100, [stepping]) == pytest.approx(2.0)
+
+
 def test_a_run_of_samples_on_one_line_is_a_stay_unless_the_line_is_often_seen() -> None:
     saving = replace(SAMPLE, inner=[Frame("main", "train.py", 14)])
     resting = replace(SAMPLE, activity=Activity.SLEEPING)
@@ -38,3 +49,20 @@ def test_a_run_of_samples_on_one_line_is_a_stay_unless_the_line_is_often_seen() 
     assert stay is not None
     assert (stay.place.line, stay.seconds) == (14, pytest.approx(0.08))
     assert longest_stay([saving] * 4 + [resting] * 2) is None
+
+
+def test_a_line_that_the_program_came_to_while_its_stack_was_read_does_not_step() -> None:
+    engine = Frame("call", step_clock.__file__, 100)
+
+    def seen(line: int) -> Sample:
+        stack = [Frame("main", "train.py", line), engine]
+        return replace(SAMPLE, stack=stack, inner=stack, activity=Activity.PHYSICS)
+
+    before, step, after = untorn([seen(11), seen(12), seen(13)], [UNSEEN])
+    assert [each.activity for each in (before, step, after)] == [
+        Activity.PYTHON,
+        Activity.PHYSICS,
+        Activity.PYTHON,
+    ]
+    assert [len(each.inner) for each in (before, step, after)] == [1, 2, 1]
+    assert untorn([seen(11)], []) == [seen(11)], "which lines step is not known"

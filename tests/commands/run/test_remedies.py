@@ -147,7 +147,6 @@ def test_of_few_samples_no_line_is_named():
 CONTEXTS = {
     "mj_ray": {"calls": 36_000},
     "mj_inverse": {"calls": 1000, "text": "mj_inverse(m, d)"},
-    "mjd_transitionFD": {"text": "mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)"},
 }
 ROLLOUT_CONTEXTS = {
     "rollout takes these simulations": {"steps": 100, "all_steps": 800},
@@ -404,9 +403,11 @@ def test_what_compiles_again_in_every_iteration_is_listed_once_with_its_cause():
     again = Incident(call_clock.RECOMPILED, compiling.place, 20, 6.0, [CONTROL])
     (only,) = listing.remedies(loop_of(compiling), incidents=[again])
     assert "again 20 times" in only.text and "d.ctrl" in only.text
+    again_basis = only.basis
     cut = replace(again, is_unfinished=True)
     (only,) = listing.remedies(loop_of(compiling), incidents=[cut])
     assert "6 s so far: the run ended before it had compiled it, since d.ctrl" in only.text
+    assert (again_basis, only.basis) == (Basis.TIMED, Basis.BOUND)
 
 
 def test_two_findings_of_one_rule_on_a_line_are_one_remedy():

@@ -19,7 +19,7 @@ PAIRS = [
     RemedyPair(call_ways.functions, ("mj_kinematics",)),
     *(
         RemedyPair(getattr(call_ways, name))
-        for name in ("inverse", "uncentered", "one_call", "rays", "no_rollout")
+        for name in ("inverse", "one_call", "rays", "no_rollout")
     ),
     RemedyPair(call_ways.rollouts, ("rollout", "Rollout.rollout")),
     RemedyPair(call_ways.rollouts, (call_clock.THREADED_ROLLOUT, "Rollout.rollout")),

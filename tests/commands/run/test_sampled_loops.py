@@ -248,6 +248,16 @@ def test_what_calls_take_is_known_and_samples_divide_the_rest(file):
     assert not time.is_timed(Activity.PYTHON)
 
 
+@pytest.mark.parametrize(("error", "share"), [(0.0, 0.5), (0.05, 0.5), (0.2, 0.8)])
+def test_samples_tell_what_bursts_that_differ_much_do_not(file, error, share):
+    of = stacks(file)
+    seen = [*([of["step"]] * 4), of["observe"]] * 80
+    timed = [call("mj_step", 8, 20.0, 0, 40, **STEP)]
+    loops = sampled_loops.loop_times([samples(seen)], 1, calls=timed, step_errors={1: error})
+    assert loops[0].activities[Activity.PHYSICS] == pytest.approx(share)
+    assert sum(loops[0].activities.values()) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize(("before", "seconds"), [(0, 4.0), (2, 4.0), (40, 8.0)])
 def test_a_loop_is_longer_than_from_its_first_call_to_its_last_if_samples_certainly_say_so(
     file, before, seconds

@@ -10,7 +10,6 @@ from mjbench.commands.run import show as program
 from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.gil_waits import GilWait
-from mjbench.commands.run.hook import call_clock
 from mjbench.commands.run.launch import UncaughtException
 from mjbench.commands.run.loop_time import LineStay, LineTime, LoopTime
 from mjbench.commands.run.physics_cost import PhysicsCost
@@ -268,6 +267,12 @@ def test_a_place_with_a_remedy_is_named_for_that_and_what_has_none_with_its_shar
     )
 
 
+def test_what_a_remedy_beyond_its_own_line_is_about_is_no_other_place() -> None:
+    of_loop = replace(MIXED, lines=lines(0.6))
+    facts = list(program.sections([row(of_loop, replace(remedy(), gain=0.8, share=0.9))]))[1].facts
+    assert not any("Not in the list" in str(fact) for fact in facts)
+
+
 def test_a_package_and_other_activities_are_named_as_what_they_are() -> None:
     (line,) = lines(0.9, activity=Activity.PYTHON)
     of_package = loop({Activity.PYTHON: 0.9})
@@ -347,16 +352,6 @@ def test_the_thread_that_waits_longest_for_the_gil_is_named_with_the_one_that_ho
         "Threads: at least 37 % of the time of worker 0 waits for the GIL; 2 more wait, too;"
         " planner holds it for 80 % of the time, most often at train.py:7." in text
     )
-
-
-def test_calls_of_jax_are_listed_by_line() -> None:
-    calls = [
-        CallTime(call_clock.DISPATCH, 1, thread, PLACE, None, 50.0, 0.25, 0, 1, 0, 0)
-        for thread in (1, 2)
-    ]
-    text = terminal.text_of(program.sections([row(replace(MIXED, calls=calls))]))
-    (line,) = (line for line in text.splitlines() if "jax dispatch" in line)
-    assert line.split() == ["train.py:7", "jax", "dispatch", "100", "5", "ms", "25", "%"]
 
 
 def test_a_program_whose_steps_are_not_counted_has_no_heading_of_steps() -> None:
@@ -478,6 +473,12 @@ def test_a_loop_that_does_not_sleep_to_keep_real_time_keeps_no_rate(
 ) -> None:
     said = program.conclusion(replace(row(time), steps=[steps(factor=factor)]))
     assert "keeps real time" not in said
+
+
+def test_a_loop_that_sleeps_for_all_of_the_simulated_time_is_slower_than_real_time() -> None:
+    said = program.conclusion(replace(row(PACED, remedy()), steps=[steps(factor=0.88)]))
+    assert said.startswith("the loop in train.py:5–9 runs at 0.88 × real time: it sleeps for all")
+    assert "do otherwise" not in said
 
 
 def test_iterations_that_take_longer_and_longer_are_said_unless_steps_do() -> None:

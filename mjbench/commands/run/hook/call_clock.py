@@ -18,7 +18,7 @@ import sys
 import time
 from _thread import get_ident
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any
 
 from . import file_owners
@@ -225,7 +225,7 @@ class CallClock:
         detail: Sequence[Any],
     ) -> list[int]:
         stack = [
-            (each.f_code.co_filename, each.f_lineno, each.f_code.co_name)
+            (each.f_code.co_filename, each.f_lineno, _name_of(each.f_code))
             for each in self._lines(frame)
         ]
         if key[0] in STEPS:
@@ -336,7 +336,7 @@ class CallClock:
     def callback(self, function: Any, name: str) -> Any:
         """Return what stands for a callback of MuJoCo, which is timed while steps are."""
         now_ns, code, callee = self._now_ns, function.__code__, f"{CALLBACK} {name}"
-        line = code.co_filename, code.co_firstlineno, code.co_name
+        line = code.co_filename, code.co_firstlineno, _name_of(code)
 
         def call(*args: Any) -> Any:
             if not self.is_observing:
@@ -348,6 +348,11 @@ class CallClock:
                 self.add(callee, sys._getframe(1), begin_ns, now_ns(), line=line)
 
         return named_like(function, call)
+
+
+def _name_of(code: CodeType) -> str:
+    """Return the name that samples have, too: with the class, where Python knows it (3.11)."""
+    return getattr(code, "co_qualname", code.co_name)
 
 
 def _begins_process(frame: FrameType) -> bool:

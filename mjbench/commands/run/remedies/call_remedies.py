@@ -53,10 +53,6 @@ def _renderer_pair(calls: CallsInLoop) -> RemedyPair:
     )
 
 
-def _image_pair(calls: CallsInLoop) -> RemedyPair:
-    return replace(_renderer_pair(calls), ways=call_ways.coarser_images)
-
-
 def _data_pair(calls: CallsInLoop) -> RemedyPair:
     steps = min(_MOST_STEPS, round(calls.nstep / max(1.0, calls.count)))
     if calls.finding is not None and calls.finding.code == "MJB005":
@@ -146,14 +142,6 @@ CALL_REMEDIES = (
         applies=_is_of_stepped_data,
     ),
     CallRemedy(
-        callees=("mjd_transitionFD",),
-        text="with flg_centered=False, half as many steps are taken; None in place of C and D"
-        " leaves out sensors",
-        effect="derivatives, which are less exact",
-        pair=lambda calls: RemedyPair(call_ways.uncentered),
-        applies=lambda calls, of_loop: "True" in calls[0].place.text,
-    ),
-    CallRemedy(
         callees=("mj_ray",),
         text="mj_multiRay casts all rays from one point in one call",
         pair=_rays_pair,
@@ -200,7 +188,7 @@ CALL_REMEDIES = (
         text=f'draw coarser images, by <quality shadowsize="{call_ways.SHADOW_SIZE}"'
         ' offsamples="0"/> in <visual> of the model',
         effect="shadows, and edges, which are not smoothed",
-        pair=_image_pair,
+        pair=lambda calls: replace(_renderer_pair(calls), ways=call_ways.coarser_images),
         saving=call_savings.of_images,
         is_of_loop=True,
     ),

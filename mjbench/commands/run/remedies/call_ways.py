@@ -62,20 +62,6 @@ def inverse(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay
     return TimedWay(before), TimedWay(within)
 
 
-def uncentered(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
-    size = 2 * model.nv + model.na
-    by_state, by_control = np.empty((size, size)), np.empty((size, model.nu))
-
-    def way(centered: bool) -> TimedWay:
-        return TimedWay(
-            lambda data: mujoco.mjd_transitionFD(
-                model, data, 1e-6, centered, by_state, by_control, None, None
-            )
-        )
-
-    return way(True), way(False)
-
-
 def one_call(model: mujoco.MjModel, pair: RemedyPair) -> tuple[TimedWay, TimedWay]:
     def ten_steps(data: mujoco.MjData) -> None:
         for _ in range(10):

@@ -28,7 +28,7 @@ from mjbench.simulation import engine_clock
 # What to do about waiting in which nobody works.
 _MESSAGES_ADVICE: Mapping[Activity, str] = {
     Activity.PROCESSES: "the loop waits and no process works meanwhile: give each process more work"
-    " for a message, or use threads (rollout)",
+    " for a message, and a model once (initializer=), or use threads (rollout)",
     Activity.THREADS: "the loop waits and no thread works meanwhile: let each thread take more"
     " steps for each wait; `mjbench compare MODEL --paths python_loop,threads,batch_step` says what"
     " threads and mujoco.batch.Batch gain",
@@ -39,8 +39,7 @@ _VECTOR_ADVICE = (
     " messages; `mjbench env` times both"
 )
 _COLLECTION_ADVICE = (
-    "garbage collection: call gc.disable() before the loop, and gc.collect() where a pause does no"
-    " harm"
+    "call gc.disable() before the loop, and gc.collect() where a pause does no harm"
 )
 # Images of a simulated second that a video in real time shows.
 VIDEO_HZ = 60
@@ -172,7 +171,7 @@ def of_recompilations(loop: LoopTime, incidents: Sequence[Incident]) -> Iterator
             f"{compiled}, {_why_recompiled(incident.changes)}",
             share,
             None,
-            basis=Basis.TIMED,
+            basis=Basis.BOUND if incident.is_unfinished else Basis.TIMED,
             share=share,
             effect="nothing but rounding",
         )
