@@ -67,9 +67,9 @@ def forward_after_step(script: SteppingScript) -> Iterator[Match]:
     the MjData to code that is not in the file.
 
     Results in MuJoCo 4.0.0: none change, bit for bit, as in all releases that were tried from
-    3.10.0 on. In 3.3.1 and before, `mj_forward` also leaves its solution as the start of the next
-    step's solver, so without it later states differ, by the solver's tolerance at first. In 2.3.7,
-    it normalizes the quaternions in `qpos`, too, whose last bits differ if no call takes its place.
+    3.3.6 on. Up to 3.3.5, `mj_forward` also leaves its solution as the start of the next step's
+    solver, so without it later states differ, by the solver's tolerance at first. In 2.3.7, it
+    normalizes the quaternions in `qpos`, too, whose last bits differ if no call takes its place.
     """
     for call in script.calls:
         name, statement = last_name(call.func), script.parents[call]

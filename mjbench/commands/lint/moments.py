@@ -102,7 +102,7 @@ def rows_of_two_moments(script: SteppingScript) -> Iterator[Match]:
     expects it.
 
     Results: the rows hold one moment. In MuJoCo 4.0.0 the simulation stays as it is, bit for bit;
-    in 3.3.1 and before, `mj_forward` changes later states by the solver's tolerance. A program that
+    up to 3.3.5, `mj_forward` changes later states by the solver's tolerance. A program that
     steps from what it reads in the rows, be it as text, gets other states in every release.
     """
     stored = stored_views(script)

@@ -124,8 +124,7 @@ CALL_REMEDIES = (
     CallRemedy(
         callees=("mj_forward",),
         text="mj_forward computes what the next mj_step computes again",
-        effect="nothing since MuJoCo 3.10.0; in 3.3.1 and before, later states within the solver's"
-        " tolerance",
+        effect="nothing since MuJoCo 3.3.6; before, later states within the solver's tolerance",
         pair=_functions_pair,
         saving=call_savings.of_functions,
         is_bound=True,
