@@ -338,6 +338,8 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     is_part = remedy.kind == RemedyKind.CLOCK or (remedy.share or 0.0) < remedy.gain
     now = "" if is_part else f" {whole_percent(remedy.share or 0.0)} of the loop now;"
     where_to = f"at {remedy.where}, " if remedy.where else ""
+    if remedy.kind == RemedyKind.COLLECTION:
+        where_to += f"{remedy.activity}: "
     gain = _uncertain(remedy)
     ends = "" if gain is None else f" ({1 - (gain.high or 1):.2f} to {1 - (gain.low or 0):.2f})"
     return (

@@ -23,7 +23,9 @@ def test_what_is_skipped_is_left_out_of_all_or_of_what_is_named():
 
 
 def test_what_names_nothing_is_refused():
-    with pytest.raises(InputError, match=r"no setting timestp \(did you mean timestep\?\): see"):
+    with pytest.raises(
+        InputError, match=r"no setting timestp \(did you mean timestep, timer\?\): see"
+    ):
         setting_names.chosen(["timestp"], [])
     with pytest.raises(InputError, match="no setting is left"):
         setting_names.chosen(["timestep"], ["integration"])
