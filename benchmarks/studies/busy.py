@@ -39,21 +39,20 @@ from mjbench.status import ExitCode
 
 TALLY = Path(__file__).parents[2] / "results/busy.json"
 PART = PagePart("method/timing.md", "busy", "benchmarks.studies.busy")
-# Of each load: how many programs run, and the share of a core that each of them takes.
-LOADS = {"none": (0, 0.0), "one": (1, 0.5), "two": (2, 0.5)}
+# How many programs run, each for half the time of a core.
+LOADS = {"none": 0, "one": 1, "two": 2}
 # Runs for some milliseconds, and sleeps so long that it had its share.
 _LOAD = """\
 import random, sys, time
-from mjbench.host import child, machine
+from mjbench.host import child
 
-child.die_with_parent(int(sys.argv[2]))
-share = float(sys.argv[1])
+child.die_with_parent(int(sys.argv[1]))
 while True:
     busy_s = random.uniform(0.002, 0.04)
     end = time.perf_counter() + busy_s
     while time.perf_counter() < end:
         pass
-    time.sleep(busy_s * (1 - share) / share)
+    time.sleep(busy_s)
 """
 
 
@@ -122,9 +121,9 @@ class BusyTally:
 
 
 @contextlib.contextmanager
-def loaded(programs: int, share: float) -> Iterator[None]:
-    """Have programs run beside the block, each for a share of the time of a core."""
-    command = [sys.executable, "-c", _LOAD, str(share), str(os.getpid())]
+def loaded(programs: int) -> Iterator[None]:
+    """Have programs run beside the block, each for half the time of a core."""
+    command = [sys.executable, "-c", _LOAD, str(os.getpid())]
     with contextlib.ExitStack() as ending:
         for _ in range(programs):
             ending.callback(child.Child(command).end)
@@ -139,7 +138,7 @@ def measure(names: Sequence[str], budget_s: float, folder: Path) -> None:
                 continue
             results = str(_results(folder, name, load))
             command = ["compare", name, "--budget", f"{budget_s}s", "--results", results]
-            with loaded(*LOADS[load]):
+            with loaded(LOADS[load]):
                 subprocess.run([sys.executable, "-m", "mjbench", *command], capture_output=True)
             if stored_file(folder, name, load) is None:
                 raise MachineError(f"`mjbench {' '.join(command)}` stored nothing")

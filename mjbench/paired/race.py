@@ -91,15 +91,14 @@ class RaceRule(StopRule[RaceLaunch]):
 
     def next_targets(self) -> Sequence[int]:
         racing = self._next_of_race()
-        leading = racing or self._next_narrow()
-        self._is_narrow, self._is_final = not racing, not leading
+        narrow = [] if racing else self._next_narrow()
+        self._is_narrow, self._is_final = bool(narrow), not (racing or narrow)
         self._begin_s = self._budget.clock()
-        return leading or self._next_final() or self._next_slow()
+        return racing or narrow or self._next_final() or self._next_slow()
 
     def add(self, launch: RaceLaunch) -> None:
         self._launch_s = self._budget.clock() - self._begin_s
-        is_narrow = self._is_narrow and not self._is_final
-        timed = replace(launch, is_narrow=is_narrow, is_final=self._is_final)
+        timed = replace(launch, is_narrow=self._is_narrow, is_final=self._is_final)
         self.record = replace(self.record, launches=[*self.record.launches, timed])
 
     def withdraw(self, error: UnableError) -> None:

@@ -189,13 +189,13 @@ class RaceRecord:
 
     @property
     def other_cores(self) -> float:
-        """How many cores other programs used, in the median launch."""
-        return statistics.median(each.other_cores for each in self.launches)
+        """How many cores other programs used, in the median launch; 0 without any."""
+        return _other_cores(self.launches)
 
     @property
     def is_busy(self) -> bool:
         """Whether most launches are."""
-        return bool(self.launches) and self.other_cores >= BUSY_CORES
+        return self.other_cores >= BUSY_CORES
 
     def threads(self, launch: RaceLaunch) -> list[int]:
         return [nthread(self.variants[i].options) for i in launch.variants]
@@ -381,7 +381,7 @@ def standing_of(
     shared = [launch for launch in launches if set(last) <= set(launch.variants)]
     # the median, because a few launches cannot say which of them were disturbed; of busy ones, most
     # were
-    is_busy = any(each.is_busy for each in shared)
+    is_busy = _other_cores(shared) >= BUSY_CORES
     times = {
         i: min(each.block_ns(i) for each in shared)
         if is_busy
@@ -426,6 +426,10 @@ def log_ratio(
     freedom = max(freedom, own_freedom)
     spread = replace(fitted, freedom=np.array([freedom]), squares=np.array([freedom * variance]))
     return float(fitted.mean[0]), lambda confidence: float(spread.half_width(confidence)[0])
+
+
+def _other_cores(launches: Sequence[RaceLaunch]) -> float:
+    return statistics.median([each.other_cores for each in launches] or [0.0])
 
 
 def _busy_speedup(launches: Sequence[RaceLaunch], variant: int) -> Interval:

@@ -295,9 +295,9 @@ def conclusion(advice: Advice, names_size: bool = False) -> str:
     """Return which path to use, and why; `names_size`: for how many simulations."""
     gain = f", {formats.as_fast(advice.speedup)}" if advice.speedup is not None else ""
     begin = f"{_LOOPS[advice.loop]}{_size(advice.result.nbatch, names_size)}"
-    probably = "" if advice.is_certain or advice.reason in _UNRIVALLED else "probably "
-    path = f"{probably}{described(advice.variant)}{gain}"
-    if advice.reason == Reason.NO_GAIN and probably:
+    is_open = not advice.is_certain and advice.reason not in _UNRIVALLED
+    path = f"{'probably ' if is_open else ''}{described(advice.variant)}{gain}"
+    if is_open and advice.reason == Reason.NO_GAIN:
         path = "no path is certainly faster than the plain loop"
     return "; ".join([f"{begin}: {path}", *_reasons(advice)])
 
