@@ -60,7 +60,7 @@ class ProfiledSteps:
         None in releases that install none.
       stages: share of a step by stage; they sum up to 1.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
-      costs: what collisions of geoms, and static geoms, cost of a step, the largest first.
+      costs: what collisions of geoms, static geoms and sensors cost of a step, the largest first.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from.
       run_nstep: steps from each start, which hold its controls.
@@ -200,6 +200,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
         model, starts.states, stages.shares, stages.step_s, PART_SHARE * budget_s
     )
     of_static = model_costs.static_costs(model, stages.shares)
+    of_sensors = model_costs.sensor_costs(model, stages.sensors)
     return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
@@ -211,7 +212,9 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
         starts=starts.starts,
         run_nstep=block.nstep,
         sensors=stages.sensors,
-        costs=sorted([*of_collision, *of_static], key=lambda cost: -cost.share)[:MOST_COSTS],
+        costs=sorted([*of_collision, *of_static, *of_sensors], key=lambda cost: -cost.share)[
+            :MOST_COSTS
+        ],
         is_python_resolved=least_ratio is not None and least_ratio > 1,
     )
 

@@ -175,14 +175,16 @@ def _of_objects(
     The pair that was measured holds more than the call: what is done with the new object, whose
     memory is used for the first time, and the time in which it is freed. In the program, that is
     all that samples do not see on other lines, but for the share of `users` that the pair leaves
-    out.
+    out. It is no less than the time that the pair saves each time: some of them may use no such
+    object.
     """
     stands_for = _stands_for(calls.loop, [*calls.calls, *users])
     if calls.loop.samples < FEW_SAMPLES:
         gain = min(stands_for, ratio.saved * calls.share / max(1e-9, ratio.created_share))
     else:
         of_users = stands_for - calls.share  # with what Python does to call them
-        gain = ratio.saved * (stands_for - left_out * of_users)
+        least = min(stands_for, calls.count * ratio.certainly_saved_s / calls.loop.seconds)
+        gain = max(least, ratio.saved * (stands_for - left_out * of_users))
     return _paired(gain, calls.share, ratio)
 
 
