@@ -5,19 +5,12 @@ from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from mjbench.commands.run import (
-    activities,
-    launch,
-    physics_cost,
-    sampled_loops,
-    single_calls,
-)
+from mjbench.commands.run import launch, physics_cost, sampled_loops, single_calls
 from mjbench.commands.run.activities import Activity
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.hook import file_owners
 from mjbench.commands.run.launch import Program, ProgramObservation
 from mjbench.commands.run.loop_time import LoopTime
-from mjbench.commands.run.py_spy import ThreadSamples
 from mjbench.commands.run.remedies import listing, remedy_pairs, wrong_results
 from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.source_loops import SourceLoop
@@ -101,7 +94,6 @@ def record(name: str, observation: ProgramObservation) -> ProgramRow:
             measured,
             incidents,
             busy_s,
-            unpickling_s(time, observation.threads),
             observation.pools,
             next(filter(None, timesteps_s), None),
         )
@@ -164,13 +156,3 @@ def others_busy_s(
     ]
     busy_s = by_thread.values()
     return max([0.0, *working_s, *busy_s, sum(busy_s) / machine.usable_cores()])
-
-
-def unpickling_s(time: LoopTime, threads: Sequence[ThreadSamples]) -> float:
-    """Return for how long the process that unpickles most does that, in the time of a loop."""
-    by_process = defaultdict[int, float](float)
-    for each in threads:
-        if each.thread.pid not in time.pids:
-            count = sum(map(activities.unpickles, each.stacks))
-            by_process[each.thread.pid] += each.interval_s * count
-    return min(time.seconds_of_thread, max(by_process.values(), default=0.0))

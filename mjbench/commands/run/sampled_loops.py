@@ -134,7 +134,8 @@ def loop_times(
         }
         if samples or any(call.is_step or call.callee in _SHOWN for call in timed):
             errors = step_errors or {}
-            times.append(_loop_time(loop, samples, timed, main_pid, collected_s, errors))
+            time = _loop_time(loop, samples, timed, main_pid, collected_s, errors)
+            times.append(replace(time, unpickling_share=_unpickling_share(time, threads)))
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )
@@ -306,6 +307,13 @@ def _loop_time(
 
 def _times(parts: Iterable[Part]) -> Iterator[tuple[Activity, float]]:
     return ((part.activity, part.seconds) for part in parts)
+
+
+def _unpickling_share(time: LoopTime, threads: Sequence[ThreadSamples]) -> float:
+    """Return the part of a loop's time for which the process that unpickles most does that."""
+    others = (each for each in threads if each.thread.pid not in time.pids)
+    seconds = [sum(map(activities.unpickles, each.stacks)) * each.interval_s for each in others]
+    return min(1.0, max(seconds, default=0.0) / time.seconds_of_thread)
 
 
 def _own_lines(parts: Sequence[Part], total_s: float) -> list[LineTime]:

@@ -16,15 +16,7 @@ from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.steps_show import steps_section
 from mjbench.formats import count_of, duration, plain, whole_percent
 from mjbench.interval import Interval
-from mjbench.results.content import (
-    Cell,
-    Column,
-    Conclusion,
-    DataTable,
-    Section,
-    Tone,
-    filled,
-)
+from mjbench.results.content import Cell, Column, Conclusion, DataTable, Section, Tone, filled
 from mjbench.status import Status
 
 # Smaller shares of a loop are left out; the JSON document has all.

@@ -1,9 +1,7 @@
 """What a program does elsewhere while one of its loops waits, and what a second run shows."""
 
 import math
-import multiprocessing.queues
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +10,6 @@ from mjbench.commands.run.activities import Activity, Place
 from mjbench.commands.run.call_times import CallTime
 from mjbench.commands.run.launch import Program, ProgramObservation
 from mjbench.commands.run.loop_time import LoopTime
-from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
 from mjbench.commands.run.source_loops import SourceLoop
 from mjbench.commands.run.step_times import Durations, StepTimes
 from mjbench.commands.run.thread_pools import ThreadPools
@@ -50,22 +47,6 @@ def test_what_another_process_computes_counts_without_any_step():
     worker = replace(waiting(8.0), pids=[2], in_main=False, activities=of_worker)
     main = waiting(10.0)
     assert measure.others_busy_s(main, [main, worker], [], {LOOP}) == pytest.approx(6.0)
-
-
-def test_the_process_that_unpickles_most_counts_and_the_one_that_waits_for_it_does_not():
-    file = multiprocessing.queues.__file__
-    text = Path(file).read_text().splitlines()
-    line = next(i for i, each in enumerate(text, 1) if "_ForkingPickler.loads(" in each)
-    taking, waiting_for = Frame("get", file, line), Frame("get", file, line - 1)
-
-    def worker(pid, count):
-        stacks = [[taking]] * count + [[waiting_for]] * 50
-        return ThreadSamples(Thread(pid, pid, "MainThread"), stacks, 0.1)
-
-    seen = [worker(1, 90), worker(2, 30), worker(3, 40)]
-    assert measure.unpickling_s(waiting(10.0), seen) == pytest.approx(4.0)
-    assert measure.unpickling_s(waiting(3.0), seen) == pytest.approx(3.0)
-    assert measure.unpickling_s(waiting(3.0), []) == 0
 
 
 POOLS = ThreadPools([2, 3], 2, 2, {Activity.NUMPY: "OPENBLAS_NUM_THREADS"})

@@ -646,9 +646,9 @@ def test_environments_in_processes_can_be_stepped_in_one(package, says):
 
 def test_what_processes_unpickle_is_sent_once_where_that_is_what_a_loop_waits_for():
     time = loop(line(12, {PHYSICS: 0.1}), line(13, {Activity.PROCESSES: 0.9}))
-    (wait,) = listing.remedies(time, others_busy_s=1.0, unpickling_s=7.0)
+    (wait,) = listing.remedies(replace(time, unpickling_share=0.7), others_busy_s=1.0)
     assert "unpickle for 70 % of the loop" in wait.text
-    (wait,) = listing.remedies(time, others_busy_s=1.0, unpickling_s=2.0)
+    (wait,) = listing.remedies(replace(time, unpickling_share=0.2), others_busy_s=1.0)
     assert "no process works meanwhile" in wait.text
 
 

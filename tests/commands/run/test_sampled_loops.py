@@ -1,7 +1,7 @@
 """Samples become shares of a loop's time."""
 
 import importlib
-import multiprocessing
+import multiprocessing.queues
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -473,6 +473,17 @@ def test_a_call_that_was_first_made_before_the_loop_is_of_the_loop_in_which_samp
     in_loop = call("mj_step", 8, 0.5, 4.0, 9.0, **STEP)
     again, _ = sampled_loops.with_sampled_loops([seen], [made, in_loop])
     assert again.first_ns == in_loop.first_ns, "the first call came before the loop"
+
+
+def test_the_process_that_unpickles_most_counts_and_one_that_waits_does_not(file):
+    queues = multiprocessing.queues.__file__
+    text = Path(queues).read_text().splitlines()
+    line = next(i for i, each in enumerate(text, 1) if "_ForkingPickler.loads(" in each)
+    taking, waiting = Frame("get", queues, line), Frame("get", queues, line - 1)
+    workers = [samples([[taking]] * n + [[waiting]] * 9, pid, pid) for n, pid in ((3, 2), (4, 3))]
+    seen = [samples([stacks(file)["step"]] * 10), *workers]
+    (time,) = sampled_loops.loop_times(seen, 1)
+    assert time.unpickling_share == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("calls", [2, 3])

@@ -75,7 +75,6 @@ def remedies(
     measured: MeasuredRatios | None = None,
     incidents: Sequence[Incident] = (),
     others_busy_s: float = 0.0,
-    unpickling_s: float = 0.0,
     pools: ThreadPools | None = None,
     timestep_s: float | None = None,
 ) -> list[Remedy]:
@@ -84,12 +83,11 @@ def remedies(
     Args:
       others_busy_s: seconds for which another process or thread steps meanwhile: no other way of
         waiting for it saves them.
-      unpickling_s: seconds for which another process unpickles meanwhile.
     """
     measured = measured or MeasuredRatios({})
     recompilations = list(loop_remedies.of_recompilations(loop, incidents))
     explained = {(Activity.COMPILING, each.place) for each in recompilations}
-    savings = _savings(loop, findings, measured, others_busy_s, unpickling_s)
+    savings = _savings(loop, findings, measured, others_busy_s)
     listed = [
         *recompilations,
         *(each for each in savings if (each.activity, each.place) not in explained),
@@ -108,11 +106,7 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
 
 
 def _savings(
-    loop: LoopTime,
-    findings: Sequence[Finding],
-    measured: MeasuredRatios,
-    others_busy_s: float,
-    unpickling_s: float,
+    loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios, others_busy_s: float
 ) -> Iterator[Remedy]:
     of_calls = list(_of_calls(loop, findings, measured))
     if (building := loop_remedies.of_building(loop)) is not None:
@@ -127,7 +121,7 @@ def _savings(
         return
     if not any(remedy.activity == Activity.STARTING for remedy in of_calls):
         # otherwise the loop also waits for processes to begin
-        yield from loop_remedies.of_messages(loop, others_busy_s, unpickling_s)
+        yield from loop_remedies.of_messages(loop, others_busy_s)
     yield from _of_lines(loop, findings, measured)
 
 

@@ -51,6 +51,8 @@ _COUNT_SLACK = 1.02
 # What to do where JAX compiles again, by what differs in an argument.
 _RECOMPILED_ADVICE: Mapping[str, str] = {
     argument_types.WEAK_TYPE: "create it with a dtype, such as jnp.full(n, x, dtype=jnp.float32)",
+    argument_types.DEVICE: "write it into the array that was there, such as ctrl.at[:].set(x), so"
+    " that it keeps its type and its device",
     argument_types.DTYPE: "give it one dtype in all calls",
     argument_types.SHAPE: "give it one shape in all calls, or pad it",
     argument_types.VALUE: "give what varies as an array, and the rest as one value in all calls",
@@ -98,9 +100,7 @@ def of_collection(loop: LoopTime) -> Iterator[Remedy]:
         yield replace(remedy, basis=Basis.TIMED, gain_error=0.0, share=share)
 
 
-def of_messages(
-    loop: LoopTime, others_busy_s: float, unpickling_s: float = 0.0
-) -> Iterator[Remedy]:
+def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
     """Yield what to do about the share of a loop in which it waits, and nobody else steps.
 
     Loops of workers wait for the program's own loop: what is said of that holds for them, too.
@@ -113,9 +113,9 @@ def of_messages(
             line = _main_line(loop, activity)
             if activity == Activity.PROCESSES and line and line.package == "gymnasium":
                 text = _VECTOR_ADVICE
-            elif activity == Activity.PROCESSES and 2 * unpickling_s > idle * loop.seconds:
-                unpickling = formats.whole_percent(unpickling_s / loop.seconds)
-                text = _UNPICKLING_ADVICE.format(share=unpickling)
+            elif activity == Activity.PROCESSES and 2 * loop.unpickling_share > idle:
+                share_text = formats.whole_percent(loop.unpickling_share)
+                text = _UNPICKLING_ADVICE.format(share=share_text)
             yield _of_activity(loop, activity, text, idle, RemedyKind.ACTIVITY)
 
 
