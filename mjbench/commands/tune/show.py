@@ -197,8 +197,16 @@ def conclusion(record: TuneRecord) -> str:
     ]
     parts += [f"{each.text}: {each.setting.label}" for each in expected_gains.unjudged(record)]
     if not parts:
-        return f"{model}: no settings are certainly faster{_within(record)}"
+        return f"{model}: no settings are certainly faster{_within(record)}{_present_error(record)}"
     return f"{model}: {'; '.join(parts)}"
+
+
+def _present_error(record: TuneRecord) -> str:
+    """Return the error of the present settings where it exceeds the limit; empty elsewhere."""
+    limit, present = record.limits.max_error, record.present
+    if limit is None or present is None or present.error is None or present.error.share <= limit:
+        return ""
+    return f"; the present settings have an error of {percent(present.error.share)}"
 
 
 def advised(record: TuneRecord) -> list[Recommendation]:
