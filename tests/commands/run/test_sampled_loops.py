@@ -258,6 +258,15 @@ def test_samples_tell_what_bursts_that_differ_much_do_not(file, error, share):
     assert sum(loops[0].activities.values()) == pytest.approx(1.0)
 
 
+def test_what_an_environment_computes_on_the_line_that_steps_it_is_no_step(file):
+    of = stacks(file)
+    package = Frame("reward", "/env/lib/python3.11/site-packages/gymnasium/env.py", 5)
+    seen = [*([of["step"]] * 3), [*of["step"][:-1], package], of["observe"]] * 80
+    timed = [call("mj_step", 8, 20.0, 0, 40, **STEP)]
+    (loop,) = sampled_loops.loop_times([samples(seen)], 1, calls=timed, step_errors={1: 0.2})
+    assert loop.activities[Activity.PHYSICS] == pytest.approx(0.6)
+
+
 @pytest.mark.parametrize(("before", "seconds"), [(0, 4.0), (2, 4.0), (40, 8.0)])
 def test_a_loop_is_longer_than_from_its_first_call_to_its_last_if_samples_certainly_say_so(
     file, before, seconds
