@@ -276,12 +276,12 @@ def _of_faster(
     )
 
 
-def combination_gain(verdict: VerdictRow) -> Interval | None:
+def combination_gain(verdict: VerdictRow | None) -> Interval | None:
     """Return how many times the plain loop a combination is; None where that is not certain.
 
     It is not one of the same results where the work differs.
     """
-    if verdict.ratio is None or verdict.changed_work:
+    if verdict is None or verdict.ratio is None or verdict.changed_work:
         return None
     gain = verdict.ratio.inverse
     return gain if gain.is_above(1.0) else None

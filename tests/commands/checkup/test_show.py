@@ -121,8 +121,11 @@ def test_a_recommendation_that_halves_the_work_is_as_important_as_one_that_keeps
     assert actions[-1] == "settings: integrator=Euler"
 
 
-def test_what_is_measured_together_is_no_conclusion_where_less_halves_the_work() -> None:
+def test_what_is_measured_together_is_no_conclusion_where_less_gains_more() -> None:
     verdict = replace(FASTER, ratio=Interval(0.3, 0.29, 0.31))
+    equivalent = tuned(recommended(Effect.EQUIVALENT, 0.25, 0.0, JACOBIAN))
+    records = [*PATHS, equivalent, combined(verdict)]
+    assert "4.00 × as fast" in checkup.list_section(run(*records)).conclusions[0].text
     records = [*PATHS, tuned(untried_halving=[RK4]), combined(verdict)]
     assert "about 4 × as fast" in checkup.list_section(run(*records)).conclusions[0].text
     faster = combined(replace(FASTER, ratio=Interval(0.2, 0.19, 0.21)))

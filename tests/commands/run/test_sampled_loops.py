@@ -1,7 +1,7 @@
 """Samples become shares of a loop's time."""
 
 import importlib
-import multiprocessing
+import multiprocessing.queues
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -335,6 +335,16 @@ def test_lines_outside_loops_stand_for_all_that_they_call(file):
     assert (str(setup.place), setup.share) == ("program.py:6", pytest.approx(0.1))
 
 
+def test_lines_that_lead_to_a_loop_without_samples_are_not_outside_it(file):
+    of = stacks(file)
+    seen = [samples([of["setup"]] * 5)]
+    lines = [("program.py", 8), ("program.py", 11)]
+    timed = [replace(call("mj_step", 8, 0.5, **STEP), lines=lines)]
+    loops = sampled_loops.loop_times([], 1, calls=timed)
+    (setup,) = sampled_loops.outside_loops(seen, 1, loops, wall_s=5.0)
+    assert str(setup.place) == "program.py:6"
+
+
 def test_without_a_loop_the_lines_that_main_calls_are_named(file):
     of = stacks(file)
     seen = [samples([of["setup"]] * 5 + [of["observe"]] * 10)]
@@ -469,6 +479,20 @@ def test_a_call_that_was_first_made_before_the_loop_is_of_the_loop_in_which_samp
     assert sampled_loops.with_sampled_loops([seen], [replace(made, pid=2)])[0].loop is None
     of_main = replace(made, place=Place("program.py", 6, "main"))
     assert sampled_loops.with_sampled_loops([seen], [of_main])[0].loop is None
+    in_loop = call("mj_step", 8, 0.5, 4.0, 9.0, **STEP)
+    again, _ = sampled_loops.with_sampled_loops([seen], [made, in_loop])
+    assert again.first_ns == in_loop.first_ns, "the first call came before the loop"
+
+
+def test_the_process_that_unpickles_most_counts_and_one_that_waits_does_not(file):
+    queues = multiprocessing.queues.__file__
+    text = Path(queues).read_text().splitlines()
+    line = next(i for i, each in enumerate(text, 1) if "_ForkingPickler.loads(" in each)
+    taking, waiting = Frame("get", queues, line), Frame("get", queues, line - 1)
+    workers = [samples([[taking]] * n + [[waiting]] * 9, pid, pid) for n, pid in ((3, 2), (4, 3))]
+    seen = [samples([stacks(file)["step"]] * 10), *workers]
+    (time,) = sampled_loops.loop_times(seen, 1)
+    assert time.unpickling_share == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("calls", [2, 3])
