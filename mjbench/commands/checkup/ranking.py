@@ -304,7 +304,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
     command = f"mjbench run {target}"
     for remedy in row.wrong:
         yield CheckupItem(action=placed(remedy), change=ResultChange.CORRECTED, command=command)
-    remedies = row.loops[0].remedies if row.loops else ()
+    remedies = program.first_loop(row).remedies if row.loops else ()
     for remedy in [each for each in remedies if each.is_certain][:_MOST_OF_PROGRAM]:
         keeps = remedy.effect in ("", "nothing")
         yield CheckupItem(

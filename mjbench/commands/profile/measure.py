@@ -200,7 +200,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     costs = [
         *of_collision,
         *model_costs.static_costs(model, stages.shares),
-        *model_costs.sensor_costs(model, stages.sensors),
+        *model_costs.sensor_costs(model, stages),
     ]
     return ProfiledSteps(
         timestep=float(model.opt.timestep),

@@ -13,7 +13,7 @@ import numpy as np
 from mjbench.bounds import NonNegativeInt, Share
 from mjbench.commands.profile import step_parts
 from mjbench.commands.profile.loop_starts import StartsInTurn
-from mjbench.commands.profile.step_parts import SensorCost, Stage
+from mjbench.commands.profile.step_parts import Stage, StepStages
 from mjbench.formats import whole_percent
 from mjbench.simulation import compat, geom_pairs
 
@@ -26,8 +26,7 @@ MOST_COSTS = 6
 # A smaller share of a step is within what the times vary by.
 LEAST_SHARE = 0.02
 _LESS_OFTEN = (
-    'with interval="0.1" nsample="1", a sensor is computed each 0.1 s, and with interval alone in'
-    " each step"
+    'with interval="0.1" nsample="1", a sensor is computed each 0.1 s; interval alone skips no step'
 )
 # Geoms whose collisions cost by how finely they are divided.
 _HFIELD, _MESH = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_MESH)
@@ -112,11 +111,19 @@ def collision_costs(
     return sorted(costs, key=lambda cost: -cost.share)
 
 
-def sensor_costs(model: mujoco.MjModel, sensors: Iterable[SensorCost]) -> list[Cost]:
-    """Return what sensors cost by type, and how to compute them less often, if this release can."""
+def sensor_costs(model: mujoco.MjModel, step: StepStages) -> list[Cost]:
+    """Return what sensors cost by type, and how to compute them less often, if this release can.
+
+    Together they cost no more than their stage, which was timed at another time.
+    """
     intervals = getattr(model, "sensor_interval", None)
     detail = "" if intervals is None or np.any(intervals) else _LESS_OFTEN
-    return [Cost(CostKind.SENSORS, each.type, each.count, each.share, detail) for each in sensors]
+    total = sum(each.share for each in step.sensors)
+    scale = min(1.0, step.shares.get(Stage.SENSORS, 0.0) / total) if total else 0.0
+    return [
+        Cost(CostKind.SENSORS, each.type, each.count, scale * each.share, detail)
+        for each in step.sensors
+    ]
 
 
 def static_geoms(model: mujoco.MjModel) -> int:

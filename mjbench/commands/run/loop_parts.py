@@ -195,14 +195,10 @@ def by_samples(
     steps = [call for call in calls if call.callee in call_clock.STEPS]
     lines, steps_s = {call.place.position for call in steps}, _seconds_of(steps)
     # such a line may also call other functions, as that of an environment's step does
-    stepping = [
-        each
-        for each in samples
-        if activities.place_of(each.own_frame).position in lines
-        and (each.activity == Activity.PHYSICS or not each.called)
-    ]
+    stepping = [s for s in samples if s.activity == Activity.PHYSICS or not s.called]
+    on_lines = [s for s in stepping if activities.place_of(s.own_frame).position in lines]
     sampled_s, count = _seconds_of(samples), equal_samples(samples)
-    share = _seconds_of(stepping) / sampled_s if sampled_s else 0.0
+    share = _seconds_of(on_lines) / sampled_s if sampled_s else 0.0
     least = FAR_BETTER * error_of(share, count) * seconds
     if count < FEW_SAMPLES or not share or steps_s * step_error <= least:
         return calls

@@ -68,7 +68,7 @@ def measure_model(
     model, states = recorded.load(), recorded.states
     timers = timers or _timer_shares(model, states)
     step = step_parts.stages(model, timers, lambda: StartsInTurn(model, states))
-    of_sensors = model_costs.sensor_costs(model, step.sensors)
+    of_sensors = model_costs.sensor_costs(model, step)
     of_pairs = model_costs.collision_costs(model, states, step.shares, step.step_s)
     costs = [*of_pairs, *of_sensors, *model_costs.static_costs(model, step.shares)]
     largest = sorted(costs, key=lambda cost: -cost.share)

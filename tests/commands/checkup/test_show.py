@@ -395,6 +395,23 @@ def test_what_costs_most_and_has_no_remedy_comes_first_as_in_run() -> None:
     assert "no change is known for this" in first.text
 
 
+def test_where_the_first_loop_waits_the_list_has_what_its_workers_should_change() -> None:
+    remedy = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.8, 0.2)
+    loops = [
+        LoopReport(
+            LoopTime(SourceLoop("train.py", 5, 9), [], [name], [1], True, 300, 3.0, shares, [], []),
+            remedies,
+        )
+        for name, shares, remedies in (
+            ("MainThread", {Activity.PROCESSES: 1.0}, []),
+            ("worker", {Activity.NUMPY: 1.0}, [remedy]),
+        )
+    ]
+    row = ProgramRow("train.py", Status.OK, "", 0, False, 3.0, 100, 300, loops, [])
+    (item,) = ranking.items(run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), row))
+    assert item.action.endswith("text")
+
+
 def test_a_list_that_was_interrupted_says_so_first() -> None:
     first = checkup.list_section(run(part(CheckupPart.STEP, status=Status.INTERRUPTED)))
     assert first.conclusions[0].text == f"{TARGET}: interrupted, so the list is not complete"
