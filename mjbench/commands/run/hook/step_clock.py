@@ -16,7 +16,7 @@ import time
 import weakref
 from _thread import _count as count_threads
 from collections.abc import Callable
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any
 
 from .call_bursts import BURST_CALLS, Burst, CallBursts, Pacer, Written, cold_cost_ns
@@ -138,15 +138,18 @@ class StepClock:
         `mj_step1` is the first part of a step, and counts as none.
         """
         pacer, now_ns, write = self._pacer, self._now_ns, self._file.write
-        add, watch, get_frame = self._burst.add, self._watch, sys._getframe
-        one, is_half = int(name != "mj_step1"), name == "mj_step2"
+        add, watch, one = self._burst.add, self._watch, int(name != "mj_step1")
+        is_half = name == "mj_step2"
 
-        # with the names that the engine gives its arguments: collecting any into a tuple and a
+        # With the names that the engine gives its arguments: collecting any into a tuple and a
         # dictionary would take as long again. None, which the engine refuses, is compared fastest.
+        # All that only a timed call needs is in another function: Python would copy its variables.
         def call(_: Any, m: Any, d: Any, nstep: Any = None) -> Any:
             for _ in pacer.passes:
                 return function(m, d) if nstep is None else function(m, d, nstep)
-            frame = get_frame(1)
+            return timed(m, d, nstep, sys._getframe(1))
+
+        def timed(m: Any, d: Any, nstep: Any, frame: FrameType) -> Any:
             if not self.burst_calls:
                 self._begin_burst(m, d, frame)
             elif id(d) != self._latest_ids[1]:
