@@ -146,7 +146,8 @@ def step():
 def make_readers_folder(folder: Path) -> None:
     """Write what the pages take for granted: a git repository with models and programs.
 
-    `robot.xml` is Gymnasium's humanoid, whose states one guide records.
+    `robot.xml` is Gymnasium's humanoid, whose states one guide records, with a solver and an
+    integrator that MJX and Warp compile.
     """
     import gymnasium
     import mujoco
@@ -155,8 +156,10 @@ def make_readers_folder(folder: Path) -> None:
     import mjbench
 
     humanoid = Path(gymnasium.__file__).parent / "envs/mujoco/assets/humanoid.xml"
+    robot = humanoid.read_text(encoding="utf-8")
+    robot = robot.replace('integrator="RK4"', 'integrator="Euler"').replace('"PGS"', '"Newton"')
     for name in ("robot.xml", "a.xml", "b.xml"):
-        shutil.copy(humanoid, folder / name)
+        (folder / name).write_text(robot, encoding="utf-8")
     for name in ("robots", "package", "my_package"):
         (folder / name).mkdir()
     (folder / "models").symlink_to(ROOT / "models")
