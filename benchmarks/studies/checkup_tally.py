@@ -27,7 +27,7 @@ class CheckupTrial:
 
     Attributes:
       seconds: that the check-up took; None where it failed.
-      load: of the machine before it, over a minute.
+      other_cores: how many other programs used, in the mean of all commands.
       first: of its items, the first that has a gain and keeps results; of a program or an
         environment, the first of all. Empty without one.
       again: times as fast that `first` is by the longer commands, 1 where it is empty; None where
@@ -41,7 +41,7 @@ class CheckupTrial:
     name: str
     kind: TargetKind
     seconds: float | None = None
-    load: float
+    other_cores: float = 0.0
     first: str = ""
     again: float | None = None
     best: str = ""
@@ -225,10 +225,10 @@ class CheckupTally:
         for kind in TargetKind:
             if trials := [each for each in self.trials if each.kind == kind]:
                 yield from _kind_lines(kind, trials)
-        load = max(each.load for each in self.trials)
+        others = max(each.other_cores for each in self.trials)
         yield (
-            f"(MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a load of up to"
-            f" {load:.1f} at the beginning of a check-up. Gains are those of the longer commands.)"
+            f"(MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores. Other programs used up to"
+            f" {others:.2f} cores meanwhile. Gains are those of the longer commands.)"
         )
 
 

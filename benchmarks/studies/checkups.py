@@ -3,7 +3,7 @@
     python -m benchmarks.studies.checkups [TARGET …] [--write]
 
 checks models, programs and environments of other packages, and runs the commands that look closer
-on the same ones: `compare` and `tune --budget 120` on a model, `run` on a program, `env` on an
+on the same ones: `compare` and `tune --budget 120s` on a model, `run` on a program, `env` on an
 environment. Their records are made into the list that a check-up would make of them.
 
 results/checkups.json has what came of each, stored as soon as it is there. What it has is not
@@ -13,6 +13,7 @@ if an advice is not right. Models are those of wheels that `make foreign` has do
 
 import dataclasses
 import importlib.util
+import os
 import shutil
 import sys
 import tempfile
@@ -34,6 +35,7 @@ from benchmarks.studies.page_part import PagePart
 from mjbench.commands.checkup.targets import TargetKind
 from mjbench.errors import InputError, MjbenchError
 from mjbench.host import machine
+from mjbench.host.machine import ProcessorTime
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
@@ -91,14 +93,14 @@ class Target:
         return self.word, *self.arguments
 
     @property
-    def closer(self) -> tuple[tuple[str, ...], ...]:
-        """The commands that look closer."""
+    def closer(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """The commands that look closer, and their arguments."""
         match self.kind:
             case TargetKind.MODEL:
-                return ("compare", self.word), ("tune", self.word, "--budget", "120")
+                return ("compare", (self.word,)), ("tune", (self.word, "--budget", "120s"))
             case TargetKind.ENVIRONMENT:
-                return (("env", self.word),)
-        return (("run", "--seconds", "60", self.word, *self.arguments),)
+                return (("env", (self.word,)),)
+        return (("run", ("--seconds", "60s", *self.checkup)),)
 
 
 # Each has another character: contacts, integrator, solver, meshes, sensors, size.
@@ -135,17 +137,25 @@ TARGETS = (
 
 def measure(target: Target) -> CheckupTrial:
     """Check a target, and run the commands that look closer."""
-    begun = CheckupTrial(name=target.name, kind=target.kind, load=machine.describe().load_1min)
+    begun = CheckupTrial(name=target.name, kind=target.kind)
+    begin_s, others_begin_s = time.monotonic(), _other_programs_s()
     try:
-        begin_s = time.monotonic()
-        short = _measured(target, target.checkup)
+        short = _measured(target, "", target.checkup)
         begun = dataclasses.replace(begun, seconds=time.monotonic() - begin_s)
         longer = as_checkup(
-            target, [(words[0], _measured(target, words)) for words in target.closer]
+            target,
+            [(name, _measured(target, name, arguments)) for name, arguments in target.closer],
         )
     except MjbenchError as error:
         return dataclasses.replace(begun, detail=str(error))
+    cores = (_other_programs_s() - others_begin_s) / (time.monotonic() - begin_s)
+    begun = dataclasses.replace(begun, other_cores=max(0.0, cores))
     return checkup_tally.trial(begun, short, longer)
+
+
+def _other_programs_s() -> float:
+    """Return for how long cores have run other programs than this one and those it waited for."""
+    return ProcessorTime.now().busy_s - sum(os.times()[:4])
 
 
 def as_checkup(target: Target, longer: "Sequence[tuple[str, Run]]") -> "Run":
@@ -162,12 +172,12 @@ def as_checkup(target: Target, longer: "Sequence[tuple[str, Run]]") -> "Run":
     return Run(longer[0][1].header, (*parts, *records))
 
 
-def _measured(target: Target, words: Sequence[str]) -> "Run":
+def _measured(target: Target, command: str, arguments: Sequence[str]) -> "Run":
     """Run a command of mjbench; return its run file; MachineError where it stored none."""
     with tempfile.TemporaryDirectory() as folder:
         if (copied := target.copied) is not None:
             shutil.copy(copied, folder)
-        return stored_run.run_of(words, Path(folder))
+        return stored_run.run_of(command, arguments, Path(folder))
 
 
 def run(names: Sequence[str], writes_page: bool) -> ExitCode:

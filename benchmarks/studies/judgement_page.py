@@ -19,7 +19,10 @@ def lines(tally: JudgementTally) -> Iterator[str]:
         answers.setdefault(_name(row), {})[row.path] = _answer(row)
     versions = ", ".join(f"{name} {version}" for name, version in sorted(_versions(tally).items()))
     yield _conclusion(tally)
-    yield f"{tally.nbatch} simulations of {tally.nstep} steps on two CPU cores: {versions}."
+    yield (
+        f"{tally.nbatch} simulations of {tally.nstep} steps from near keyframe 0, on two CPU cores:"
+        f" {versions}."
+    )
     yield ""
     rows = ([name, *(of.get(path, "") for path in paths)] for name, of in answers.items())
     yield from markdown.table_lines(["model", *paths], rows)

@@ -14,10 +14,11 @@ if TYPE_CHECKING:
     from mjbench.results.runs import Run
 
 
-def run_of(arguments: Sequence[str], folder: Path | None = None) -> "Run":
-    """Run `mjbench ARGUMENTS`; return its run file.
+def run_of(command: str, arguments: Sequence[str], folder: Path | None = None) -> "Run":
+    """Run a command of mjbench; return its run file.
 
     Args:
+      command: such as `compare`; empty for a check-up, which has no name.
       folder: to run in; None for the current one.
 
     Raises:
@@ -29,15 +30,15 @@ def run_of(arguments: Sequence[str], folder: Path | None = None) -> "Run":
     from mjbench.results import runs
 
     with tempfile.TemporaryDirectory() as results:
-        # right after the name of the command: what follows `--` is of a program
-        words = [arguments[0], "--results", results, *arguments[1:]]
-        command = [sys.executable, "-m", "mjbench", *words]
-        ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        # before the arguments: what follows a program is of the program
+        words = [*command.split(), "--results", results, *arguments]
+        python = [sys.executable, "-m", "mjbench", *words]
+        ended = subprocess.run(python, cwd=folder, capture_output=True, text=True, check=False)
         if ended.returncode == ExitCode.INTERRUPTED:
             raise KeyboardInterrupt
         files = sorted(Path(results).glob("*.jsonl"))
         if not files:
             last = one_line(ended.stderr.strip().rpartition("\n")[2])
-            name = " ".join(arguments)
-            raise MachineError(f"mjbench {name}: exit code {ended.returncode}: {last}")
+            name = " ".join(("mjbench", *command.split(), *arguments))
+            raise MachineError(f"{name}: exit code {ended.returncode}: {last}")
         return runs.load(files[0], kinds.RECORD_TYPES)

@@ -122,7 +122,7 @@ def ask(arguments: Sequence[str]) -> Answer:
     from mjbench.paired.records import VerdictRecord
 
     load = machine.describe().load_1min
-    run = stored_run.run_of(["versions", *arguments], FOLDER)
+    run = stored_run.run_of("versions", arguments, FOLDER)
     records = run.of_type(VerdictRecord)
     if len(records) != 1:
         raise MachineError(f"mjbench versions {' '.join(arguments)}: {len(records)} verdicts")

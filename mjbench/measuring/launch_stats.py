@@ -8,6 +8,7 @@ may be computed after every launch, and launching stopped at any time.
 
 import functools
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -191,6 +192,18 @@ def student_interval(
         return Interval(mean, None, None)
     quantile = float(stdtrit(freedom_of_mean, (1 + confidence) / 2))
     return Interval.around(mean, quantile * float(fitted.deviation[0]))
+
+
+def least_disturbed(samples: Sequence[float], least: int) -> Interval:
+    """Return the mean of the higher half of launches beside other programs, and the range of all.
+
+    Other programs delay paths with threads more than the plain loop, so they lower a speed-up.
+    Fewer than `least` launches have no range.
+    """
+    ordered = sorted(samples, reverse=True)
+    mean = statistics.mean(ordered[: math.ceil(len(ordered) / 2)])
+    has_range = len(ordered) >= least
+    return Interval(mean, ordered[-1], ordered[0]) if has_range else Interval(mean, None, None)
 
 
 def evidence(

@@ -24,6 +24,7 @@ from mjbench import paths
 from mjbench.errors import Failure, InputError
 from mjbench.host import machine
 from mjbench.host.child_connection import ChildError
+from mjbench.host.conditions import ENOUGH_CORES
 from mjbench.paired import cores, memory_layout, race_blocks
 from mjbench.paired.launches import StopRule, Targets, UnableError
 from mjbench.paired.race_record import (
@@ -34,6 +35,7 @@ from mjbench.paired.race_record import (
     RaceLaunch,
     RaceRecord,
     UnableVariant,
+    undisturbed,
 )
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.paths.base import nthread
@@ -156,7 +158,7 @@ class RaceRule(StopRule[RaceLaunch]):
         return [] if not slow or has_enough else [0, *slow]
 
     def _final_launches_of(self, positions: Collection[int]) -> int:
-        after = [launch for launch in self.record.launches if launch.is_final]
+        after = [launch for launch in undisturbed(self.record.launches) if launch.is_final]
         return sum(set(positions) <= set(launch.variants) for launch in after)
 
     def _expected_s(self, positions: Collection[int]) -> float:
@@ -240,9 +242,10 @@ class RaceLaunches(Targets[RaceLaunch]):
             rows, other_cores = time_launch(time_round, len(prepared))
         finally:
             self._pool.end([process])
+        lacked_cores = had is not None and had < ENOUGH_CORES * cores.countable(most_threads)
         columns = [prepared.index(position) for position in positions]
         ns = [[row[column] for column in columns] for row in rows]
-        return RaceLaunch(had, list(positions), ns, other_cores)
+        return RaceLaunch(had, list(positions), ns, other_cores, lacked_cores)
 
     def _time_round(
         self, process: WorkerProcess, prepared: Sequence[int], order: Sequence[int]

@@ -61,6 +61,8 @@ class RaceLaunch:
       ns: (rounds, variants) nanoseconds of blocks. Every second round runs in the opposite order of
         the one before.
       other_cores: how many cores other programs used in the first rounds.
+      lacked_cores: whether threads had too few cores in it. Where it is not busy, the host of a
+        virtual machine gave them to others.
       is_narrow: whether it timed only the contenders that lead, for lack of time.
       is_final: whether it came after the race.
     """
@@ -69,6 +71,7 @@ class RaceLaunch:
     variants: Sequence[NonNegativeInt]
     ns: Sequence[Sequence[PositiveInt]]
     other_cores: NonNegativeFloat = 0.0
+    lacked_cores: bool = False
     is_narrow: bool = False
     is_final: bool = False
 
@@ -190,7 +193,7 @@ class RaceRecord:
     @property
     def other_cores(self) -> float:
         """How many cores other programs used, in the median launch; 0 without any."""
-        return _other_cores(self.launches)
+        return statistics.median([each.other_cores for each in self.launches] or [0.0])
 
     @property
     def is_busy(self) -> bool:
@@ -267,7 +270,7 @@ class RaceRecord:
 
     def ratio_of(self, first: int, second: int) -> Interval | None:
         both = [each for each in self.launches if {first, second} <= set(each.variants)]
-        return self._interval(both, first, second) if both else None
+        return self._interval(undisturbed(both), first, second) if both else None
 
     def step_s(self, variant: Variant) -> list[float]:
         position = self._position(variant)
@@ -308,22 +311,23 @@ class RaceRecord:
     @functools.cached_property
     def speedups(self) -> list[Interval | None]:
         """The speed-up of each variant over the plain loop; None where it was not timed."""
-        speedups: list[Interval | None] = []
-        for position in range(len(self.variants)):
-            launches = self._launches_of(position)
-            speedup = None
-            if position == 0 and launches:
-                speedup = Interval(1.0, 1.0, 1.0)
-            elif launches and self.is_busy:
-                speedup = _busy_speedup(launches, position)
-            elif launches:  # a ratio of speeds is that of times the other way round
-                speedup = self._interval(launches, baseline=position, candidate=0)
-            speedups.append(speedup)
-        return speedups
+        return [self._speedup(position) for position in range(len(self.variants))]
+
+    def _speedup(self, position: int) -> Interval | None:
+        launches = self._launches_of(position)
+        if not launches:
+            return None
+        if position == 0:
+            return Interval(1.0, 1.0, 1.0)
+        if self.is_busy:
+            logs = [launch.log_ratio(position, 0) for launch in launches]
+            return launch_stats.least_disturbed(logs, MIN_LAUNCHES).exponential
+        # a ratio of speeds is that of times the other way round
+        return self._interval(launches, baseline=position, candidate=0)
 
     @property
     def _race_launches(self) -> list[RaceLaunch]:
-        return [launch for launch in self.launches if not launch.is_final]
+        return undisturbed([launch for launch in self.launches if not launch.is_final])
 
     def _position(self, variant: Variant) -> int | None:
         return next((i for i, each in enumerate(self.variants) if each == variant), None)
@@ -338,6 +342,7 @@ class RaceRecord:
         if position not in self.slow:
             slow = set(self.slow)
             timed = [each for each in timed if slow.isdisjoint(each.variants)] or timed
+        timed = undisturbed(timed)
         final = [launch for launch in timed if launch.is_final]
         return final if len(final) >= MIN_FINAL_LAUNCHES and not self.is_busy else timed
 
@@ -356,6 +361,13 @@ class RaceRecord:
             [each.log_ratio(baseline, candidate) for each in group] for group in (launches, both)
         )
         return launch_stats.student_interval(final, CONFIDENCE, beside=race).exponential
+
+
+def undisturbed(launches: Sequence[RaceLaunch]) -> list[RaceLaunch]:
+    """Return the launches without those that the host took cores from; all if they are too few."""
+    had = [launch for launch in launches if launch.is_busy or not launch.lacked_cores]
+    is_enough = sum(not launch.is_narrow for launch in had) >= MIN_LAUNCHES
+    return had if is_enough else list(launches)
 
 
 def standing_of(
@@ -381,7 +393,7 @@ def standing_of(
     shared = [launch for launch in launches if set(last) <= set(launch.variants)]
     # the median, because a few launches cannot say which of them were disturbed; of busy ones, most
     # were
-    is_busy = _other_cores(shared) >= BUSY_CORES
+    is_busy = statistics.median(each.other_cores for each in shared) >= BUSY_CORES
     times = {
         i: min(each.block_ns(i) for each in shared)
         if is_busy
@@ -426,23 +438,6 @@ def log_ratio(
     freedom = max(freedom, own_freedom)
     spread = replace(fitted, freedom=np.array([freedom]), squares=np.array([freedom * variance]))
     return float(fitted.mean[0]), lambda confidence: float(spread.half_width(confidence)[0])
-
-
-def _other_cores(launches: Sequence[RaceLaunch]) -> float:
-    return statistics.median([each.other_cores for each in launches] or [0.0])
-
-
-def _busy_speedup(launches: Sequence[RaceLaunch], variant: int) -> Interval:
-    """Return the speed-up of a variant over the plain loop while other programs run.
-
-    It is the mean of the higher half of the launches, because other programs delay paths with
-    threads more than the plain loop; the interval is the range of all.
-    """
-    ratios = sorted((launch.log_ratio(variant, 0) for launch in launches), reverse=True)
-    mean = statistics.mean(ratios[: math.ceil(len(ratios) / 2)])
-    if len(ratios) < MIN_LAUNCHES:
-        return Interval(mean, None, None).exponential
-    return Interval(mean, ratios[-1], ratios[0]).exponential
 
 
 def _pooled_variance(launches: Sequence[RaceLaunch], variants: Sequence[int]) -> tuple[float, int]:

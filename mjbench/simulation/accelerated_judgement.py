@@ -65,7 +65,7 @@ class Measure:
         return self.limit is None or (self.value is not None and self.value <= self.limit)
 
     def __str__(self) -> str:
-        value = "not finite" if self.value is None else f"{self.value:.1g}"
+        value = "not finite" if self.value is None else f"{self.value:.2g}"
         beside = [] if self.limit is None else [f"limit {self.limit:.1g}"]
         beside += [] if self.in_c is None else [f"C {self.in_c:.1g}"]
         return f"{self.name} {value}" + (f" ({', '.join(beside)})" if beside else "")

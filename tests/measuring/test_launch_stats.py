@@ -6,6 +6,7 @@ import pytest
 from scipy import integrate
 from scipy.special import stdtrit
 
+from mjbench.interval import Interval
 from mjbench.measuring import launch_stats
 
 RNG = np.random.default_rng(1)
@@ -193,3 +194,10 @@ def test_launches_beside_others_have_the_wider_of_their_spread_and_the_common_on
         launch_stats.student_interval(wide, 0.95).half_width
         * float(stdtrit(4 + 19, 0.975) / stdtrit(4, 0.975))
     )
+
+
+def test_the_least_disturbed_launches_give_the_mean_and_all_of_them_the_range() -> None:
+    samples = [2.0, 2.1, 1.9, 1.0, 0.9]
+    interval = launch_stats.least_disturbed(samples, 3)
+    assert (interval.low, interval.estimate, interval.high) == (0.9, pytest.approx(2.0), 2.1)
+    assert launch_stats.least_disturbed(samples[:2], 3) == Interval(2.1, None, None)

@@ -1,7 +1,7 @@
 """Which path is the fastest: the rule, on synthetic launches with a known truth."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -44,11 +44,13 @@ class Track(Targets[RaceLaunch]):
       speeds: of the variants, over the plain loop, which is the first.
       spread: standard deviation of the logarithm of a variant's time in a launch.
       before: called before each launch with its number; it may raise.
+      short: numbers of launches in which threads have too few cores.
     """
 
     speeds: Sequence[float]
     spread: float = 0.01
     before: Callable[[int, Sequence[int]], None] = lambda number, positions: None
+    short: Collection[int] = ()
     now_s: float = 0.0
     launched: list[list[int]] = field(default_factory=list)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
@@ -62,7 +64,8 @@ class Track(Targets[RaceLaunch]):
         self.launched.append(list(positions))
         noise = np.exp(self.rng.normal(0, self.spread, len(self.speeds)))
         ns = [round(BASE_NS / self.speeds[i] * noise[i]) for i in positions]
-        return RaceLaunch(None, list(positions), [ns, ns])
+        lacked_cores = len(self.launched) in self.short
+        return RaceLaunch(None, list(positions), [ns, ns], lacked_cores=lacked_cores)
 
     def run(self, record: RaceRecord, budget_s: float = 60.0) -> list[RaceRecord]:
         return race(record, self, RaceBudget(budget_s, self.clock))
@@ -407,9 +410,28 @@ def test_the_speedup_of_a_busy_race_is_of_the_launches_that_were_disturbed_least
     assert speedup is not None
     assert speedup.estimate == pytest.approx((2.0 * 2.1 * 1.9) ** (1 / 3))
     assert (speedup.low, speedup.high) == pytest.approx((0.9, 2.1))
-    two = replace(entered(2), launches=launches[:2]).speedups[1]
-    assert two is not None
-    assert (two.low, two.high) == (None, None)
+
+
+def test_launches_whose_threads_had_too_few_cores_do_not_count_beside_enough_others() -> None:
+    def launch(speed: float, *, lacked_cores: bool = False) -> RaceLaunch:
+        ns = [[BASE_NS, round(BASE_NS / speed)]] * 2
+        return RaceLaunch(2.0, [0, 1], ns, lacked_cores=lacked_cores)
+
+    short = [launch(0.7, lacked_cores=True) for _ in range(6)]
+    few = replace(entered(2), launches=[*short, *map(launch, [2.0, 2.01])])
+    assert ended(few).fastest == 0
+    enough = replace(few, launches=[*few.launches, launch(1.99)])
+    assert ended(enough).fastest == 1
+    speedup = enough.speedups[1]
+    assert speedup is not None
+    assert speedup.estimate == pytest.approx(2.0, rel=0.01)
+    assert enough.launch_count(enough.variants[1]) == 3
+
+
+def test_short_launches_after_a_race_are_made_again() -> None:
+    record = Track([1.0, 2.0], spread=0.005, short={6, 7, 9}).run(entered(2))[-1]
+    final = [each.lacked_cores for each in record.launches if each.is_final]
+    assert (final.count(False), final.count(True)) == (FINAL_LAUNCHES, 3)
 
 
 def test_of_busy_launches_the_fastest_block_says_which_path_leads() -> None:

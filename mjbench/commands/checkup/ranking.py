@@ -276,12 +276,12 @@ def _of_faster(
     )
 
 
-def combination_gain(verdict: VerdictRow) -> Interval | None:
+def combination_gain(verdict: VerdictRow | None) -> Interval | None:
     """Return how many times the plain loop a combination is; None where that is not certain.
 
     It is not one of the same results where the work differs.
     """
-    if verdict.ratio is None or verdict.changed_work:
+    if verdict is None or verdict.ratio is None or verdict.changed_work:
         return None
     gain = verdict.ratio.inverse
     return gain if gain.is_above(1.0) else None
@@ -304,7 +304,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
     command = f"mjbench run {target}"
     for remedy in row.wrong:
         yield CheckupItem(action=placed(remedy), change=ResultChange.CORRECTED, command=command)
-    remedies = row.loops[0].remedies if row.loops else ()
+    remedies = program.first_loop(row).remedies if row.loops else ()
     for remedy in [each for each in remedies if each.is_certain][:_MOST_OF_PROGRAM]:
         keeps = remedy.effect in ("", "nothing")
         yield CheckupItem(

@@ -167,8 +167,8 @@ def _failure(part: CheckedPart) -> str:
 
 
 def _best_alone(listed_items: Sequence[CheckupItem]) -> float:
-    """Return how many times as fast the best way of stepping alone is, or what halves the work."""
-    named = [each for each in listed_items if each.unit == GainUnit.PLAIN_LOOP or each.is_halving]
+    """Return how many times as fast the best item alone is: it keeps results or halves the work."""
+    named = [each for each in listed_items if each.change.keeps or each.is_halving]
     return max((each.times for each in named), default=1)
 
 
@@ -178,7 +178,7 @@ def _combined(run: Run, least: float = 1.0) -> str:
     It is empty, too, where it is not certain.
     """
     for part in run.of_type(CheckedPart):
-        gain = combination_gain(part.verdict) if part.verdict is not None else None
+        gain = combination_gain(part.verdict)
         if gain is not None and gain.estimate >= least and part.combination is not None:
             return f"{formats.as_fast(gain)} with {_described(part.combination)}, same results"
     return ""
@@ -289,8 +289,7 @@ def _notes(
     for command, of_command in _numbers_by(listed_items, lambda item: item.command).items():
         yield f"Look closer at {listed(of_command)}: {command}"
     for part in parts:
-        if part.combination is not None and part.verdict is not None:
-            yield from _combination_lines(part, part.combination, _best_alone(listed_items))
+        yield from _combination_lines(part, _best_alone(listed_items))
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
     for record in run.of_type(TuneRecord):
@@ -336,13 +335,11 @@ def _overlaps(listed_items: Sequence[CheckupItem]) -> Iterator[str]:
         yield "Gains overlap: they neither add up nor multiply"
 
 
-def _combination_lines(
-    part: CheckedPart, combination: Combination, best_alone: float
-) -> Iterator[str]:
+def _combination_lines(part: CheckedPart, best_alone: float) -> Iterator[str]:
     """Yield how to measure a combination again, if it gains more than the best change alone."""
-    assert part.verdict is not None, "it was measured"
     target, gain = shlex.quote(file_argument(part.target)), combination_gain(part.verdict)
-    if gain is None or gain.estimate < best_alone:
+    combination = part.combination
+    if combination is None or gain is None or gain.estimate < best_alone:
         return
     if combination.settings:
         command = f"mjbench tune {target} --allow free"

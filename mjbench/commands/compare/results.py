@@ -20,7 +20,7 @@ from mjbench.commands.compare.advice import (
 )
 from mjbench.host import conditions, disturbance
 from mjbench.interval import Interval
-from mjbench.paired.race_record import BUSY_CORES, Loop, RaceRecord
+from mjbench.paired.race_record import Loop, RaceRecord, undisturbed
 from mjbench.paths import BASE
 from mjbench.results.json_form import in_json
 from mjbench.results.runs import Record
@@ -183,7 +183,7 @@ class ModelResults:
             return None
         cores = [
             Cores(each.cores, min(self.model.usable_cores, max(self.race.threads(each), default=1)))
-            for each in self.race.launches
+            for each in undisturbed(self.race.launches)
             if each.cores is not None
         ]
         cores.sort(key=lambda each: each.share)
@@ -191,10 +191,11 @@ class ModelResults:
 
     @property
     def disturbances(self) -> list[str]:
-        clauses = self.race.disturbance.clauses if self.race is not None else []
+        if self.race is None:
+            return []
+        clauses, others = self.race.disturbance.clauses, self.race.other_cores
         if self.cores is not None and self.cores.share < conditions.ENOUGH_CORES:
-            others = self.race.other_cores if self.race is not None else 0.0
-            by_others = f" (other programs used {others:.1f})" if others >= BUSY_CORES else ""
+            by_others = f" (other programs used {others:.1f})" if self.race.is_busy else ""
             clauses.append(f"threads had {self.cores}{by_others}")
         return clauses
 

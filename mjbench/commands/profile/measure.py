@@ -24,7 +24,6 @@ from mjbench.commands.profile.loop_starts import LoopStarts
 from mjbench.commands.profile.model_costs import MOST_COSTS, Cost
 from mjbench.commands.profile.options import ProfileOptions
 from mjbench.commands.profile.rendering import FrameTime
-from mjbench.commands.profile.step_parts import SensorCost
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.interval import Interval
@@ -60,7 +59,7 @@ class ProfiledSteps:
         None in releases that install none.
       stages: share of a step by stage; they sum up to 1.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
-      costs: what collisions of geoms, and static geoms, cost of a step, the largest first.
+      costs: what collisions of geoms, static geoms and sensors cost of a step, the largest first.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from.
       run_nstep: steps from each start, which hold its controls.
@@ -75,7 +74,6 @@ class ProfiledSteps:
     warnings: Mapping[str, NonNegativeInt]
     starts: Starts | None = None
     run_nstep: NonNegativeInt | None = None
-    sensors: Sequence[SensorCost] = ()
     is_python_resolved: bool = True
     costs: Sequence[Cost] = ()
 
@@ -199,7 +197,11 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
     of_collision = model_costs.collision_costs(
         model, starts.states, stages.shares, stages.step_s, PART_SHARE * budget_s
     )
-    of_static = model_costs.static_costs(model, stages.shares)
+    costs = [
+        *of_collision,
+        *model_costs.static_costs(model, stages.shares),
+        *model_costs.sensor_costs(model, stages),
+    ]
     return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
@@ -210,8 +212,7 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
         warnings=observation.other_warnings(),
         starts=starts.starts,
         run_nstep=block.nstep,
-        sensors=stages.sensors,
-        costs=sorted([*of_collision, *of_static], key=lambda cost: -cost.share)[:MOST_COSTS],
+        costs=sorted(costs, key=lambda cost: -cost.share)[:MOST_COSTS],
         is_python_resolved=least_ratio is not None and least_ratio > 1,
     )
 

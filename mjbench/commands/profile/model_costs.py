@@ -13,7 +13,7 @@ import numpy as np
 from mjbench.bounds import NonNegativeInt, Share
 from mjbench.commands.profile import step_parts
 from mjbench.commands.profile.loop_starts import StartsInTurn
-from mjbench.commands.profile.step_parts import Stage
+from mjbench.commands.profile.step_parts import Stage, StepStages
 from mjbench.formats import whole_percent
 from mjbench.simulation import compat, geom_pairs
 
@@ -25,6 +25,9 @@ PAIRS_OF_GROUP, MOST_PAIRS = 8, 64
 MOST_COSTS = 6
 # A smaller share of a step is within what the times vary by.
 LEAST_SHARE = 0.02
+_LESS_OFTEN = (
+    'with interval="0.1" nsample="1", a sensor is computed each 0.1 s; interval alone skips no step'
+)
 # Geoms whose collisions cost by how finely they are divided.
 _HFIELD, _MESH = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_MESH)
 
@@ -60,19 +63,20 @@ class Cost:
       name: of the geoms, or of the types.
       count: pairs, or sensors.
       share: of the time of a step.
-      shape: the finest height field or mesh of them, with its cells or vertices; "" for none.
+      detail: the finest height field or mesh of them, with its cells or vertices; of sensors, what
+        computes them less often; "" for none.
     """
 
     kind: CostKind
     name: str
     count: NonNegativeInt
     share: Share
-    shape: str = ""
+    detail: str = ""
 
     def __str__(self) -> str:
         plural = "" if self.kind == CostKind.PAIR else f" ({self.count:,})"
-        shape = f"; {self.shape}" if self.shape else ""
-        return f"{self.name}{plural}: {whole_percent(self.share)}{shape}"
+        detail = f"; {self.detail}" if self.detail else ""
+        return f"{self.name}{plural}: {whole_percent(self.share)}{detail}"
 
 
 def main_cost(stages: Mapping[str, float], costs: Sequence[Cost]) -> Cost | None:
@@ -105,6 +109,21 @@ def collision_costs(
         return []
     costs = _pairs(model, states, narrow_share, step_s, budget_s)
     return sorted(costs, key=lambda cost: -cost.share)
+
+
+def sensor_costs(model: mujoco.MjModel, step: StepStages) -> list[Cost]:
+    """Return what sensors cost by type, and how to compute them less often, if this release can.
+
+    Together they cost no more than their stage, which was timed at another time.
+    """
+    intervals = getattr(model, "sensor_interval", None)
+    detail = "" if intervals is None or np.any(intervals) else _LESS_OFTEN
+    total = sum(each.share for each in step.sensors)
+    scale = min(1.0, step.shares.get(Stage.SENSORS, 0.0) / total) if total else 0.0
+    return [
+        Cost(CostKind.SENSORS, each.type, each.count, scale * each.share, detail)
+        for each in step.sensors
+    ]
 
 
 def static_geoms(model: mujoco.MjModel) -> int:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from mjbench import formats
 from mjbench.commands.profile import model_costs, step_parts
 from mjbench.commands.profile.measure import FRAMES_PER_S, ProfiledSteps, ProfileRow
+from mjbench.commands.profile.model_costs import Cost
 from mjbench.commands.profile.rendering import FrameTime
 from mjbench.commands.profile.step_parts import Stage
 from mjbench.formats import duration, plain
@@ -40,7 +41,7 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
                 *warning_lines(steps.warnings),
             ],
             figures=[charts.share_bars(title, stages, "stages", "ns", "ns of a step")],
-            tables=[stages, _sensors(steps), _simulated_second(row.simulated_second)],
+            tables=[stages, costs_table(steps.costs), _simulated_second(row.simulated_second)],
             notes=[
                 *_other_line(steps),
                 *(_frame_line(frame, steps.loop_ns) for frame in row.frames or ()),
@@ -93,15 +94,14 @@ def _stages(steps: ProfiledSteps) -> DataTable:
     )
 
 
-def _sensors(steps: ProfiledSteps) -> DataTable:
+def costs_table(costs: Sequence[Cost]) -> DataTable:
     return DataTable.of(
-        "Sensors by type",
-        steps.sensors,
-        (Column("sensors"), lambda cost: cost.type),
+        "Parts of the model",
+        costs,
+        (Column("part of the model"), lambda cost: cost.name),
+        (Column("kind"), lambda cost: cost.kind.value),
         (Column("number", formats.count), lambda cost: cost.count),
-        (Column("computed after"), lambda cost: cost.stage.value),
-        (Column("of a step", formats.percent), lambda cost: cost.share),
-        (Column("ns", formats.digits(4)), lambda cost: cost.share * steps.engine_ns),
+        (Column("of a step", formats.whole_percent), lambda cost: cost.share),
     )
 
 

@@ -115,6 +115,7 @@ _STANDARD_PROCESSES = re.compile(r"^(multiprocessing/|subprocess\.py|concurrent/
 # those. The workers of both run the same function, behind `_bootstrap` in a process of its own.
 _POOL, _WORKER = "multiprocessing/pool.py", "worker"
 PROCESS_MODULE = "multiprocessing/process.py"
+_UNPICKLES = "_ForkingPickler.loads("
 _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_base))\.py$")
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _WARP_FILE = re.compile(r"-packages/warp/_src/(context|build)\.py$")
@@ -246,6 +247,15 @@ def is_of_thread_pool(stack: Sequence[Frame]) -> bool:
 def calls_tasks(frame: Frame) -> bool:
     """Return whether a frame calls a function for each task of a pool."""
     return (file_owners.standard_name(frame.file), frame.function) in _TASK_CALLERS
+
+
+def unpickles(stack: Sequence[Frame]) -> bool:
+    """Return whether a stack takes apart what another process has sent."""
+    return any(
+        _UNPICKLES in source_line(frame.file, frame.line)
+        for frame in stack
+        if file_owners.standard_name(frame.file).startswith("multiprocessing/")
+    )
 
 
 def steps_on_threads(stack: Sequence[Frame]) -> bool:

@@ -31,6 +31,8 @@ _ACTIVITIES: Mapping[str, Activity] = {
     call_clock.TRANSFER: Activity.TRANSFER,
     call_clock.PROCESS_START: Activity.STARTING,
 }
+# Calls that return an object with memory of its own.
+CREATORS = ("MjData", *call_clock.COPIES_OF_DATA, *call_clock.LOADERS, "Renderer")
 # What the clock notes that is no call.
 _FACTS = (call_clock.SHARED_DATA, call_clock.HALVES, call_clock.COPIED_ENVIRONMENT)
 

@@ -13,7 +13,7 @@ from functools import cached_property
 
 from mjbench.commands.run import activities
 from mjbench.commands.run.activities import Activity, Place, is_own
-from mjbench.commands.run.call_times import CallTime
+from mjbench.commands.run.call_times import CREATORS, CallTime
 from mjbench.commands.run.hook import call_clock, file_owners
 from mjbench.commands.run.loop_time import FEW_SAMPLES, LineStay, error_of, shares_of
 from mjbench.commands.run.py_spy import Frame, Thread, ThreadSamples
@@ -180,7 +180,8 @@ def loop_seconds(samples: Sequence[Sample], calls: Sequence[CallTime]) -> float:
         return seconds
     seconds *= _stretch(samples, {call.place.position for call in calls}) or 1.0
     # it also runs without these calls, or those after the last burst took longer than those in it
-    return sampled_s if sampled_s > _LEAST_BEYOND * seconds else seconds
+    least_s = sum(min(sample.seconds, sample.thread.least_s) for sample in samples)
+    return sampled_s if least_s > _LEAST_BEYOND * seconds else seconds
 
 
 def by_samples(
@@ -193,7 +194,9 @@ def by_samples(
     """
     steps = [call for call in calls if call.callee in call_clock.STEPS]
     lines, steps_s = {call.place.position for call in steps}, _seconds_of(steps)
-    on_lines = [s for s in samples if activities.place_of(s.own_frame).position in lines]
+    # such a line may also call other functions, as that of an environment's step does
+    stepping = [s for s in samples if s.activity == Activity.PHYSICS or not s.called]
+    on_lines = [s for s in stepping if activities.place_of(s.own_frame).position in lines]
     sampled_s, count = _seconds_of(samples), equal_samples(samples)
     share = _seconds_of(on_lines) / sampled_s if sampled_s else 0.0
     least = FAR_BETTER * error_of(share, count) * seconds
@@ -255,7 +258,8 @@ def _beside(samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float
     """Return the samples of what is not timed.
 
     On the line of a timed call that is no step, samples may see the call itself as Python or NumPy:
-    what they see beyond its time makes the call, or frees its result.
+    what they see beyond its time makes the call, or frees its result. Where a function returns, its
+    objects are freed on the line that called it.
     """
     timed = {call.activity for call in calls}
     if Activity.DISPATCH in timed:
@@ -271,6 +275,8 @@ def _beside(samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float
     # JAX itself, where it is called
     of_jax = {Activity.POLICY} if Activity.DISPATCH in timed else set()
     known = {*_KNOWN_BY_LINE, *timed, *of_jax}
+    creating = sorted((c for c in calls if c.callee in CREATORS), key=lambda call: call.seconds)
+    freeing = {line: call for call in creating for line in call.lines[1:]}
     parts: list[Part] = []
     of_calls = defaultdict[tuple[str, int], list[Part]](list)
     for sample in samples:
@@ -278,6 +284,9 @@ def _beside(samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float
         part = Part(sample.activity, sample.seconds, place, sample)
         if place.position in slow and sample.activity in known:
             of_calls[place.position].append(part)
+        elif place.position in freeing and _is_of_line_alone(sample):
+            created = freeing[place.position]
+            parts.append(replace(part, activity=created.activity, place=created.place))
         elif sample.activity not in timed:
             parts.append(part)
     for position, of_call in of_calls.items():
@@ -289,6 +298,10 @@ def _beside(samples: Sequence[Sample], calls: Sequence[CallTime], seconds: float
                 for part in of_call
             ]
     return parts
+
+
+def _is_of_line_alone(sample: Sample) -> bool:
+    return not sample.called and sample.activity in (Activity.PYTHON, Activity.BINDINGS)
 
 
 def _span_s(calls: Sequence[CallTime]) -> float:

@@ -89,6 +89,7 @@ class LoopTime:
       calls: of functions that are timed one by one, from lines of this loop.
       building: the outermost line under which models are built or loaded, and nothing steps; of
         several, that which builds most, with the time of all. None without one.
+      unpickling_share: of its time, for which another process takes apart what it is sent.
       longest_stay: the longest on a line that does not sleep; None where each may be chance.
     """
 
@@ -106,6 +107,7 @@ class LoopTime:
     building: LineTime | None = None
     longest_stay: LineStay | None = None
     lines_on_stack: Sequence[LineTime] = ()
+    unpickling_share: Share = 0.0
 
     @property
     def seconds_of_thread(self) -> float:

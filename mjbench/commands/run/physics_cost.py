@@ -14,7 +14,7 @@ from mjbench.commands.profile import measure as profile
 from mjbench.commands.profile import model_costs, step_parts
 from mjbench.commands.profile.evaluations import Evaluations
 from mjbench.commands.profile.loop_starts import LEAST_NSTEP, StartsInTurn
-from mjbench.commands.profile.model_costs import LEAST_SHARE, MOST_COSTS, Cost, CostKind
+from mjbench.commands.profile.model_costs import LEAST_SHARE, MOST_COSTS, Cost
 from mjbench.commands.run.recorded_models import RecordedModel, loadable
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -68,9 +68,7 @@ def measure_model(
     model, states = recorded.load(), recorded.states
     timers = timers or _timer_shares(model, states)
     step = step_parts.stages(model, timers, lambda: StartsInTurn(model, states))
-    of_sensors = [
-        Cost(CostKind.SENSORS, each.type, each.count, each.share) for each in step.sensors
-    ]
+    of_sensors = model_costs.sensor_costs(model, step)
     of_pairs = model_costs.collision_costs(model, states, step.shares, step.step_s)
     costs = [*of_pairs, *of_sensors, *model_costs.static_costs(model, step.shares)]
     largest = sorted(costs, key=lambda cost: -cost.share)

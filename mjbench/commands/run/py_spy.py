@@ -150,11 +150,17 @@ class Thread:
 
 @dataclass(frozen=True)
 class ThreadSamples:
-    """The stacks of one thread, each outermost frame first."""
+    """The stacks of one thread, each outermost frame first.
+
+    Attributes:
+      interval_s: for which each stands.
+      least_s: for which each stands at least: a profiler that falls behind misses some unevenly.
+    """
 
     thread: Thread
     stacks: Sequence[Sequence[Frame]]
     interval_s: float
+    least_s: float = math.inf
 
 
 class _File(msgspec.Struct):
@@ -216,4 +222,5 @@ def _thread_samples(profile: _Profile, frames: Sequence[Frame | None]) -> Thread
     stacks = [
         [frame for i in indices if (frame := frames[i]) is not None] for indices in profile.samples
     ]
-    return ThreadSamples(thread, stacks, profile.weights[0] if profile.weights else 0.0)
+    interval_s = profile.weights[0] if profile.weights else 0.0
+    return ThreadSamples(thread, stacks, interval_s, interval_s)

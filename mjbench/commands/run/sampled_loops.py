@@ -46,9 +46,13 @@ def with_sampled_loops(
 ) -> list[CallTime]:
     """Return calls with the loops in which samples mostly see the functions that make them.
 
-    The clock notes the stack of a line's first call alone, which may come before the loop. What a
-    function that a pool calls does again and again is of that function, as of a loop.
+    The clock notes the stack of a line's first call alone, which may come before the loop; the loop
+    begins with a call that was first made in it. What a function that a pool calls does again and
+    again is of that function, as of a loop.
     """
+    begins: dict[tuple[int, SourceLoop | None], int] = {}
+    for call in sorted(calls, key=lambda call: call.first_ns):
+        begins.setdefault((call.pid, call.loop), call.first_ns)
     often = (call for call in calls if call.calls >= LEAST_REPEATS)
     tasks = {_function_of(call.place) for call in often if call.loop is None}
     counts: dict[_Function, Counter[SourceLoop | None]] = defaultdict(Counter)
@@ -72,7 +76,9 @@ def with_sampled_loops(
         if loop is None or loop == call.loop or min(count, call.calls) < LEAST_REPEATS:
             return call
         lines = [call.place, *reversed(outer[function, loop])]
-        return replace(call, loop=loop, lines=[place.position for place in lines])
+        first_ns = max(call.first_ns, begins.get((call.pid, loop), call.first_ns))
+        positions = [place.position for place in lines]
+        return replace(call, loop=loop, lines=positions, first_ns=first_ns)
 
     return list(map(in_loop, calls))
 
@@ -128,7 +134,8 @@ def loop_times(
         }
         if samples or any(call.is_step or call.callee in _SHOWN for call in timed):
             errors = step_errors or {}
-            times.append(_loop_time(loop, samples, timed, main_pid, collected_s, errors))
+            time = _loop_time(loop, samples, timed, main_pid, collected_s, errors)
+            times.append(replace(time, unpickling_share=_unpickling_share(time, threads)))
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )
@@ -148,7 +155,8 @@ def outside_loops(
     activity of its own.
     """
     of_loops = {time.loop for time in loops}
-    on_loops: set[Place] = set()
+    # samples of a short loop may miss it
+    on_loops = {line for time in loops for call in time.calls for line in call.lines}
     rest: list[tuple[list[Place], Activity, float]] = []
     for thread in threads:
         if not thread.thread.pid == main_pid == thread.thread.tid:
@@ -156,16 +164,16 @@ def outside_loops(
         for stack in thread.stacks:
             places = shown_places(stack)
             if not loops:  # what the module calls is the program itself
-                on_loops.update(places[:-1][:1])
+                on_loops.update(each.position for each in places[:-1][:1])
             running = _outermost_loop(stack)
             if running is not None and running[0] in of_loops:
-                on_loops.update(places)
+                on_loops.update(each.position for each in places)
             else:
                 rest.append((places, _outside_activity(stack), thread.interval_s))
     compiling = {call.place.position for call in calls if call.activity == Activity.COMPILING}
     seconds: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     for places, activity, interval_s in rest:
-        place = next((each for each in places if each not in on_loops), None)
+        place = next((each for each in places if each.position not in on_loops), None)
         if place is not None:
             is_compiling = any(each.position in compiling for each in places)
             seconds[place].append((Activity.COMPILING if is_compiling else activity, interval_s))
@@ -299,6 +307,13 @@ def _loop_time(
 
 def _times(parts: Iterable[Part]) -> Iterator[tuple[Activity, float]]:
     return ((part.activity, part.seconds) for part in parts)
+
+
+def _unpickling_share(time: LoopTime, threads: Sequence[ThreadSamples]) -> float:
+    """Return the part of a loop's time for which the process that unpickles most does that."""
+    others = (each for each in threads if each.thread.pid not in time.pids)
+    seconds = [sum(map(activities.unpickles, each.stacks)) * each.interval_s for each in others]
+    return min(1.0, max(seconds, default=0.0) / time.seconds_of_thread)
 
 
 def _own_lines(parts: Sequence[Part], total_s: float) -> list[LineTime]:

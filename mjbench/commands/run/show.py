@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from mjbench import formats
 from mjbench.commands.run import costly_places, late_iterations
 from mjbench.commands.run.activities import WAITING, Activity
+from mjbench.commands.run.call_times import CREATORS
 from mjbench.commands.run.costly_places import CostlyPlaces
-from mjbench.commands.run.hook.call_clock import COPIES_OF_DATA
 from mjbench.commands.run.loop_parts import FAR_BETTER
 from mjbench.commands.run.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
 from mjbench.commands.run.remedies import listing
@@ -16,24 +16,15 @@ from mjbench.commands.run.result import LoopReport, ProgramRow
 from mjbench.commands.run.steps_show import steps_section
 from mjbench.formats import count_of, duration, plain, whole_percent
 from mjbench.interval import Interval
-from mjbench.results.content import (
-    Cell,
-    Column,
-    Conclusion,
-    DataTable,
-    Section,
-    Tone,
-    filled,
-)
+from mjbench.results.content import Cell, Column, Conclusion, DataTable, Section, Tone, filled
 from mjbench.status import Status
 
 # Smaller shares of a loop are left out; the JSON document has all.
 _LEAST_SHARE = 0.005
 # Smaller errors of a share that is timed are not shown.
 _LEAST_ERROR = 0.01
-# Growth of memory that is worth a line, and calls whose results keep memory.
+# Growth of memory that is worth a line.
 _LEAST_GROWTH_BYTES = 32 << 20
-_KEEPERS = ("MjData", *COPIES_OF_DATA, "from_xml_path", "from_xml_string", "compile", "Renderer")
 # Activities whose shares do not come from samples, whatever calls are timed.
 _TIMED = (Activity.REST, Activity.COLLECTION)
 # Share of the program's time from which on loops, or a line outside them, come first.
@@ -381,7 +372,7 @@ def _memory_lines(row: ProgramRow) -> list[str]:
     if growth < _LEAST_GROWTH_BYTES:
         return []
     calls = [call for report in row.loops for call in report.time.calls]
-    makers = [call for call in calls if call.callee in _KEEPERS]
+    makers = [call for call in calls if call.callee in CREATORS]
     most = max(makers, key=lambda call: call.calls, default=None)
     why = f"; {most.place} makes {round(most.calls):,} × {most.callee}" if most else ""
     seconds = max((steps.span_s for steps in row.steps), default=0.0)

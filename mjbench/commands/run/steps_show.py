@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from mjbench import formats
+from mjbench.commands.profile.show import costs_table
 from mjbench.commands.profile.step_parts import Stage
 from mjbench.commands.run.physics_cost import PhysicsCost
 from mjbench.commands.run.result import ProgramRow
@@ -32,22 +33,11 @@ def steps_section(row: ProgramRow) -> Iterator[Section]:
     of_steps = [] if steps is None else _step_lines(steps, len(row.steps), row.physics)
     durations = [] if steps is None else [_durations_table(steps)]
     facts = [*of_steps, *filter(None, [gil_wait(row)])]
-    tables = filled(_physics_table(row), *durations)
+    tables = filled(costs_table(row.physics.costs if row.physics is not None else ()), *durations)
     heading = "steps" if facts or tables else "observation"  # JAX takes steps that nobody counts
     notes = [_cost_line(row)] if row.wall_s >= LEAST_WALL_S else []
     if facts or tables or notes:
         yield Section(f"{row.program}: {heading}", facts=facts, tables=tables, notes=notes)
-
-
-def _physics_table(row: ProgramRow) -> DataTable:
-    return DataTable.of(
-        "Parts of the model",
-        row.physics.costs if row.physics is not None else (),
-        (Column("part of the model"), lambda cost: cost.name),
-        (Column("kind"), lambda cost: cost.kind.value),
-        (Column("number", formats.count), lambda cost: cost.count),
-        (Column("of a step", whole_percent), lambda cost: cost.share),
-    )
 
 
 def _step_lines(steps: StepTimes, processes: int, physics: PhysicsCost | None) -> list[str]:

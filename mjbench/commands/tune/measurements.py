@@ -156,7 +156,7 @@ def run_present(
     step = step_stages(model, baseline.trials)
     states = baseline.trials.initial_state
     costs = model_costs.collision_costs(model, states, step.shares, step.step_s, COLLISION_S)
-    collision = next((cost for cost in costs if cost.shape), None)
+    collision = next((cost for cost in costs if cost.detail), None)
     return baseline.facts, step.shares, collision, reference.seconds(model, baseline.trials)
 
 

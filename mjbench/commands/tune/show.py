@@ -202,8 +202,7 @@ def conclusion(record: TuneRecord) -> str:
 
 
 def advised(record: TuneRecord) -> list[Recommendation]:
-    best = record.best()
-    if best is None:
+    if (best := record.best()) is None:
         return []
     exact = [each for each in record.front if each.effect.rank < best.effect.rank]
     return [*(each for each in exact if each.is_allowed), best]
@@ -214,7 +213,12 @@ def _within(record: TuneRecord) -> str:
         return " with the same results"
     if record.allow == Effect.EQUIVALENT:
         return " within the solver's tolerance"
-    return _within_shares(record.limits.max_error, record.limits.max_change)
+    limits = record.limits
+    text = _within_shares(limits.max_error, limits.max_change)
+    error = record.present.error if record.present else None
+    if limits.max_error and error and error.share > limits.max_error:
+        text += f"; the present settings have an error of {percent(error.share)}"
+    return text
 
 
 def _within_shares(error: float | None, change: float | None) -> str:

@@ -21,7 +21,7 @@ from mjbench.status import Status
 
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
 CONE = Setting("cone", "cone=pyramidal", (Edit(Part.OPTION, "cone", "pyramidal"),))
-BEGUN = CheckupTrial(name="robot", kind=TargetKind.MODEL, load=0.2, seconds=58.0)
+BEGUN = CheckupTrial(name="robot", kind=TargetKind.MODEL, seconds=58.0)
 FAST, SLOWER = (ROLLOUT, 3.0), (BATCH_STEP, 2.0)
 
 
@@ -159,7 +159,7 @@ def test_a_path_of_an_environment_that_is_not_in_the_longer_list_has_the_gain_th
 def test_the_page_counts_what_is_right_by_kind() -> None:
     right = replace(BEGUN, first="rollout", again=3.0, best="rollout", best_gain=3.0)
     slow = replace(right, name="arm", seconds=70.0, again=2.0, contradicted=["cone: 1.00"])
-    failed = CheckupTrial(name="train.py", kind=TargetKind.PROGRAM, load=0.1, detail="no file")
+    failed = CheckupTrial(name="train.py", kind=TargetKind.PROGRAM, detail="no file")
     tally = CheckupTally("4.0.0", "a CPU", 2, ())
     assert "Nothing has been measured" in "".join(tally.lines())
     for each in (slow, right, failed):

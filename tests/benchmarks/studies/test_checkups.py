@@ -33,7 +33,7 @@ def test_runs_of_commands_are_the_parts_of_a_checkup() -> None:
 def test_arguments_of_a_program_follow_it_in_every_command() -> None:
     target = Target("mujoco:rollout.py", TargetKind.PROGRAM, ("--nstep", "9"))
     assert target.checkup == (target.word, "--nstep", "9")
-    assert target.closer == (("run", "--seconds", "60", target.word, "--nstep", "9"),)
+    assert target.closer == (("run", ("--seconds", "60s", target.word, "--nstep", "9")),)
     assert target.copied.is_file()
     assert target.word == "rollout.py"
     with pytest.raises(InputError, match="robots is not installed"):
@@ -41,8 +41,8 @@ def test_arguments_of_a_program_follow_it_in_every_command() -> None:
 
 
 def test_a_target_whose_command_fails_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    def failed(target: Target, words: Any) -> Run:
-        raise MachineError(f"no {words[0]}")
+    def failed(target: Target, command: str, arguments: Any) -> Run:
+        raise MachineError(f"no {arguments[0]}")
 
     monkeypatch.setattr(checkups, "_measured", failed)
     trial = checkups.measure(HOPPER)
@@ -57,7 +57,7 @@ def test_what_the_tally_has_is_measured_again_only_where_it_is_named(
 
     def measure(target: Target) -> CheckupTrial:
         measured.append(target.name)
-        return CheckupTrial(name=target.name, kind=target.kind, load=0.0, seconds=9.0, again=1.0)
+        return CheckupTrial(name=target.name, kind=target.kind, seconds=9.0, again=1.0)
 
     monkeypatch.setattr(checkups, "measure", measure)
     monkeypatch.setattr(checkups, "TARGETS", (HOPPER, ANT))

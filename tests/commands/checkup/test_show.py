@@ -121,8 +121,11 @@ def test_a_recommendation_that_halves_the_work_is_as_important_as_one_that_keeps
     assert actions[-1] == "settings: integrator=Euler"
 
 
-def test_what_is_measured_together_is_no_conclusion_where_less_halves_the_work() -> None:
+def test_what_is_measured_together_is_no_conclusion_where_less_gains_more() -> None:
     verdict = replace(FASTER, ratio=Interval(0.3, 0.29, 0.31))
+    equivalent = tuned(recommended(Effect.EQUIVALENT, 0.25, 0.0, JACOBIAN))
+    records = [*PATHS, equivalent, combined(verdict)]
+    assert "4.00 × as fast" in checkup.list_section(run(*records)).conclusions[0].text
     records = [*PATHS, tuned(untried_halving=[RK4]), combined(verdict)]
     assert "about 4 × as fast" in checkup.list_section(run(*records)).conclusions[0].text
     faster = combined(replace(FASTER, ratio=Interval(0.2, 0.19, 0.21)))
@@ -390,6 +393,23 @@ def test_what_costs_most_and_has_no_remedy_comes_first_as_in_run() -> None:
     ).conclusions
     assert first.text == f"{TARGET}: {program.conclusion(row)}"
     assert "no change is known for this" in first.text
+
+
+def test_where_the_first_loop_waits_the_list_has_what_its_workers_should_change() -> None:
+    remedy = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.8, 0.2)
+    loops = [
+        LoopReport(
+            LoopTime(SourceLoop("train.py", 5, 9), [], [name], [1], True, 300, 3.0, shares, [], []),
+            remedies,
+        )
+        for name, shares, remedies in (
+            ("MainThread", {Activity.PROCESSES: 1.0}, []),
+            ("worker", {Activity.NUMPY: 1.0}, [remedy]),
+        )
+    ]
+    row = ProgramRow("train.py", Status.OK, "", 0, False, 3.0, 100, 300, loops, [])
+    (item,) = ranking.items(run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), row))
+    assert item.action.endswith("text")
 
 
 def test_a_list_that_was_interrupted_says_so_first() -> None:

@@ -7,7 +7,7 @@ from example_models import COSTS_XML, initial_states
 
 from mjbench.commands.profile import model_costs, step_parts
 from mjbench.commands.profile.model_costs import Cost, CostKind
-from mjbench.commands.profile.step_parts import Stage
+from mjbench.commands.profile.step_parts import SensorCost, SensorStage, Stage, StepStages
 
 
 @pytest.fixture
@@ -88,6 +88,23 @@ def test_a_height_field_is_named_with_its_cells_and_a_mesh_with_its_vertices(mon
     assert model_costs._finest(model, [3, 1]) == (
         "mesh “wedge” has 5 vertices, 4 of them on its hull"
     )
+
+
+def test_sensors_that_cost_are_told_how_to_be_computed_less_often():
+    world = "<worldbody><site name='eye'/></worldbody><sensor><rangefinder site='eye' {}/></sensor>"
+    cost = SensorCost("rangefinder", SensorStage.POSITION, 1, 0.6)
+
+    def said(attributes, stage_share=0.7):
+        model = mujoco.MjModel.from_xml_string(f"<mujoco>{world.format(attributes)}</mujoco>")
+        step = StepStages(1e-5, {Stage.SENSORS: stage_share}, [cost])
+        return [str(each) for each in model_costs.sensor_costs(model, step)]
+
+    assert said("") == [
+        'rangefinder (1): 60 %; with interval="0.1" nsample="1", a sensor is computed each 0.1 s;'
+        " interval alone skips no step"
+    ]
+    assert said("interval='0.1' nsample='1'") == ["rangefinder (1): 60 %"]
+    assert said("interval='0.1' nsample='1'", 0.5) == ["rangefinder (1): 50 %"]
 
 
 def test_a_small_narrow_phase_is_not_divided():

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from mjbench.commands.run.hook.argument_types import DTYPE, SHAPE, VALUE, WEAK_TYPE
+from mjbench.commands.run.hook.argument_types import DEVICE, DTYPE, SHAPE, VALUE, WEAK_TYPE
 
 PROGRAM = """
 import json
@@ -36,6 +36,7 @@ FIELDS = {
     "weak type": jnp.full(2, 0.1),
     "dtype": jnp.zeros(2, jnp.int32),
     "shape": jnp.zeros((2, 1), jnp.float32),
+    "device": jax.device_put(jnp.full(2, 0.1), jax.devices()[0]),
     "value": None,
 }
 noted = {
@@ -78,6 +79,11 @@ def changes():
 )
 def test_the_field_that_differs_is_named_with_both_types(changes, kind, now):
     assert changes[kind] == [None, [["state['ctrl']", kind, "float32[2]", now]]]
+
+
+def test_an_array_that_is_committed_to_a_device_is_of_another_type(changes):
+    now = "weakly typed committed float32[2]"
+    assert changes[DEVICE] == [None, [["state['ctrl']", DEVICE, "uncommitted float32[2]", now]]]
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,26 @@ def test_between_tasks_of_a_pool_the_loop_of_its_worker_does_not_run() -> None:
     assert loop_seconds([task] * 100, [stepping]) == pytest.approx(2.0)
 
 
+def test_a_profiler_that_fell_behind_says_little_of_how_long_a_loop_runs() -> None:
+    thread = replace(SAMPLE.thread, least_s=0.01)
+    timed = replace(UNSEEN, last_ns=1_000_000_000)
+    assert loop_seconds([replace(SAMPLE, thread=thread)] * 100, [timed]) == pytest.approx(1.0)
+    assert loop_seconds([SAMPLE] * 100, [timed]) == pytest.approx(2.0)
+
+
+def test_what_a_function_frees_when_it_returns_is_of_the_line_that_created_it() -> None:
+    load, caller = Place("episode.py", 3, "episode"), Place("train.py", 11, "main")
+    lines = [load.position, caller.position]
+    loaded = replace(UNSEEN, callee="compile", place=load, seconds=1.0, lines=lines)
+    within = replace(SAMPLE, inner=[*STACK, Frame("episode", "episode.py", 5)])
+    calls_numpy = replace(SAMPLE, activity=Activity.NUMPY)
+    seen = [SAMPLE] * 60 + [within] * 20 + [calls_numpy] * 20
+    parts = parts_of(seen, [loaded], 2.0, 0.0)
+    shares = shares_of(((part.place and part.place.position, part.seconds) for part in parts), 2.0)
+    assert shares[load.position] == pytest.approx(0.5 + 0.3)
+    assert shares[caller.position] == pytest.approx(0.1)
+
+
 def test_a_run_of_samples_on_one_line_is_a_stay_unless_the_line_is_often_seen() -> None:
     saving = replace(SAMPLE, inner=[Frame("main", "train.py", 14)])
     resting = replace(SAMPLE, activity=Activity.SLEEPING)

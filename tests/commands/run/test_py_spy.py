@@ -105,10 +105,11 @@ def test_other_files_are_refused(tmp_path, text):
 
 def test_samples_stand_for_the_time_in_which_they_were_taken():
     stack = [Frame("main", "/x.py", 3)]
-    whole = py_spy.ThreadSamples(Thread(1, 1, "a"), [stack] * 4, 0.1)
+    whole = py_spy.ThreadSamples(Thread(1, 1, "a"), [stack] * 4, 0.1, 0.1)
     late = py_spy.ThreadSamples(Thread(1, 2, "b"), [stack], 0.1)
     spread = py_spy.spread_over([whole, late], 2.0)
     assert [each.interval_s for each in spread] == [0.5, 0.5]
+    assert spread[0].least_s == 0.1
     assert py_spy.spread_over([], 2.0) == []
 
 

@@ -237,6 +237,9 @@ def test_a_new_mjdata_costs_only_its_first_steps():
     measured = MeasuredRatios({pair: replace(ratio(0.5), created_share=0.2)})
     (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
     assert gain == pytest.approx(0.5 * (0.99 - (0.99 - 0.199) * 200 / 250))
+    measured = MeasuredRatios({pair: replace(ratio(0.5, saved_s=1.0), created_share=0.2)})
+    (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
+    assert gain == pytest.approx(4 * 1.0 / 10), "what the pair saves each time is less of no step"
 
 
 def test_what_a_new_mjdata_saves_does_not_grow_with_what_python_does_to_call_steps():
@@ -254,7 +257,8 @@ def test_what_a_new_mjdata_saves_does_not_grow_with_what_python_does_to_call_ste
     time = replace(seen, calls=[step(seconds=10 * 120 / whole_us, calls=20_000), creation])
     pair = RemedyPair(call_ways.new_data, ("MjData", "mj_copyData"), steps=50)
     assert pair in listing.pairs([time], [])
-    measured = MeasuredRatios({pair: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
+    of_pair = ratio(1 - 18 / 70, saved_s=0.1 * 18 / whole_us)
+    measured = MeasuredRatios({pair: replace(of_pair, created_share=20 / 70)})
     (gain,) = [each.gain for each in listing.remedies(time, [], measured) if each.kind == "call"]
     assert gain == pytest.approx(18 / whole_us)
 
@@ -638,6 +642,14 @@ def test_environments_in_processes_can_be_stepped_in_one(package, says):
     waiting = line(13, {Activity.PROCESSES: 0.9}, package=package)
     (wait,) = listing.remedies(loop(line(12, {PHYSICS: 0.1}), waiting))
     assert says in wait.text
+
+
+def test_what_processes_unpickle_is_sent_once_where_that_is_what_a_loop_waits_for():
+    time = loop(line(12, {PHYSICS: 0.1}), line(13, {Activity.PROCESSES: 0.9}))
+    (wait,) = listing.remedies(replace(time, unpickling_share=0.7), others_busy_s=1.0)
+    assert "unpickle for 70 % of the loop" in wait.text
+    (wait,) = listing.remedies(replace(time, unpickling_share=0.2), others_busy_s=1.0)
+    assert "no process works meanwhile" in wait.text
 
 
 def test_processes_that_are_started_again_and_again_cost_their_whole_line():

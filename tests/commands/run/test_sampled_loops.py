@@ -1,7 +1,7 @@
 """Samples become shares of a loop's time."""
 
 import importlib
-import multiprocessing
+import multiprocessing.queues
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -258,6 +258,15 @@ def test_samples_tell_what_bursts_that_differ_much_do_not(file, error, share):
     assert sum(loops[0].activities.values()) == pytest.approx(1.0)
 
 
+def test_what_an_environment_computes_on_the_line_that_steps_it_is_no_step(file):
+    of = stacks(file)
+    package = Frame("reward", "/env/lib/python3.11/site-packages/gymnasium/env.py", 5)
+    seen = [*([of["step"]] * 3), [*of["step"][:-1], package], of["observe"]] * 80
+    timed = [call("mj_step", 8, 20.0, 0, 40, **STEP)]
+    (loop,) = sampled_loops.loop_times([samples(seen)], 1, calls=timed, step_errors={1: 0.2})
+    assert loop.activities[Activity.PHYSICS] == pytest.approx(0.6)
+
+
 @pytest.mark.parametrize(("before", "seconds"), [(0, 4.0), (2, 4.0), (40, 8.0)])
 def test_a_loop_is_longer_than_from_its_first_call_to_its_last_if_samples_certainly_say_so(
     file, before, seconds
@@ -324,6 +333,16 @@ def test_lines_outside_loops_stand_for_all_that_they_call(file):
     imports, setup = sampled_loops.outside_loops(seen, 1, loops, wall_s=5.0)
     assert (imports.main_activity, imports.share) == (Activity.IMPORT, pytest.approx(0.4))
     assert (str(setup.place), setup.share) == ("program.py:6", pytest.approx(0.1))
+
+
+def test_lines_that_lead_to_a_loop_without_samples_are_not_outside_it(file):
+    of = stacks(file)
+    seen = [samples([of["setup"]] * 5)]
+    lines = [("program.py", 8), ("program.py", 11)]
+    timed = [replace(call("mj_step", 8, 0.5, **STEP), lines=lines)]
+    loops = sampled_loops.loop_times([], 1, calls=timed)
+    (setup,) = sampled_loops.outside_loops(seen, 1, loops, wall_s=5.0)
+    assert str(setup.place) == "program.py:6"
 
 
 def test_without_a_loop_the_lines_that_main_calls_are_named(file):
@@ -460,6 +479,20 @@ def test_a_call_that_was_first_made_before_the_loop_is_of_the_loop_in_which_samp
     assert sampled_loops.with_sampled_loops([seen], [replace(made, pid=2)])[0].loop is None
     of_main = replace(made, place=Place("program.py", 6, "main"))
     assert sampled_loops.with_sampled_loops([seen], [of_main])[0].loop is None
+    in_loop = call("mj_step", 8, 0.5, 4.0, 9.0, **STEP)
+    again, _ = sampled_loops.with_sampled_loops([seen], [made, in_loop])
+    assert again.first_ns == in_loop.first_ns, "the first call came before the loop"
+
+
+def test_the_process_that_unpickles_most_counts_and_one_that_waits_does_not(file):
+    queues = multiprocessing.queues.__file__
+    text = Path(queues).read_text().splitlines()
+    line = next(i for i, each in enumerate(text, 1) if "_ForkingPickler.loads(" in each)
+    taking, waiting = Frame("get", queues, line), Frame("get", queues, line - 1)
+    workers = [samples([[taking]] * n + [[waiting]] * 9, pid, pid) for n, pid in ((3, 2), (4, 3))]
+    seen = [samples([stacks(file)["step"]] * 10), *workers]
+    (time,) = sampled_loops.loop_times(seen, 1)
+    assert time.unpickling_share == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("calls", [2, 3])

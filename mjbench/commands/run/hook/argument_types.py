@@ -1,7 +1,8 @@
 """Which argument differs where JAX compiles a function again.
 
-JAX compiles a function once for each type of its arguments: their dtypes, shapes, weak types, and
-the values of those that are static. This module runs in the user's program.
+JAX compiles a function once for each type of its arguments: their dtypes, shapes, weak types,
+whether they are committed to a device, and the values of those that are static. This module runs in
+the user's program.
 """
 
 import inspect
@@ -10,13 +11,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 # How an argument differs.
-WEAK_TYPE, DTYPE, SHAPE, VALUE = "weak type", "dtype", "shape", "value"
+WEAK_TYPE, DTYPE, SHAPE, DEVICE, VALUE = "weak type", "dtype", "shape", "device", "value"
 # Arguments that are named, and characters of one's value.
 _MOST_NAMED, _MOST_TEXT = 3, 40
 
 # Of a leaf: dtype, shape, whether its type is weak; None of each for what is no array. Its value as
-# text, where it is an object of Python.
-_Leaf = tuple[str | None, Sequence[int] | None, bool | None, str]
+# text, where it is an object of Python. Whether it is committed to a device.
+_Leaf = tuple[str | None, Sequence[int] | None, bool | None, str, bool]
 # Name of an argument or its field, how it differs, what it was, and what it is.
 Change = tuple[str, str, str, str]
 
@@ -64,9 +65,10 @@ def _leaf(jax: Any, leaf: Any) -> _Leaf:
     text = "" if is_array else repr(leaf)[:_MOST_TEXT]
     try:
         kind = jax.typeof(leaf) if hasattr(jax, "typeof") else jax.core.get_aval(leaf)
-        return str(kind.dtype), tuple(kind.shape), bool(kind.weak_type), text
+        is_committed = bool(getattr(leaf, "_committed", False))
+        return str(kind.dtype), tuple(kind.shape), bool(kind.weak_type), text, is_committed
     except (TypeError, AttributeError):  # no array of JAX
-        return None, None, None, text
+        return None, None, None, text, False
 
 
 def _changes(before: Mapping[str, _Leaf], now: Mapping[str, _Leaf]) -> list[Change]:
@@ -79,19 +81,21 @@ def _changes(before: Mapping[str, _Leaf], now: Mapping[str, _Leaf]) -> list[Chan
         if old is None or new is None or old[0] is None or new[0] is None:
             of_type.append((name, VALUE, _shown(old), _shown(new)))
             continue
-        for kind, position in ((DTYPE, 0), (SHAPE, 1), (WEAK_TYPE, 2)):
+        for kind, position in ((DTYPE, 0), (SHAPE, 1), (DEVICE, 4), (WEAK_TYPE, 2)):
             if old[position] != new[position]:
-                of_type.append((name, kind, _shown(old), _shown(new)))
+                moves = old[4] != new[4]
+                of_type.append((name, kind, _shown(old, moves), _shown(new, moves)))
                 break
         else:
             of_value.append((name, VALUE, old[3], new[3]))
     return of_type or of_value
 
 
-def _shown(leaf: _Leaf | None) -> str:
+def _shown(leaf: _Leaf | None, with_device: bool = False) -> str:
     if leaf is None:
         return "absent"
-    dtype, shape, is_weak, text = leaf
+    dtype, shape, is_weak, text, is_committed = leaf
     if dtype is None or shape is None:
         return text
-    return f"{'weakly typed ' if is_weak else ''}{dtype}[{','.join(map(str, shape))}]"
+    device = f"{'' if is_committed else 'un'}committed " if with_device else ""
+    return f"{'weakly typed ' if is_weak else ''}{device}{dtype}[{','.join(map(str, shape))}]"

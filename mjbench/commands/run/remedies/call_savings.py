@@ -50,6 +50,13 @@ class CallsInLoop:
         return share_of(self.loop, self.calls)
 
     @property
+    def share_of_lines(self) -> float:
+        """The share of their lines, with what else these do."""
+        positions = {call.place.position for call in self.calls}
+        lines = (line for line in self.loop.lines if line.place.position in positions)
+        return sum(line.share for line in lines)
+
+    @property
     def nstep(self) -> float:
         """Steps in the loop, of all simulations."""
         return sum(call.all_steps for call in steps_of(self.loop.calls))
@@ -119,9 +126,7 @@ class CallRemedy:
             if pair.functions == ():  # the call is not needed at all
                 basis = Basis.TIMED
         if self.is_of_line:
-            positions = {call.place.position for call in calls.calls}
-            lines = (line for line in calls.loop.lines if line.place.position in positions)
-            share = max(share, sum(line.share for line in lines))
+            share = max(share, calls.share_of_lines)
         if self.also is not None:
             share = min(1.0, share + calls.loop.activities.get(self.also, 0.0))
         return Saving(share, share, basis)
@@ -175,14 +180,17 @@ def _of_objects(
     The pair that was measured holds more than the call: what is done with the new object, whose
     memory is used for the first time, and the time in which it is freed. In the program, that is
     all that samples do not see on other lines, but for the share of `users` that the pair leaves
-    out.
+    out. It is no less than the time that the pair saves each time: some of them may use no such
+    object.
     """
     stands_for = _stands_for(calls.loop, [*calls.calls, *users])
     if calls.loop.samples < FEW_SAMPLES:
         gain = min(stands_for, ratio.saved * calls.share / max(1e-9, ratio.created_share))
     else:
-        of_users = stands_for - calls.share  # with what Python does to call them
-        gain = ratio.saved * (stands_for - left_out * of_users)
+        # the line of the call also frees the object; the rest is of users, and calls them
+        of_users = max(0.0, stands_for - max(calls.share, calls.share_of_lines))
+        least = min(stands_for, calls.count * ratio.certainly_saved_s / calls.loop.seconds)
+        gain = max(least, ratio.saved * (stands_for - left_out * of_users))
     return _paired(gain, calls.share, ratio)
 
 

@@ -28,7 +28,7 @@ from mjbench.simulation import engine_clock
 # What to do about waiting in which nobody works.
 _MESSAGES_ADVICE: Mapping[Activity, str] = {
     Activity.PROCESSES: "the loop waits and no process works meanwhile: give each process more work"
-    " for a message, and a model once (initializer=), or use threads (rollout)",
+    " for a message, or use threads (rollout)",
     Activity.THREADS: "the loop waits and no thread works meanwhile: let each thread take more"
     " steps for each wait; `mjbench compare MODEL --paths python_loop,threads,batch_step` says what"
     " threads and mujoco.batch.Batch gain",
@@ -37,6 +37,10 @@ _MESSAGES_ADVICE: Mapping[Activity, str] = {
 _VECTOR_ADVICE = (
     "the loop waits and no process works meanwhile: SyncVectorEnv steps the environments without"
     " messages; `mjbench env` times both"
+)
+_UNPICKLING_ADVICE = (
+    "processes unpickle for {share} of the loop what they are sent: give each a model and other"
+    " data once (initializer= of a pool), and send only what differs"
 )
 _COLLECTION_ADVICE = (
     "call gc.disable() before the loop, and gc.collect() where a pause does no harm"
@@ -47,6 +51,8 @@ _COUNT_SLACK = 1.02
 # What to do where JAX compiles again, by what differs in an argument.
 _RECOMPILED_ADVICE: Mapping[str, str] = {
     argument_types.WEAK_TYPE: "create it with a dtype, such as jnp.full(n, x, dtype=jnp.float32)",
+    argument_types.DEVICE: "write it into the array that was there, such as ctrl.at[:].set(x), so"
+    " that it keeps its type and its device",
     argument_types.DTYPE: "give it one dtype in all calls",
     argument_types.SHAPE: "give it one shape in all calls, or pad it",
     argument_types.VALUE: "give what varies as an array, and the rest as one value in all calls",
@@ -95,7 +101,7 @@ def of_collection(loop: LoopTime) -> Iterator[Remedy]:
 
 
 def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
-    """Yield what to do about the share of a loop in which it waits, and nobody else works.
+    """Yield what to do about the share of a loop in which it waits, and nobody else steps.
 
     Loops of workers wait for the program's own loop: what is said of that holds for them, too.
     """
@@ -107,6 +113,9 @@ def of_messages(loop: LoopTime, others_busy_s: float) -> Iterator[Remedy]:
             line = _main_line(loop, activity)
             if activity == Activity.PROCESSES and line and line.package == "gymnasium":
                 text = _VECTOR_ADVICE
+            elif activity == Activity.PROCESSES and 2 * loop.unpickling_share > idle:
+                share_text = formats.whole_percent(loop.unpickling_share)
+                text = _UNPICKLING_ADVICE.format(share=share_text)
             yield _of_activity(loop, activity, text, idle, RemedyKind.ACTIVITY)
 
 
