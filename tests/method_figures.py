@@ -64,8 +64,8 @@ def timing() -> Iterator[str]:
     as_good = race_record.AS_GOOD
     yield f"at most {percent(as_good / 2)} slower by estimate, {percent(as_good)} by its whole interval"
     yield f"no other path of the race can be faster by {margin}"
-    yield f"by {percent(engine_clock.MIN_GAIN)} or more as estimated"
-    yield f"less than {percent(conditions.ENOUGH_CORES)} of them, nothing is decided"
+    yield f"faster by {percent(engine_clock.MIN_GAIN)} or more"
+    yield f"less than {percent(conditions.ENOUGH_CORES)} of them and is not busy is left out"
     assert (race_record.BUSY_CORES, race.ROUNDS) == (0.25, 4)
     yield "use a quarter of a core or more, a launch has twice as many blocks"
     tally = json.loads((ROOT / "results/busy.json").read_text())

@@ -132,7 +132,7 @@ def test_a_burst_that_another_thread_has_ended_is_not_ended_again(clock):
 
 
 def test_a_fork_begins_anew(clock, tmp_path):
-    clock.bursts.to_pass = 5
+    clock.bursts.pacer.let_pass(5)
     clock.begin_process()
     clock._timed(lambda: None, call_clock.DISPATCH)()
     clock.end()

@@ -1,8 +1,14 @@
-"""Calls that are timed in bursts, so that timing them costs little of the program's time."""
+"""Calls that are timed in bursts, so that timing them costs little of the program's time.
+
+A `Pacer` lets calls pass between bursts, and counts them; a `Burst` has the slots of those that are
+timed. `StepClock` has one of each for the steps, `CallBursts` one of each for other fast calls.
+"""
 
 import time
 from _thread import get_ident
 from collections.abc import Callable, Sequence
+from itertools import repeat
+from operator import length_hint
 from types import FrameType
 from typing import Any
 
@@ -26,7 +32,14 @@ Written = Sequence[tuple[list[int], int, int, int]]
 
 
 class Pacer:
-    """Says how many calls to pass through until the next burst."""
+    """Lets calls pass through until the next burst.
+
+    Attributes:
+      passes: has an item for each call that may still pass. A call takes one by `for _ in passes`,
+        which counts it in C: a step of the smallest models takes little longer than Python takes
+        to count.
+      passed_before: calls that had passed before the latest plan.
+    """
 
     def __init__(
         self,
@@ -38,7 +51,22 @@ class Pacer:
 
     def begin(self) -> None:
         self._start_ns, self._processor_start_ns = self._now_ns(), self._processor_ns()
-        self._spent_ns = 0
+        self._spent_ns = self._planned = self.passed_before = 0
+        self.passes = repeat(None, 0)
+
+    @property
+    def passed_since(self) -> int:
+        """Calls that have passed since the latest plan."""
+        return self._planned - length_hint(self.passes)
+
+    @property
+    def passed(self) -> int:
+        return self.passed_before + self.passed_since
+
+    def let_pass(self, calls: int) -> None:
+        """Plan anew: let this many calls pass, and no more of those planned before."""
+        self.passed_before = self.passed
+        self._planned, self.passes = calls, repeat(None, calls)
 
     def spend(self, cost_ns: int) -> None:
         """Note what timing has cost, by what is known now: what is learned later does not count."""
@@ -147,15 +175,14 @@ class CallBursts:
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
         self._calls, self._burst, self._now_ns = calls, Burst(calls), now_ns
-        self._pacer = Pacer(now_ns, processor_ns)
+        self.pacer = Pacer(now_ns, processor_ns)
         self.call_cost_ns = self.passed_cost_ns = 0
         self.begin_process()
 
     def begin_process(self) -> None:
         self._burst.begin_process()
-        self._pacer.begin()
-        self.to_pass = self._planned_to_pass = 0
-        self.calls_timed = self._calls_passed = self._burst_calls = 0
+        self.pacer.begin()
+        self.calls_timed = self._burst_calls = 0
         self._latest: Written = ()
         self._begin_ns = self._end_ns = self._period_ns = self._cost_ns = 0
 
@@ -164,8 +191,7 @@ class CallBursts:
         return not self._burst_calls
 
     def count(self) -> int:
-        passed = self._planned_to_pass - self.to_pass
-        return self.calls_timed + self._burst_calls + self._calls_passed + passed
+        return self.calls_timed + self._burst_calls + self.pacer.passed
 
     def begin(self) -> None:
         if not self._burst_calls:
@@ -187,31 +213,29 @@ class CallBursts:
         self.calls_timed += calls
         self._period_ns = max(1, (end_ns - self._begin_ns) // calls)
         self._note_cost()
-        self._pacer.spend(calls * self.call_cost_ns)
-        self.to_pass = self._pacer.calls_to_pass(self._period_ns)
-        self._planned_to_pass, self._end_ns = self.to_pass, end_ns
+        self.pacer.spend(calls * self.call_cost_ns)
+        self.pacer.let_pass(self.pacer.calls_to_pass(self._period_ns))
+        self._end_ns = end_ns
 
     def _pass_on(self, until_ns: int = 0) -> None:
         """Let the calls that have passed before the latest burst count as those in it."""
-        passed, self._planned_to_pass = self._planned_to_pass - self.to_pass, self.to_pass
+        passed = self.pacer.passed_since
         if passed > 0:
             in_burst = sum(calls for _, calls, _, _ in self._latest)
             self._burst.pass_on(self._latest, passed / max(1, in_burst), until_ns)
-            self._calls_passed += passed
-            self._note_cost()
 
     def _note_cost(self) -> None:
         earlier_ns = self._cost_ns
         self._cost_ns = self.calls_timed * self.call_cost_ns
-        self._cost_ns += self._calls_passed * self.passed_cost_ns
+        self._cost_ns += self.pacer.passed * self.passed_cost_ns
         self._calls.cost_ns += self._cost_ns - earlier_ns
 
     def end(self) -> None:
         """Count what has passed, as far as it could, and break a burst that has begun."""
-        passed = self._planned_to_pass - self.to_pass
-        if passed > 0:
-            self._pass_on(min(self._end_ns + passed * self._period_ns, self._now_ns()))
+        passed_ns = self.pacer.passed_since * self._period_ns
+        self._pass_on(min(self._end_ns + passed_ns, self._now_ns()))
+        self.pacer.let_pass(0)
         self.calls_timed += self._burst_calls
-        self.to_pass = self._planned_to_pass = self._burst_calls = 0
+        self._burst_calls = 0
         self._burst.write()
         self._note_cost()

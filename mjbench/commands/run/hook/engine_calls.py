@@ -22,11 +22,10 @@ class EngineCalls:
         self.bursts = bursts
 
     def timing(self, function: Any, name: str) -> Any:
-        now_ns, bursts = self._now_ns, self.bursts
+        now_ns, bursts, pacer = self._now_ns, self.bursts, self.bursts.pacer
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if bursts.to_pass:
-                bursts.to_pass -= 1
+            for _ in pacer.passes:
                 return function(*args, **kwargs)
             if bursts.begins:
                 self._begin_burst(args, get_frame(1))

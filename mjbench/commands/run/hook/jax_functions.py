@@ -146,8 +146,7 @@ class JaxFunctions:
     ) -> Any:
         """Call a function, timed in bursts; calls inside another that is timed are part of it."""
         bursts = self.bursts
-        if bursts.to_pass:
-            bursts.to_pass -= 1
+        for _ in bursts.pacer.passes:
             return function(*args, **kwargs)
         thread, calls = get_ident(), self._calls
         if thread in calls.inside:
@@ -202,7 +201,7 @@ class JaxFunctions:
 
         timed = scratch._timed(nothing, DISPATCH)
         self.bursts.call_cost_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
-        scratch.bursts.to_pass = sys.maxsize
+        scratch.bursts.pacer.let_pass(sys.maxsize)
         self.bursts.passed_cost_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
 
     def note_event(self, event: str, seconds: float, **_: Any) -> None:
@@ -243,10 +242,10 @@ class CompiledFunction:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         clock = self._clock
-        bursts, earlier_ns = clock.bursts, clock.compiled_ns()
-        if bursts.to_pass:  # as in `count`, without another call
-            bursts.to_pass -= 1
+        earlier_ns = clock.compiled_ns()
+        for _ in clock.bursts.pacer.passes:  # as in `count`, without another call
             result = self._function(*args, **kwargs)
+            break
         else:
             result = clock.count(self._function, args, kwargs, DISPATCH, sys._getframe(1))
         if self._is_again and self._begun_ns == earlier_ns:

@@ -16,7 +16,7 @@ import time
 import weakref
 from _thread import _count as count_threads
 from collections.abc import Callable
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any
 
 from .call_bursts import BURST_CALLS, Burst, CallBursts, Pacer, Written, cold_cost_ns
@@ -31,7 +31,6 @@ from .watch import Watch, write_engine
 _MOST_COSTS, _MOST_COST = 15, 5
 CALIBRATION_CALLS = 2000
 _RESETS = ("mj_resetData", "mj_resetDataKeyframe")
-_NONE = object()  # stands for an argument that is not given
 
 
 class StepClock:
@@ -68,10 +67,9 @@ class StepClock:
         self._process_ns = self._now_ns()
         self._pacer.begin()
         self._first_ns = self._last_ns = 0
-        self._calls_timed = self._calls_passed = 0
+        self._calls_timed = 0
         self._latest_burst: Written = ()
         self._others.bursts.begin_process()
-        self.to_pass = self._planned_to_pass = self._unestimated = 0
         self._burst_begin_ns = 0
         self.burst_calls = 0
         self._burst_timers: list[float] | None = None
@@ -139,19 +137,19 @@ class StepClock:
 
         `mj_step1` is the first part of a step, and counts as none.
         """
-        now_ns, write, one = self._now_ns, self._file.write, int(name != "mj_step1")
-        add, watch, get_frame = self._burst.add, self._watch, sys._getframe
+        pacer, now_ns, write = self._pacer, self._now_ns, self._file.write
+        add, watch, one = self._burst.add, self._watch, int(name != "mj_step1")
         is_half = name == "mj_step2"
 
-        # with the names that the engine gives its arguments: collecting any into a tuple and a
-        # dictionary would take as long again
-        def call(_: Any, m: Any = _NONE, d: Any = _NONE, nstep: Any = _NONE) -> Any:
-            if self.to_pass and d is not _NONE:
-                self.to_pass -= 1
-                return function(m, d) if nstep is _NONE else function(m, d, nstep)
-            if d is _NONE:  # the engine says what is wrong
-                return function(*(each for each in (m, d, nstep) if each is not _NONE))
-            frame = get_frame(1)
+        # With the names that the engine gives its arguments: collecting any into a tuple and a
+        # dictionary would take as long again. None, which the engine refuses, is compared fastest.
+        # All that only a timed call needs is in another function: Python would copy its variables.
+        def call(_: Any, m: Any, d: Any, nstep: Any = None) -> Any:
+            for _ in pacer.passes:
+                return function(m, d) if nstep is None else function(m, d, nstep)
+            return timed(m, d, nstep, sys._getframe(1))
+
+        def timed(m: Any, d: Any, nstep: Any, frame: FrameType) -> Any:
             if not self.burst_calls:
                 self._begin_burst(m, d, frame)
             elif id(d) != self._latest_ids[1]:
@@ -162,11 +160,11 @@ class StepClock:
             begin_ns = now_ns()
             if has_threads:
                 watch.enter(id(d), frame, begin_ns)
-            result = function(m, d) if nstep is _NONE else function(m, d, nstep)
+            result = function(m, d) if nstep is None else function(m, d, nstep)
             end_ns = now_ns()
             if has_threads:
                 watch.leave(id(d))
-            count = one if nstep is _NONE else nstep
+            count = one if nstep is None else nstep
             used = write(STEP, begin_ns, end_ns, count, self._timestep_ns)
             add(name, frame, begin_ns, end_ns, count)
             self._last_ns = end_ns
@@ -180,12 +178,10 @@ class StepClock:
     def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
         self._note_latest(model, data)
-        passed = self._planned_to_pass - self.to_pass
+        passed = self._pacer.passed_since
         since_ns = self._now_ns() - self._burst_end_ns
         if passed > BURST_CALLS:
             self._learn_cost(since_ns // passed)
-        self._unestimated += passed
-        self._calls_passed, self._planned_to_pass = self._passed(), 0
         self._timestep_ns = _timestep_ns(model)
         self._burst_timers = _timers(data)
         self._burst_begin_ns = self._now_ns()
@@ -197,10 +193,10 @@ class StepClock:
             self._write_header()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
-    def _pass_on(self, calls: int, until_ns: int = 0) -> None:
+    def _pass_on(self, until_ns: int = 0) -> None:
         """Let untimed calls count as those of the latest burst; `until_ns` of 0 is not known."""
-        if calls > 0:
-            self._burst.pass_on(self._latest_burst, calls / BURST_CALLS, until_ns)
+        if passed := self._pacer.passed_since:
+            self._burst.pass_on(self._latest_burst, passed / BURST_CALLS, until_ns)
 
     def _learn_cost(self, passed_ns: int) -> None:
         """Learn what a timed call costs this program, from what it took between two bursts.
@@ -251,15 +247,14 @@ class StepClock:
         self._calls_timed += self.burst_calls
         self._pacer.spend(self.burst_calls * self.cold_ns)
         self.burst_calls = 0
-        by_cost = self._pacer.calls_to_pass(period_ns)
-        self.to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
-        self._planned_to_pass = self.to_pass
+        to_pass = self._pacer.calls_to_pass(period_ns)
+        to_pass = max(to_pass, self._file.calls_to_pass(used, BURST_CALLS))
         self._observe(False)
         # those before it, not those after it: a slow burst lets fewer pass, and would weigh less
-        self._pass_on(self._unestimated)
-        self._unestimated = 0
+        self._pass_on()
+        self._pacer.let_pass(to_pass)
         self._watch.look(model, data, frame, end_ns)
-        self._observe(not self.to_pass)
+        self._observe(not to_pass)
         self._write_header()
         self._burst_end_ns = self._now_ns()
 
@@ -277,15 +272,12 @@ class StepClock:
                 self._watch.look_for_warnings(data, frame, now_ns)
             self._turns = None
 
-    def _passed(self) -> int:
-        return self._calls_passed + self._planned_to_pass - self.to_pass
-
     def _count(self) -> int:
         """Return what changes when the program steps."""
-        return self._calls_timed + self.burst_calls + self._passed()
+        return self._calls_timed + self.burst_calls + self._pacer.passed
 
     def _cost_ns(self) -> int:
-        own_ns = self._calls_timed * self.cold_ns + self._passed() * self.passed_ns
+        own_ns = self._calls_timed * self.cold_ns + self._pacer.passed * self.passed_ns
         return own_ns + self._calls.cost_ns
 
     def _returning(self, function: Any) -> Any:
@@ -309,7 +301,8 @@ class StepClock:
         for to_pass, burst_calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
             timed_ns, nothing_ns = [], []
             for _ in range(5):
-                clock.to_pass, clock.burst_calls = to_pass, burst_calls
+                clock._pacer.let_pass(to_pass)
+                clock.burst_calls = burst_calls
                 begin_ns = self._now_ns()
                 for _ in range(CALIBRATION_CALLS // 5):
                     call(None, None)
@@ -322,7 +315,8 @@ class StepClock:
             cost_ns = max(0, min(timed_ns) - min(nothing_ns))
             costs.append(cost_ns // (CALIBRATION_CALLS // 5))
         self.timed_ns, self.passed_ns = costs
-        clock.to_pass, clock.burst_calls = 0, BURST_CALLS + 1
+        clock._pacer.let_pass(0)
+        clock.burst_calls = BURST_CALLS + 1
         cold_ns = cold_cost_ns(lambda: call(None, None), lambda: nothing(None, None), self._now_ns)
         self.cold_ns = max(self.timed_ns, cold_ns)
         self._pacer.begin()
@@ -349,7 +343,7 @@ class StepClock:
             os.getpid(),
             self._first_ns,
             self._last_ns,
-            self._calls_passed,
+            self._pacer.passed_before,
             self._cost_ns(),
             self.timed_ns,
             self._process_ns,
@@ -358,13 +352,13 @@ class StepClock:
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
         self.collections.end()  # what Python frees when it ends is not the program's
-        passed = self._planned_to_pass - self.to_pass
-        # the last of these calls may have ended any time ago, but not before it could
-        period_ns = max(1, self._burst_period_ns - self.cold_ns)
-        self._pass_on(
-            self._unestimated + passed,
-            min(self._burst_end_ns + passed * period_ns, self._now_ns()),
-        )
+        if self.burst_calls:
+            self._pass_on()
+            self._pacer.let_pass(0)
+        else:  # the last of these calls may have ended any time ago, but not before it could
+            period_ns = max(1, self._burst_period_ns - self.cold_ns)
+            passed_ns = self._pacer.passed_since * period_ns
+            self._pass_on(min(self._burst_end_ns + passed_ns, self._now_ns()))
         self._calls_timed += self.burst_calls
         self._others.bursts.end()
         latest = self._latest()
