@@ -62,7 +62,8 @@ def timing() -> Iterator[str]:
     yield f"or two where those take more than {race.LONG_NS / 1e9:.0f} s"
     yield f"All intervals are at {percent(race_record.CONFIDENCE)}"
     as_good = race_record.AS_GOOD
-    yield f"at most {percent(as_good / 2)} slower by estimate, {percent(as_good)} by its interval"
+    slower = f"at most {percent(as_good / 2)} slower by estimate"
+    yield f"{slower}, {percent(as_good)} by its whole interval"
     yield f"no other path of the race can be faster by {margin}"
     yield f"faster by {percent(engine_clock.MIN_GAIN)} or more"
     yield f"less than {percent(conditions.ENOUGH_CORES)} of them and is not busy is left out"
