@@ -193,7 +193,7 @@ class RaceRecord:
     @property
     def other_cores(self) -> float:
         """How many cores other programs used, in the median launch; 0 without any."""
-        return statistics.median([each.other_cores for each in self.launches] or [0.0])
+        return _median_other_cores(self.launches)
 
     @property
     def is_busy(self) -> bool:
@@ -365,9 +365,13 @@ class RaceRecord:
 
 def undisturbed(launches: Sequence[RaceLaunch]) -> list[RaceLaunch]:
     """Return the launches without those that the host took cores from; all if they are too few."""
-    had = [launch for launch in launches if launch.is_busy or not launch.lacked_cores]
-    is_enough = sum(not launch.is_narrow for launch in had) >= MIN_LAUNCHES
-    return had if is_enough else list(launches)
+    rest = [launch for launch in launches if launch.is_busy or not launch.lacked_cores]
+    is_enough = sum(not launch.is_narrow for launch in rest) >= MIN_LAUNCHES
+    return rest if is_enough else list(launches)
+
+
+def _median_other_cores(launches: Sequence[RaceLaunch]) -> float:
+    return statistics.median([launch.other_cores for launch in launches] or [0.0])
 
 
 def standing_of(
@@ -393,7 +397,7 @@ def standing_of(
     shared = [launch for launch in launches if set(last) <= set(launch.variants)]
     # the median, because a few launches cannot say which of them were disturbed; of busy ones, most
     # were
-    is_busy = statistics.median(each.other_cores for each in shared) >= BUSY_CORES
+    is_busy = _median_other_cores(shared) >= BUSY_CORES
     times = {
         i: min(each.block_ns(i) for each in shared)
         if is_busy
